@@ -1,0 +1,55 @@
+"""Files that appear whole: written beside their place, then renamed into it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from app.errors import OutputError
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give a temporary path beside ``path`` and rename it to ``path`` when the block succeeds.
+
+    Raises
+    ------
+    OutputError
+        When the block or the renaming fails with an ``OSError``; nothing is left behind.
+    """
+    temporary = path.with_name(f".{os.getpid()}-{path.name}")
+    try:
+        yield temporary
+        temporary.replace(path)
+    except OSError as error:
+        raise OutputError(f"can't write the file ({error.strerror or error})", path,
+                          "expected a writable place with room for it") from error
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write ``text`` as UTF-8 in one step."""
+    with replacing(path) as temporary:
+        temporary.write_text(text, "utf-8")
+
+
+def prepare_folder(folder: Path) -> None:
+    """Make ``folder`` and check that files can be written in it.
+
+    Raises
+    ------
+    OutputError
+        When it can't be made or does not take a file.
+    """
+    probe = folder / f".{os.getpid()}-probe"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise OutputError(f"can't write in the folder ({error.strerror or error})", folder,
+                          "expected a folder that can be made and written in") from error

@@ -1,0 +1,81 @@
+"""The table of named channels: what a network may read or write, and how each is to be read.
+
+One ordered table for the renderer, the model contract and the exporter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+SCREEN, CUBE = "screen", "cube"
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One named group of components.
+
+    Attributes
+    ----------
+    name : str
+        ``quantity[.space].components``, as contracts spell it.
+    components : int
+        Number of tensor channels.
+    unit : str
+        Physical unit; ``"1"`` for ratios and directions, ``"extent"`` for lengths in scene units
+        times ``scene_extent`` / longest edge of the scene's bounding box.
+    range : tuple of float
+        Smallest and largest value after sanitising.
+    background : float
+        Value of every component where no surface is seen.
+    grids : tuple of str
+        Grids on which the renderer provides it.
+    radiance : bool
+        True where the frame's exposure scalar applies.
+    output : bool
+        True for what a network may write; such a channel is an input only if another network wrote it.
+    meaning : str
+        One line for people.
+    """
+
+    name: str
+    components: int
+    unit: str
+    range: tuple[float, float]
+    background: float
+    grids: tuple[str, ...]
+    meaning: str
+    radiance: bool = False
+    output: bool = False
+
+
+HALF_MAX = 65504.0
+_BOTH = (SCREEN, CUBE)
+_RADIANCE = (0.0, HALF_MAX)
+
+CHANNELS: dict[str, Channel] = {
+    c.name: c
+    for c in (
+        Channel("direct.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, _BOTH,
+                "diffuse radiance that leaves the surface by direct light alone", radiance=True),
+        Channel("emission.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, _BOTH,
+                "radiance that the surface emits itself", radiance=True),
+        Channel("radiance.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, _BOTH,
+                "direct + emission, without emitters that are analytic lights already", radiance=True),
+        Channel("albedo.rgb", 3, "1", (0.0, 1.0), 0.0, _BOTH, "diffuse reflectance"),
+        Channel("normal.view.xyz", 3, "1", (-1.0, 1.0), 0.0, _BOTH,
+                "unit shading normal towards the viewer, camera space (x right, y up, z back)"),
+        Channel("normal.world.xyz", 3, "1", (-1.0, 1.0), 0.0, _BOTH,
+                "unit shading normal towards the viewer, world space"),
+        Channel("position.view.xyz", 3, "extent", (-HALF_MAX, HALF_MAX), 0.0, _BOTH,
+                "surface point, camera space"),
+        Channel("depth", 1, "extent", (0.0, HALF_MAX), 0.0, _BOTH,
+                "distance along the main camera's -z (screen) or along the ray (cube)"),
+        Channel("roughness", 1, "1", (0.0, 1.0), 1.0, _BOTH, "perceptual GGX roughness"),
+        Channel("solid_angle", 1, "sr", (0.0, 13.0), 0.0, _BOTH,
+                "solid angle of the texel as seen from the camera; 0 where no surface is seen"),
+        Channel("on_screen", 1, "1", (0.0, 1.0), 0.0, (CUBE,),
+                "1 where the direction of the texel lies inside the main camera's image"),
+        Channel("indirect.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, (SCREEN,),
+                "indirect radiance divided by albedo", radiance=True, output=True),
+    )
+}

@@ -1,0 +1,63 @@
+"""``python -m app models``: the networks that come along, with their contracts."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from app.contract import ModelContract, TensorSpec, bundled_models, read_contract
+
+
+def models(
+    as_json: Annotated[bool, typer.Option("--json", help="Print a JSON object by name instead of a table.")] = False,
+) -> None:
+    """List networks with their contracts.
+
+    [bold]Examples[/bold]
+
+    [cyan]python -m app models[/cyan]  [dim]# a table[/dim]
+
+    [cyan]python -m app models --json[/cyan]  [dim]# file and contract of each network, for programs[/dim]
+    """
+    found = {name: (path, read_contract(path)) for name, path in bundled_models().items()}
+    if as_json:
+        typer.echo(json.dumps({name: {"file": str(path), "contract": json.loads(contract.to_json())}
+                               for name, (path, contract) in found.items()}, indent=2))
+    else:
+        Console(highlight=False).print(_table(found))
+
+
+def _table(found: Mapping[str, tuple[Path, ModelContract]]) -> Table:
+    table = Table("network", "contract", box=box.ROUNDED, show_lines=True)
+    for name, (path, contract) in found.items():
+        inner = Table.grid(padding=(0, 2))
+        for label, text in _rows(contract):
+            inner.add_row(f"[dim]{label}[/dim]", escape(text))
+        inner.add_row("[dim]file[/dim]", escape(str(path)))
+        table.add_row(f"[bold]{escape(name)}[/bold]", inner)
+    return table
+
+
+def _rows(contract: ModelContract) -> list[tuple[str, str]]:
+    rows = [(f"reads {tensor}", _tensor(spec)) for tensor, spec in contract.inputs.items()]
+    rows += [(f"writes {tensor}", _tensor(spec)) for tensor, spec in contract.outputs.items()]
+    rows += [
+        ("scale", f"{contract.scale:g} of the image, padded to multiples of {contract.multiple_of}"),
+        ("bounces", contract.bounces), ("exposure", contract.exposure), ("dtype", contract.dtype),
+        ("scene extent", f"{contract.scene_extent:g}"), ("cube axes", contract.cube_axes or ""),
+        ("paper", contract.paper), ("trained on", contract.trained_on), ("licence", contract.licence),
+    ]
+    return [(label, text) for label, text in rows if text]
+
+
+def _tensor(spec: TensorSpec) -> str:
+    size = f" 6x{spec.size}x{spec.size}" if spec.size else ""
+    return f"{spec.grid}{size}: {', '.join(spec.channels)} ({spec.components} components)"

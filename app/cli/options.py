@@ -1,0 +1,49 @@
+"""Texts of the command line into values."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Collection
+
+from app.errors import SettingsError
+
+FORMATS = ("exr", "png")
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """``1024x768`` as (1024, 768).
+
+    Raises
+    ------
+    SettingsError
+        When it is not two whole numbers.
+    """
+    match = re.fullmatch(r"(\d{1,9})x(\d{1,9})", text)
+    if match is None:
+        raise SettingsError(f"bad size {text!r}", "--size", "expected WIDTHxHEIGHT in pixels, such as 1024x768")
+    return int(match[1]), int(match[2])
+
+
+def parse_names(text: str, known: Collection[str], option: str) -> tuple[str, ...]:
+    """Names separated by commas, each once and in the given order.
+
+    Raises
+    ------
+    SettingsError
+        When there is none, or one is not among ``known``.
+    """
+    names = tuple(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
+    if not names:
+        raise SettingsError("no name given", option, f"expected one or more of {', '.join(known)}")
+    for name in names:
+        if name not in known:
+            raise unknown(name, known, option)
+    return names
+
+
+def unknown(name: str, known: Collection[str], option: str) -> SettingsError:
+    """Error for a name that is not ``known``, with the nearest one that is."""
+    near = difflib.get_close_matches(name, known, 1)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    return SettingsError(f"unknown name {name!r}", option, f"{hint}expected one of {', '.join(known)}")

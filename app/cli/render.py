@@ -1,0 +1,206 @@
+"""``python -m app [SCENE]``: draw frames and write them."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.progress import Progress
+
+from app.atomic import prepare_folder
+from app.channels import HALF_MAX
+from app.cli.options import FORMATS, parse_names, parse_size, unknown
+from app.cli.preview import preview
+from app.cli.report import print_summary, write_timing
+from app.contract import find_model
+from app.image import Image, write_exr, write_png
+from app.scene import CameraPath, Scene
+from app.settings import Settings
+
+if TYPE_CHECKING:
+    from app.renderer import Renderer
+
+FRAME_SECONDS = 1 / 30
+SETTLE_STILL = 16
+DEFAULT_MODEL = "radiosity"
+GEOMETRY = ("depth", "position", "motion")
+
+SCENE, PICTURE, NETWORK, DEVICE = "Scene", "Picture", "Network and device", "Insight"
+
+
+def render(
+    scene: Annotated[Path | None, typer.Argument(
+        help="OBJ, glTF, GLB or PLY file; the embedded Cornell box without it.", metavar="[SCENE]",
+        show_default=False)] = None,
+    camera: Annotated[str | None, typer.Option(
+        help="auto, orbit (one turn over all frames), a camera of the scene, or a FILE.json.",
+        metavar="auto|orbit|NAME|FILE.json", show_default="the scene's own", rich_help_panel=SCENE)] = None,
+    lighting: Annotated[str | None, typer.Option(
+        help="A named lighting of the scene's JSON file.", metavar="NAME", show_default="the scene's own",
+        rich_help_panel=SCENE)] = None,
+    scene_json: Annotated[Path | None, typer.Option(
+        "--scene-json", help="Cameras, lightings and motion.", metavar="FILE",
+        show_default="same stem beside the scene", rich_help_panel=SCENE)] = None,
+    out: Annotated[Path, typer.Option(
+        help="Folder for the frames; made if missing.", metavar="DIR", rich_help_panel=PICTURE)] = Path("out"),
+    size: Annotated[str, typer.Option(
+        help="Width and height in pixels.", metavar="WxH", rich_help_panel=PICTURE)] = "1024x768",
+    frames: Annotated[int, typer.Option(
+        help="Frames to write, 1/30 s apart.", min=1, metavar="N", rich_help_panel=PICTURE)] = 1,
+    settle: Annotated[int | None, typer.Option(
+        help="Frames drawn before the first written one, so that TAA has converged.", min=0, metavar="N",
+        show_default=f"{SETTLE_STILL} for a still, 0 otherwise", rich_help_panel=PICTURE)] = None,
+    aov: Annotated[str, typer.Option(
+        help="All that is written: final, albedo, normal, depth, position, motion, direct, specular, indirect, "
+             "emission, …", metavar="NAME,…", rich_help_panel=PICTURE)] = "final",
+    formats: Annotated[str, typer.Option(
+        "--format", help="exr (linear, all AOVs) and png (display).", metavar="exr,png",
+        rich_help_panel=PICTURE)] = ",".join(FORMATS),
+    exposure: Annotated[float, typer.Option(
+        help="Linear factor for the PNG; the EXR stays as it is.", metavar="FACTOR", rich_help_panel=PICTURE)] = 1.0,
+    taa: Annotated[bool, typer.Option(
+        "--taa/--no-taa", help="Temporal anti-aliasing.", rich_help_panel=PICTURE)] = True,
+    seed: Annotated[int, typer.Option(
+        help="Turns the sampling patterns.", metavar="N", rich_help_panel=PICTURE)] = 0,
+    model: Annotated[str, typer.Option(
+        help="A name that `models` lists, a path to an .onnx file, or none.", metavar="NAME|PATH|none",
+        rich_help_panel=NETWORK)] = DEFAULT_MODEL,
+    provider: Annotated[str, typer.Option(
+        help="onnxruntime execution provider.", metavar="auto|cpu|cuda|…", rich_help_panel=NETWORK)] = "auto",
+    strict_device: Annotated[bool, typer.Option(
+        "--strict-device", help="Refuse a software renderer, or a provider other than the one asked for.",
+        rich_help_panel=NETWORK)] = False,
+    timing: Annotated[Path | None, typer.Option(
+        help="Write milliseconds per pass (median, p95), the device and what was culled.", metavar="FILE.json",
+        show_default=False, rich_help_panel=DEVICE)] = None,
+    check: Annotated[bool, typer.Option(
+        "--check", help="Count non-finite texels per pass.", rich_help_panel=DEVICE)] = False,
+    verbose: Annotated[bool, typer.Option(
+        "--verbose", "-v", help="Say which renderer, provider and passes run, and what was culled and why.",
+        rich_help_panel=DEVICE)] = False,
+) -> None:
+    """Render frames of a scene as EXR and PNG.
+
+    Lengths are in the scene's own units, radiance in W/(sr m²), times in milliseconds.
+
+    [bold]Examples[/bold]
+
+    [cyan]python -m app[/cyan]  [dim]# the embedded Cornell box[/dim]
+
+    [cyan]python -m app sponza.glb --lighting sun --timing timing.json[/cyan]  [dim]# and its time per pass[/dim]
+
+    [cyan]python -m app room.obj --camera orbit --frames 60 --format png[/cyan]  [dim]# one turn in two seconds[/dim]
+
+    [cyan]python -m app room.obj --aov final,normal,depth --format exr[/cyan]  [dim]# one EXR with three layers[/dim]
+
+    [cyan]python -m app room.obj --model mine.onnx --provider cuda --strict-device[/cyan]  [dim]# your own network[/dim]
+    """
+    # Heavy imports wait until there is something to render, so that help stays quick.
+    from app.frame import AOVS
+    from app.load import embedded_scene, load_scene
+    from app.renderer import Renderer
+
+    settings = Settings(
+        size=parse_size(size), outputs=parse_names(aov, ("final", *(n for n in AOVS if n != "final")), "--aov"),
+        taa=taa, exposure=exposure, seed=seed, provider=provider, strict_device=strict_device,
+        # The summary shows each pass's time, so each pass is waited for.
+        timing=True, check=check)
+    kinds = parse_names(formats, FORMATS, "--format")
+    loaded = load_scene(scene, lighting=lighting, scene_json=scene_json) if scene else embedded_scene()
+    path = choose_camera(loaded, camera, frames)
+    for notice in loaded.notices:
+        typer.secho(f"note: {notice}", err=True, dim=True)
+    network = None if model == "none" else find_model(model)
+
+    with Renderer(loaded, settings, network) as renderer:
+        if verbose:
+            _describe(renderer)
+        prepare_folder(out)
+        if timing is not None:
+            prepare_folder(timing.parent)
+        if settle is None:
+            settle = SETTLE_STILL if frames == 1 and any(p.name == "taa" for p in renderer.plan.passes) else 0
+        files = _draw(renderer, path, settings, frames, settle, out, kinds)
+        report = {
+            **renderer.timing(), "culled": dict(renderer.plan.culled), "device": renderer.device,
+            "model": network and network.stem, "size": list(settings.size), "scene": loaded.name,
+            "triangles": loaded.triangles, "frames": frames,
+        }
+    if timing is not None:
+        write_timing(timing, report)
+        files.append(timing)
+    print_summary(report, files, check=check)
+
+
+def choose_camera(scene: Scene, name: str | None, frames: int) -> CameraPath:
+    """Camera of the scene, of a file or a guessed one, by the text of ``--camera``.
+
+    Raises
+    ------
+    SettingsError
+        When the scene has no camera of that name.
+    """
+    from app.load import auto_camera, load_camera, orbit
+
+    own = scene.cameras[scene.default_camera]
+    if name is None:
+        return own
+    if name == "auto":
+        return CameraPath.still(auto_camera(scene))
+    if name == "orbit":
+        return orbit(scene, own.at(0.0), frames)
+    if name.endswith(".json"):
+        return load_camera(Path(name))
+    if name not in scene.cameras:
+        raise unknown(name, ("auto", "orbit", *scene.cameras), "--camera")
+    return scene.cameras[name]
+
+
+def _draw(renderer: Renderer, path: CameraPath, settings: Settings, frames: int, settle: int, out: Path,
+          kinds: tuple[str, ...]) -> list[Path]:
+    """Draw the settling frames, then draw and write the others; the files written."""
+    total = settle + frames
+    files: list[Path] = []
+    with Progress(console=Console(stderr=True), transient=True, disable=total == 1 or not sys.stderr.isatty()) as bar:
+        task = bar.add_task("rendering", total=total)
+        for _ in range(settle):
+            renderer.advance(path.at(0.0), 0.0)
+            bar.advance(task)
+        for index in range(frames):
+            time = index * FRAME_SECONDS
+            images = renderer.render(path.at(time), time)
+            files += _write(images, settings, out / f"{index:04d}", kinds)
+            bar.advance(task)
+    return files
+
+
+def _write(images: dict[str, Any], settings: Settings, stem: Path, kinds: tuple[str, ...]) -> list[Path]:
+    files = [stem.with_suffix(f".{kind}") for kind in kinds]
+    for file in files:
+        if file.suffix == ".exr":
+            write_exr(file, {"" if n == "final" else n: _stored(n, images[n]) for n in settings.outputs})
+        else:
+            first = settings.outputs[0]
+            write_png(file, images["display"] if "final" in settings.outputs
+                      else preview(first, images[first], settings.exposure))
+    return files
+
+
+def _stored(name: str, values: np.ndarray[Any, np.dtype[np.float32]]) -> Image:
+    """Half floats, except for lengths and for radiance that they can't hold precisely."""
+    peak = float(np.abs(values).max())
+    return values if name in GEOMETRY or not 2**-8 <= peak <= HALF_MAX else values.astype(np.float16)
+
+
+def _describe(renderer: Renderer) -> None:
+    lines = {
+        "GL renderer": renderer.device["gl_renderer"], "OpenGL": renderer.device["gl_version"],
+        "provider": renderer.device["provider"], "passes": ", ".join(p.name for p in renderer.plan.passes),
+        **{f"culled {name}": why for name, why in renderer.plan.culled.items()},
+    }
+    for label, text in lines.items():
+        typer.echo(f"{label}: {text}", err=True)

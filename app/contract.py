@@ -1,0 +1,313 @@
+"""The model contract: everything the renderer must know about a network, as JSON inside its ``.onnx`` file.
+
+Reading it needs neither onnx nor onnxruntime, so listing networks costs nothing.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from app.channels import CHANNELS, CUBE, SCREEN
+from app.errors import ModelError
+from app.paths import nets_dir
+
+KEY = "afterglow"
+VERSION = 1
+GRIDS = (SCREEN, CUBE)
+
+
+@dataclass(frozen=True)
+class TensorSpec:
+    """One input or output tensor of a network.
+
+    Attributes
+    ----------
+    channels : tuple of str
+        Names from the channel table, in tensor order.
+    grid : str
+        ``screen`` [1, C, h, w] or ``cube`` [1, C, 6, n, n] (front, back, left, right, up, down); top row first.
+    size : int or None
+        Texels along the edge of a cube face; None on the screen.
+    """
+
+    channels: tuple[str, ...]
+    grid: str = SCREEN
+    size: int | None = None
+
+    @property
+    def components(self) -> int:
+        """Number of tensor channels, C."""
+        return sum(CHANNELS[name].components for name in self.channels)
+
+    def rows(self) -> Iterator[tuple[str, slice]]:
+        """Each channel name with the tensor channels that it takes."""
+        start = 0
+        for name in self.channels:
+            stop = start + CHANNELS[name].components
+            yield name, slice(start, stop)
+            start = stop
+
+
+@dataclass(frozen=True)
+class ModelContract:
+    """What a network reads, writes and expects; valid by construction.
+
+    Attributes
+    ----------
+    inputs, outputs : mapping of str to TensorSpec
+        By the tensor's name in the ONNX graph.
+    scale : float
+        Size of the screen grid relative to the output image, in (0, 1].
+    exposure : str
+        ``mean-radiance``: radiance is divided, and the output multiplied, by one scalar per frame. ``none``.
+    bounces : str
+        ``single`` or ``multi``: what the output means.
+    scene_extent : float
+        Length of the longest edge of the scene's bounding box in the network's units.
+    multiple_of : int
+        The screen grid is padded to multiples of this and cropped afterwards.
+    dtype : str
+        ``float32`` or ``float16``, of every tensor.
+    cube_axes : str or None
+        Axes of the cube's faces, ``world`` or ``camera``; needed when an input lies on the cube.
+
+    Raises
+    ------
+    ModelError
+        When a value is outside what is documented here.
+    """
+
+    name: str
+    inputs: Mapping[str, TensorSpec]
+    outputs: Mapping[str, TensorSpec]
+    scale: float
+    exposure: str
+    bounces: str
+    scene_extent: float
+    multiple_of: int = 1
+    dtype: str = "float32"
+    cube_axes: str | None = None
+    paper: str = ""
+    trained_on: str = ""
+    licence: str = ""
+    version: int = VERSION
+
+    def __post_init__(self) -> None:
+        where = f"contract of {self.name!r}"
+
+        def need(ok: bool, what: str, expected: str) -> None:
+            if not ok:
+                raise ModelError(what, where, f"expected {expected}")
+
+        need(self.version == VERSION, f"contract version {self.version!r}", f"version {VERSION}")
+        for key in ("name", "paper", "trained_on", "licence"):
+            need(isinstance(getattr(self, key), str), f"bad {key} {getattr(self, key)!r}", "text")
+        need(_number(self.scale) and 0 < self.scale <= 1, f"bad scale {self.scale!r}", "a number above 0, at most 1")
+        need(_number(self.scene_extent) and self.scene_extent > 0, f"bad scene_extent {self.scene_extent!r}",
+             "a number above 0")
+        need(_whole(self.multiple_of), f"bad multiple_of {self.multiple_of!r}", "a whole number, 1 or more")
+        for key, allowed in _CHOICES.items():
+            need(getattr(self, key) in allowed, f"bad {key} {getattr(self, key)!r}", _one_of(allowed))
+        need(bool(self.inputs) and bool(self.outputs), "no inputs or no outputs", "at least one tensor of each")
+        tensors = {**self.inputs, **self.outputs}
+        for tensor, spec in tensors.items():
+            need(spec.grid in GRIDS, f"bad grid {spec.grid!r} of tensor {tensor!r}", _one_of(GRIDS))
+            need((spec.grid == CUBE) == _whole(spec.size), f"bad size {spec.size!r} of tensor {tensor!r}",
+                 "texels along the edge of a face on the cube, and no size on the screen")
+            need(bool(spec.channels), f"tensor {tensor!r} has no channels", "at least one")
+            for name in spec.channels:
+                need(name in CHANNELS, f"unknown channel {name!r} of tensor {tensor!r}", _suggest(name, CHANNELS))
+                need(spec.grid in CHANNELS[name].grids, f"channel {name!r} is not provided on the {spec.grid} grid",
+                     _one_of(CHANNELS[name].grids))
+        writable = [name for name, channel in CHANNELS.items() if channel.output]
+        for tensor, spec in self.outputs.items():
+            for name in spec.channels:
+                need(CHANNELS[name].output, f"channel {name!r} of output {tensor!r} can't be written",
+                     _one_of(writable))
+        on_cube = any(spec.grid == CUBE for spec in tensors.values())
+        need(not on_cube or self.cube_axes is not None, "no cube_axes", "'world' or 'camera', since a tensor is a cube")
+
+    def screen_size(self, output: tuple[int, int]) -> tuple[int, int]:
+        """Width and height of the screen grid for an output image of the given width and height."""
+        width, height = (max(1, math.ceil(n * self.scale)) for n in output)
+        return width, height
+
+    def to_json(self) -> str:
+        """The value of the metadata key: one line of JSON with sorted keys."""
+        value = asdict(self)
+        for group in ("inputs", "outputs"):
+            value[group] = {tensor: {k: v for k, v in spec.items() if v is not None}
+                            for tensor, spec in value[group].items()}
+        return json.dumps({k: v for k, v in value.items() if v is not None}, sort_keys=True)
+
+    @staticmethod
+    def from_json(text: str, where: object) -> ModelContract:
+        """Parse and check.
+
+        Parameters
+        ----------
+        text : str
+            The metadata value, or the content of a ``CONTRACT.json``.
+        where : object
+            File to name in errors.
+
+        Raises
+        ------
+        ModelError
+            When it is no JSON, or has missing, unknown or wrong values.
+        """
+        try:
+            value = json.loads(text)
+        except ValueError as error:
+            raise ModelError(f"the contract is no JSON ({error})", where, "expected one JSON object") from None
+        # The version goes first: another version may well have other keys.
+        if isinstance(value, dict) and value.get("version") != VERSION:
+            raise ModelError(f"contract version {value.get('version')!r}", where, f"expected version {VERSION}")
+        value = _checked_keys(value, ModelContract, "the contract", where)
+        for group in ("inputs", "outputs"):
+            if not isinstance(value[group], dict):
+                raise ModelError(f"bad {group} {value[group]!r}", where, "expected tensors by name")
+            value[group] = {tensor: _tensor(spec, tensor, where) for tensor, spec in value[group].items()}
+        try:
+            return ModelContract(**value)
+        except ModelError as error:
+            raise ModelError(error.what, where, error.expected) from None
+
+
+_CHOICES: dict[str, tuple[str | None, ...]] = {
+    "exposure": ("mean-radiance", "none"),
+    "bounces": ("single", "multi"),
+    "dtype": ("float32", "float16"),
+    "cube_axes": ("world", "camera", None),
+}
+
+
+def bundled_models() -> dict[str, Path]:
+    """Networks that come with the program, name to file, sorted by name."""
+    return {path.stem: path for path in sorted(nets_dir().glob("*.onnx"))}
+
+
+def find_model(name: str) -> Path:
+    """File of a bundled network's name, or of a path.
+
+    Raises
+    ------
+    ModelError
+        When it is neither.
+    """
+    bundled = bundled_models()
+    if name in bundled:
+        return bundled[name]
+    if Path(name).is_file():
+        return Path(name)
+    raise ModelError(f"no network {name!r}", "--model", "expected an .onnx file, none, or " + _suggest(name, bundled))
+
+
+def read_contract(path: Path | str) -> ModelContract:
+    """The contract inside an ``.onnx`` file.
+
+    Raises
+    ------
+    ModelError
+        When the file can't be read, is no ONNX file, has no contract or a wrong one.
+    """
+    text = _metadata(Path(path)).get(KEY)
+    if text is None:
+        raise ModelError("the network has no contract", path,
+                         f"expected metadata {KEY!r}; add it: python -m export stamp {path} CONTRACT.json")
+    return ModelContract.from_json(text, path)
+
+
+def _metadata(path: Path) -> dict[str, str]:
+    """ModelProto.metadata_props, by walking the file's top-level protobuf fields (onnx.proto: 7 graph, 14 metadata)."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise ModelError(f"can't read the network ({error.strerror})", path, "expected an .onnx file") from None
+    try:
+        top = list(_protobuf(memoryview(data)))
+        if not any(number == 7 for number, _ in top):
+            raise ValueError("no graph")
+        entries = [dict(_protobuf(value)) for number, value in top if number == 14]
+        return {bytes(entry[1]).decode(): bytes(entry[2]).decode() for entry in entries}
+    except (ValueError, KeyError, IndexError):
+        raise ModelError("not a readable ONNX file", path, "expected a network saved as ONNX") from None
+
+
+def _protobuf(data: memoryview) -> Iterator[tuple[int, memoryview]]:
+    """Field numbers and contents; https://protobuf.dev/programming-guides/encoding."""
+    at = 0
+    while at < len(data):
+        tag, at = _varint(data, at)
+        start = at
+        match tag & 7:
+            case 0:
+                at = _varint(data, at)[1]
+            case 1:
+                at += 8
+            case 2:
+                length, start = _varint(data, at)
+                at = start + length
+            case 5:
+                at += 4
+            case other:
+                raise ValueError(f"wire type {other}")
+        if at > len(data):
+            raise ValueError("truncated")
+        yield tag >> 3, data[start:at]
+
+
+def _varint(data: memoryview, at: int) -> tuple[int, int]:
+    value = shift = 0
+    while True:
+        byte = data[at]
+        at += 1
+        value |= (byte & 127) << shift
+        shift += 7
+        if byte < 128:
+            return value, at
+
+
+def _tensor(value: Any, tensor: str, where: object) -> TensorSpec:
+    value = _checked_keys(value, TensorSpec, f"tensor {tensor!r}", where)
+    channels = value["channels"]
+    if not (isinstance(channels, list) and all(isinstance(name, str) for name in channels)):
+        raise ModelError(f"bad channels {channels!r} of tensor {tensor!r}", where, "expected a list of channel names")
+    return TensorSpec(**{**value, "channels": tuple(channels)})
+
+
+def _checked_keys(value: Any, kind: type, what: str, where: object) -> dict[str, Any]:
+    """A copy of ``value`` whose keys are all fields of ``kind`` and hold every field without a default."""
+    if not isinstance(value, dict):
+        raise ModelError(f"{what} is {value!r}", where, "expected a JSON object")
+    known = {f.name: f for f in fields(kind)}
+    for key in value:
+        if key not in known:
+            raise ModelError(f"unknown key {key!r} in {what}", where, "expected " + _suggest(key, known))
+    for key, f in known.items():
+        if key not in value and f.default is MISSING:
+            raise ModelError(f"no key {key!r} in {what}", where, "expected " + _one_of(known))
+    return dict(value)
+
+
+def _suggest(word: str, known: Mapping[str, object]) -> str:
+    close = difflib.get_close_matches(word, known, n=1)
+    return (f"{close[0]!r}? Known: " if close else "") + _one_of(known)
+
+
+def _one_of(names: Any) -> str:
+    return "one of " + ", ".join(str(name) for name in names if name is not None)
+
+
+def _number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _whole(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 1

@@ -1,0 +1,92 @@
+"""The frame: the only file that names all passes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from app.channels import CUBE
+from app.gl.lights import LightSet
+from app.graph import Pass, Plan, compile_graph
+from app.infer import Network
+from app.passes import composite, direct, downsample, gbuffer, network, output, position, shadow, taa, upsample
+from app.scene import Scene
+from app.settings import Settings
+
+AOVS: dict[str, str] = {
+    "final": "the finished picture, linear radiance, W/(sr m²)",
+    "albedo": "diffuse reflectance, linear Rec. 709",
+    "normal": "unit shading normal towards the viewer, world space",
+    "depth": "distance along the camera's -z in scene units; 0 where nothing is seen",
+    "position": "surface point, world space, scene units",
+    "motion": "pixels moved since the last frame (current - previous, +y down)",
+    "direct": "diffuse radiance by direct light, W/(sr m²)",
+    "specular": "highlights of direct light, W/(sr m²)",
+    "indirect": "indirect radiance divided by albedo, W/(sr m²)",
+    "emission": "emitted radiance, W/(sr m²)",
+    "lit": "the composite before temporal anti-aliasing, W/(sr m²)",
+}
+RADIANCE = frozenset({"direct", "specular", "indirect", "emission", "lit"})  # scaled by LightSet.scale on the GPU
+
+
+@dataclass(frozen=True)
+class Frame:
+    """All passes that scene, settings and network allow, and why others are absent."""
+
+    passes: tuple[Pass, ...]
+    absent: Mapping[str, str]
+
+    def writes(self, name: str) -> bool:
+        return any(name in p.writes for p in self.passes)
+
+    def compile(self, outputs: tuple[str, ...]) -> Plan:
+        return compile_graph(self.passes, outputs, self.absent)
+
+
+def build_frame(scene: Scene, settings: Settings, lights: LightSet, model: Network | None) -> Frame:
+    """List the passes of one frame, in the order of its flow.
+
+    Parameters
+    ----------
+    model : Network or None
+        None renders direct light only.
+    """
+    shiny = any(m.shiny for m in scene.materials)
+    absent: dict[str, str] = {}
+    passes: list[Pass] = []
+    if scene.lights:
+        passes.append(shadow.declare(lights))
+    else:
+        absent["shadow"] = "the scene has no light that casts"
+    passes += [gbuffer.declare(scene), position.declare(), direct.declare(lights, shiny)]
+    if model is not None:
+        passes += _indirect(scene, settings, lights, model, absent)
+    else:
+        absent |= {p: "no network was chosen" for p in ("surround", "surround_direct", "downsample", "network",
+                                                        "upsample")}
+    passes.append(composite.declare(has_indirect=model is not None))
+    if settings.taa:
+        passes.append(taa.declare())
+    else:
+        absent["taa"] = "switched off by --no-taa"
+    passes.append(output.declare("taa" if settings.taa else "lit"))
+    return Frame(tuple(passes), absent)
+
+
+def _indirect(scene: Scene, settings: Settings, lights: LightSet, model: Network,
+              absent: dict[str, str]) -> list[Pass]:
+    """The passes around a network, for the grids that it asks for."""
+    contract = model.contract
+    grid = contract.screen_size(settings.size)
+    passes: list[Pass] = []
+    faces = {spec.size for spec in contract.inputs.values() if spec.grid == CUBE and spec.size}
+    camera_axes = contract.cube_axes == "camera"
+    for face in faces:
+        passes += [gbuffer.declare_surround(scene, face, camera_axes),
+                   direct.declare_surround(lights, face, camera_axes)]
+    if not faces:
+        absent |= {p: "the network reads no cube" for p in ("surround", "surround_direct")}
+    passes += [downsample.declare(contract, t, settings.size, scene.longest_edge) for t in contract.inputs]
+    tensors = {t: downsample.tensor_name(t) for t in contract.inputs}
+    shapes = {t: downsample.tensor_shape(spec, grid) for t, spec in contract.inputs.items()}
+    return [*passes, network.declare(model, tensors, shapes, grid), upsample.declare(grid)]

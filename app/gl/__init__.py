@@ -1,0 +1,1 @@
+"""OpenGL plumbing: context, shaders, textures, geometry, lights, timers."""

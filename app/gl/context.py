@@ -1,0 +1,102 @@
+"""The headless EGL context and what moderngl does not wrap."""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+from collections.abc import Mapping
+
+import moderngl
+
+from app.errors import DeviceError
+from app.gl.shader import Program, compile_program
+
+GL_LOWER_LEFT, GL_ZERO_TO_ONE = 0x8CA1, 0x935F
+GL_TEXTURE_2D, GL_DEPTH_COMPONENT32F, GL_DEPTH_COMPONENT, GL_FLOAT = 0x0DE1, 0x8CAC, 0x1902, 0x1406
+REQUIRED = 430  # compute shaders and storage buffers; clip control comes as 4.5 or an extension
+SOFTWARE = ("llvmpipe", "softpipe", "swrast", "software")
+
+
+class Device:
+    """One standalone context, its compiled programs and its full-screen triangle.
+
+    Parameters
+    ----------
+    strict : bool
+        Refuse a software renderer.
+
+    Raises
+    ------
+    DeviceError
+        When EGL or a good enough OpenGL is missing; the message says what to install.
+    """
+
+    def __init__(self, strict: bool = False) -> None:
+        try:
+            self.ctx = moderngl.create_context(standalone=True, backend="egl", require=REQUIRED)
+        except Exception as error:  # glcontext raises bare Exceptions
+            raise DeviceError(f"no OpenGL context ({error})", "EGL",
+                              "expected OpenGL 4.3 or later: on Debian install libegl1 and libgl1-mesa-dri, "
+                              "or the EGL library of the GPU's driver") from None
+        self.renderer: str = self.ctx.info["GL_RENDERER"]
+        self.version: str = self.ctx.info["GL_VERSION"]
+        self.software = any(name in self.renderer.lower() for name in SOFTWARE)
+        if strict and self.software:
+            renderer = self.renderer
+            self.ctx.release()
+            raise DeviceError(f"software renderer {renderer!r}", "--strict-device", "expected a GPU with an EGL driver")
+        self._functions = _EglFunctions()
+        self._functions.call("glClipControl", GL_LOWER_LEFT, GL_ZERO_TO_ONE)
+        self.max_size: int = self.ctx.info["GL_MAX_TEXTURE_SIZE"]
+        self._programs: dict[object, Program] = {}
+        self._triangle: dict[int, moderngl.VertexArray] = {}
+
+    def program(self, *stages: str, defines: Mapping[str, object] | None = None) -> Program:
+        """The program of shader files ``stages`` (``.vert``, ``.frag``, ``.comp``); compiled once per variant."""
+        key = (stages, tuple(sorted((defines or {}).items(), key=str)))
+        if key not in self._programs:
+            self._programs[key] = compile_program(self.ctx, stages, defines or {})
+        return self._programs[key]
+
+    def fullscreen(self, fragment: str, defines: Mapping[str, object] | None = None) -> Program:
+        """The program that draws ``fragment`` over a whole target."""
+        return self.program("fullscreen.vert", fragment, defines=defines)
+
+    def draw_fullscreen(self, program: Program) -> None:
+        """Draw one triangle that covers the bound framebuffer."""
+        vao = self._triangle.get(program.glo)
+        if vao is None:
+            vao = self._triangle[program.glo] = self.ctx.vertex_array(program.raw, [])
+        vao.render(moderngl.TRIANGLES, vertices=3)
+
+    def depth_texture(self, size: tuple[int, int]) -> moderngl.Texture:
+        """A 32-bit float depth buffer; moderngl's own has 24 bits, too few for reversed Z."""
+        texture = self.ctx.depth_texture(size)
+        texture.use(0)
+        self._functions.call("glTexImage2D", GL_TEXTURE_2D, 0, GL_DEPTH_COMPONENT32F, *size, 0,
+                             GL_DEPTH_COMPONENT, GL_FLOAT, None)
+        return texture
+
+    def close(self) -> None:
+        """Release everything that hangs on the context, then the context."""
+        for vao in self._triangle.values():
+            vao.release()
+        for program in self._programs.values():
+            program.raw.release()
+        self.ctx.release()
+
+
+class _EglFunctions:
+    """GL entry points that moderngl has no call for."""
+
+    def __init__(self) -> None:
+        library = ctypes.CDLL(ctypes.util.find_library("EGL") or "libEGL.so.1")
+        self._address = library.eglGetProcAddress
+        self._address.restype, self._address.argtypes = ctypes.c_void_p, [ctypes.c_char_p]
+
+    def call(self, name: str, *args: int | None) -> None:
+        address = self._address(name.encode())
+        if not address:
+            raise DeviceError(f"no {name}", "EGL", "expected OpenGL 4.5 or GL_ARB_clip_control")
+        types = [ctypes.c_void_p if a is None else ctypes.c_int for a in args]
+        ctypes.CFUNCTYPE(None, *types)(address)(*args)

@@ -1,0 +1,60 @@
+"""What one frame's passes share: the cameras, the scene on the GPU, the lights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import moderngl
+import numpy as np
+
+from app.gl.context import Device
+from app.gl.geometry import GpuScene
+from app.gl.lights import LightSet
+from app.math3d import View
+
+CAMERA_BINDING, LIGHT_BINDING = 0, 1
+
+
+@dataclass(eq=False)
+class FrameState:
+    """One frame.
+
+    Attributes
+    ----------
+    previous : View
+        Last frame's camera; this frame's after a cut.
+    jitter : tuple of float
+        Sub-pixel offset in clip units; zeros without TAA.
+    history_valid : bool
+        False in the first frame, after a cut and after a resize.
+    noise_phase : float
+        In [0, 1), from the seed.
+    """
+
+    size: tuple[int, int]
+    view: View
+    previous: View
+    jitter: tuple[float, float]
+    history_valid: bool
+    noise_phase: float
+    exposure: float
+    geometry: GpuScene
+    lights: LightSet
+
+
+class CameraBlock:
+    """The uniform block of ``camera.glsl``."""
+
+    def __init__(self, device: Device) -> None:
+        self.buffer: moderngl.Buffer = device.ctx.buffer(reserve=4 * 24)
+
+    def upload(self, frame: FrameState) -> None:
+        """Write the frame's camera and bind both blocks."""
+        block = np.zeros((6, 4), np.float32)
+        block[:3, :3] = frame.view.rotation.T
+        block[3, 3] = 1.0
+        block[4] = (*frame.view.tan_half, *frame.jitter)
+        block[5] = (*frame.size, 1 / frame.size[0], 1 / frame.size[1])
+        self.buffer.write(block.tobytes())
+        self.buffer.bind_to_uniform_block(CAMERA_BINDING)
+        frame.lights.buffer.bind_to_uniform_block(LIGHT_BINDING)

@@ -1,0 +1,107 @@
+"""Textures, buffers and framebuffers for a plan, with ping-pong history."""
+
+from __future__ import annotations
+
+import moderngl
+import numpy as np
+
+from app.errors import GraphError, SettingsError
+from app.gl.context import Device
+from app.gl.shader import Program
+from app.graph import PREVIOUS, BoundPass, Buf, Plan, Tex
+
+
+class Pool:
+    """Owns what the passes of ``plan`` read and write, for one output size."""
+
+    def __init__(self, device: Device, plan: Plan, size: tuple[int, int]) -> None:
+        if max(size) > device.max_size:
+            raise SettingsError(f"bad size {size[0]}x{size[1]}", "--size",
+                                f"expected at most {device.max_size} pixels a side on {device.renderer}")
+        self._device, self.parity = device, 0
+        self._textures: dict[str, list[moderngl.Texture]] = {}
+        self._buffers: dict[str, moderngl.Buffer] = {}
+        self._targets: dict[tuple[str, int], moderngl.Framebuffer] = {}
+        self._depths: dict[str, moderngl.Texture] = {}
+        for name, resource in plan.resources.items():
+            if isinstance(resource, Buf):
+                self._buffers[name] = device.ctx.buffer(reserve=4 * int(np.prod(resource.shape)))
+            else:
+                copies = 2 if name in plan.history else 1
+                self._textures[name] = [self._texture(resource, size) for _ in range(copies)]
+
+    def _texture(self, tex: Tex, size: tuple[int, int]) -> moderngl.Texture:
+        texture = self._device.ctx.texture(tex.resolve(size), tex.components, dtype=tex.dtype)
+        texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        texture.repeat_x = texture.repeat_y = False
+        return texture
+
+    def texture(self, name: str) -> moderngl.Texture:
+        """The texture of ``name``, or of ``name@prev`` last frame's."""
+        resource = name.removesuffix(PREVIOUS)
+        copies = self._textures[resource]
+        return copies[(self.parity + (resource != name)) % len(copies)]
+
+    def buffer(self, name: str) -> moderngl.Buffer:
+        return self._buffers[name]
+
+    def holds_texture(self, name: str) -> bool:
+        return name.removesuffix(PREVIOUS) in self._textures
+
+    def target(self, bound: BoundPass, with_depth: bool) -> moderngl.Framebuffer:
+        """The framebuffer of all textures that ``bound`` writes; its depth buffer is its own."""
+        key = (bound.name, self.parity)
+        if key not in self._targets:
+            colors = [self.texture(w) for w in bound.writes if self.holds_texture(w)]
+            depth = None
+            if with_depth:
+                depth = self._depths.setdefault(bound.name, self._device.depth_texture(colors[0].size))
+            self._targets[key] = self._device.ctx.framebuffer(colors, depth)
+        return self._targets[key]
+
+    def swap(self) -> None:
+        """Make this frame's textures last frame's."""
+        self.parity ^= 1
+
+    def release(self) -> None:
+        for target in self._targets.values():
+            target.release()
+        for texture in (t for copies in self._textures.values() for t in copies):
+            texture.release()
+        for depth in self._depths.values():
+            depth.release()
+        for buffer in self._buffers.values():
+            buffer.release()
+
+
+class Resources:
+    """One pass's window on the pool: touching what it did not declare is an error."""
+
+    def __init__(self, pool: Pool, bound: BoundPass) -> None:
+        self._pool, self._bound = pool, bound
+
+    def __getitem__(self, name: str) -> moderngl.Texture:
+        self._check(name, (*self._bound.reads, *self._bound.writes))
+        return self._pool.texture(name)
+
+    def buffer(self, name: str) -> moderngl.Buffer:
+        self._check(name, (*self._bound.reads, *self._bound.writes))
+        return self._pool.buffer(name)
+
+    def target(self, with_depth: bool = False) -> moderngl.Framebuffer:
+        """The framebuffer of everything the pass writes, bound for drawing."""
+        target = self._pool.target(self._bound, with_depth)
+        target.use()
+        return target
+
+    def bind(self, program: Program, strip: str = "") -> None:
+        """Bind every texture read to its sampler uniform: same name, ``@prev`` as ``_prev``, without ``strip``."""
+        textures = [r for r in self._bound.reads if self._pool.holds_texture(r)]
+        for unit, name in enumerate(textures):
+            self._pool.texture(name).use(unit)
+            program.set(**{name.replace(PREVIOUS, "_prev").removeprefix(strip): unit})
+
+    def _check(self, name: str, declared: tuple[str, ...]) -> None:
+        if name not in declared:
+            raise GraphError(f"pass {self._bound.name!r} touches {name!r}", "frame graph",
+                             "expected one of its declared reads and writes: " + ", ".join(declared))

@@ -1,0 +1,183 @@
+"""The frame graph: passes say what they read and write; ``compile_graph`` culls, orders and checks.
+
+No GL here. The graph walks back from the outputs asked for, so what nobody needs is never
+compiled, allocated or run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from app.errors import GraphError
+
+PREVIOUS = "@prev"
+
+
+@dataclass(frozen=True)
+class Tex:
+    """A 2-D texture that a pass writes.
+
+    Attributes
+    ----------
+    dtype : str
+        ``f1`` (8-bit normalised), ``f2`` (half) or ``f4`` (float).
+    components : int
+        1, 2 or 4.
+    scale : float
+        Size relative to the output, rounded up; ignored when ``size`` is given.
+    size : tuple of int or None
+        Fixed width and height in texels.
+    persistent : bool
+        Keeps its content from frame to frame, because its pass may skip a frame (shadow maps).
+    """
+
+    dtype: str
+    components: int
+    scale: float = 1.0
+    size: tuple[int, int] | None = None
+    persistent: bool = False
+
+    def resolve(self, output: tuple[int, int]) -> tuple[int, int]:
+        """Width and height in texels for an ``output`` of the given width and height."""
+        if self.size is not None:
+            return self.size
+        return tuple(max(1, math.ceil(n * self.scale)) for n in output)  # type: ignore[return-value]
+
+
+@dataclass(frozen=True)
+class Buf:
+    """A buffer of float32 that a pass writes, shaped (C, h, w)."""
+
+    shape: tuple[int, ...]
+
+
+Resource = Tex | Buf
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One stage, as data.
+
+    Attributes
+    ----------
+    reads : tuple of str
+        Needed resources; ``name@prev`` is last frame's copy.
+    optional : tuple of str
+        Resources used when somebody writes them; ``HAS_X`` defines tell the shaders.
+    writes : mapping of str to Tex or Buf
+        What the pass can write. Only what somebody downstream reads is allocated.
+    make : callable or None
+        ``make(device, bound)`` builds the GL objects and returns ``execute(frame, resources)``.
+    """
+
+    name: str
+    reads: tuple[str, ...] = ()
+    optional: tuple[str, ...] = ()
+    writes: Mapping[str, Resource] = field(default_factory=dict)
+    make: Callable[..., Any] | None = None
+
+
+@dataclass(frozen=True)
+class BoundPass:
+    """A pass as the plan runs it: which optional reads exist and which writes are wanted."""
+
+    spec: Pass
+    reads: tuple[str, ...]
+    writes: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        return self.spec.name
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The order in which to run, what was culled and why, and which resources keep a history."""
+
+    passes: tuple[BoundPass, ...]
+    culled: Mapping[str, str]
+    history: frozenset[str]
+    resources: Mapping[str, Resource]
+
+
+def compile_graph(passes: Iterable[Pass], outputs: Iterable[str], absent: Mapping[str, str] | None = None) -> Plan:
+    """Cull, order and check a frame.
+
+    Parameters
+    ----------
+    passes : iterable of Pass
+        Every pass that the scene and settings allow.
+    outputs : iterable of str
+        Resources that must exist at the end.
+    absent : mapping of str to str, optional
+        Passes that were left out beforehand, and why.
+
+    Raises
+    ------
+    GraphError
+        Unmet reads, double writers and cycles, all at once.
+    """
+    passes, outputs = list(passes), list(outputs)
+    writer: dict[str, Pass] = {}
+    problems: list[str] = []
+    for p in passes:
+        for name in p.writes:
+            if name in writer:
+                problems.append(f"{name!r} is written by both {writer[name].name!r} and {p.name!r}")
+            writer[name] = p
+
+    wanted: dict[str, set[str]] = {}
+    history: set[str] = set()
+    active: dict[str, Pass] = {}
+    todo = [(name, "the outputs") for name in outputs]
+    while todo:
+        name, reader = todo.pop()
+        resource = name.removesuffix(PREVIOUS)
+        if name != resource:
+            history.add(resource)
+        if resource not in writer:
+            problems.append(f"{resource!r}, read by {reader}, is written by no pass")
+            continue
+        p = writer[resource]
+        wanted.setdefault(p.name, set()).add(resource)
+        if p.name not in active:
+            active[p.name] = p
+            todo += [(r, repr(p.name)) for r in _present(p, writer)]
+
+    order = _sort([p for p in passes if p.name in active], writer, problems)
+    if problems:
+        raise GraphError("the frame graph does not fit together: " + "; ".join(sorted(set(problems))),
+                         "frame", "expected every read to have exactly one writer, without cycles")
+    culled = dict(absent or {})
+    for p in passes:
+        if p.name not in active:
+            culled[p.name] = "nobody reads " + ", ".join(p.writes)
+    bound = tuple(BoundPass(p, tuple(_present(p, writer)), tuple(w for w in p.writes if w in wanted[p.name]))
+                  for p in order)
+    resources = {w: b.spec.writes[w] for b in bound for w in b.writes}
+    return Plan(bound, culled, frozenset(history), resources)
+
+
+def _present(p: Pass, writer: Mapping[str, Pass]) -> list[str]:
+    return list(p.reads) + [r for r in p.optional if r.removesuffix(PREVIOUS) in writer]
+
+
+def _sort(passes: list[Pass], writer: Mapping[str, Pass], problems: list[str]) -> list[Pass]:
+    """Order by need, keeping the given order where it is free; history reads are no edges."""
+    done: set[str] = set()
+    order: list[Pass] = []
+    waiting = list(passes)
+    while waiting:
+        ready = next((p for p in waiting if all(
+            r.endswith(PREVIOUS) or r not in writer or writer[r].name in done for r in _present(p, writer))), None)
+        if ready is None:
+            problems.append("a cycle runs through " + ", ".join(repr(p.name) for p in waiting))
+            return order
+        waiting.remove(ready)
+        done.add(ready.name)
+        order.append(ready)
+    return order
+

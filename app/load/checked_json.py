@@ -1,0 +1,102 @@
+"""JSON files checked against the published schema; every mistake names its file and its key."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import math
+from collections.abc import Sequence
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from jsonschema import Draft202012Validator
+from jsonschema.exceptions import ValidationError
+
+from app.errors import SceneError
+
+SCHEMA = "scene.schema.json"
+_KINDS = {"object": "an object", "array": "a list", "number": "a number", "string": "a text", "boolean": "true or false"}
+
+
+def read_checked(path: Path, definition: str = "") -> Any:
+    """The content of a JSON file that follows the schema, or one of its definitions.
+
+    Raises
+    ------
+    SceneError
+        When the file can't be read, is no JSON, or breaks the schema; it names the key.
+    """
+    try:
+        text = path.read_text("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SceneError("can't read the JSON file", path, "expected a readable UTF-8 file") from error
+    try:
+        content = json.loads(text, parse_float=_finite, parse_int=_finite, parse_constant=_finite)
+    except (ValueError, RecursionError) as error:
+        raise SceneError(f"not a JSON file ({error})", path, "expected valid JSON with finite numbers") from error
+    errors = sorted(_validator(definition).iter_errors(content), key=lambda e: (-_is_stray_key(e), len(e.absolute_path)))
+    if errors:
+        raise _explain(errors[0], path)
+    return content
+
+
+def at(path: Path, *keys: object) -> str:
+    """``file: key.path`` for a message; list indices are written in brackets."""
+    joined = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys).lstrip(".")
+    return f"{path}: {joined}" if joined else str(path)
+
+
+def did_you_mean(word: str, known: Sequence[str]) -> str:
+    """What was expected in place of an unknown word."""
+    near = difflib.get_close_matches(word, known, 1, 0.5)
+    choices = ", ".join(known) if known else "none at all"
+    return f"did you mean {near[0]!r}? (expected one of: {choices})" if near else f"expected one of: {choices}"
+
+
+@cache
+def _validator(definition: str) -> Draft202012Validator:
+    schema = json.loads(resources.files("app.data").joinpath(SCHEMA).read_text("utf-8"))
+    if definition:
+        schema = {"$ref": f"#/$defs/{definition}", "$defs": schema["$defs"]}
+    return Draft202012Validator(schema)
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text[:20]} is not a finite number")
+    return value
+
+
+def _is_stray_key(error: ValidationError) -> bool:
+    return error.validator == "additionalProperties"
+
+
+def _explain(error: ValidationError, path: Path) -> SceneError:
+    keys, rule, value = list(error.absolute_path), error.validator_value, error.instance
+    if error.validator == "additionalProperties":
+        known = sorted(error.schema["properties"])
+        stray = sorted(set(value) - set(known))[0]
+        return SceneError(f"unknown key {stray!r}", at(path, *keys, stray), did_you_mean(stray, known))
+    if error.validator == "required":
+        missing = next(k for k in rule if k not in value)
+        return SceneError(f"missing key {missing!r}", at(path, *keys), f"expected {', '.join(rule)}")
+    if error.validator == "enum":
+        return SceneError(f"unknown value {value!r}", at(path, *keys), did_you_mean(str(value), rule))
+    if error.validator == "type":
+        return SceneError(f"wrong kind of value {_short(value)}", at(path, *keys), f"expected {_KINDS[rule]}")
+    if error.validator in ("minItems", "maxItems"):
+        return SceneError(f"{len(value)} values", at(path, *keys), f"expected {_amount(error)} {rule}")
+    return SceneError(f"{_short(value)} is out of range", at(path, *keys), f"expected {_amount(error)} {rule}")
+
+
+def _amount(error: ValidationError) -> str:
+    return {"minItems": "at least", "maxItems": "at most", "minimum": "at least", "maximum": "at most",
+            "exclusiveMinimum": "more than", "exclusiveMaximum": "less than"}[str(error.validator)]
+
+
+def _short(value: object) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 40 else text[:37] + "..."

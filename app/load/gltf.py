@@ -1,0 +1,209 @@
+"""glTF and GLB files -> Draft."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from trimesh.util import triangle_strips_to_faces
+
+from app.load.draft import Draft, color, vector
+from app.load.geometry import Surface
+from app.load.gltf_file import GltfFile, open_gltf
+from app.load.gltf_materials import DEFAULT, Materials
+from app.load.transforms import compose, quaternion_matrices
+from app.scene import F64, Camera, CameraPath, DirectionalLight, Light, PointLight, SpotLight
+
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+_HONOURED = {"KHR_lights_punctual", "KHR_materials_emissive_strength", "KHR_texture_transform",
+             "EXT_mesh_gpu_instancing", "KHR_mesh_quantization", "EXT_texture_webp"}
+
+
+def read_gltf(path: Path, draft: Draft) -> None:
+    """Fill ``draft`` from a glTF or GLB file."""
+    _Reader(open_gltf(path), draft).run()
+
+
+class _Reader:
+    def __init__(self, file: GltfFile, draft: Draft) -> None:
+        self._file, self._draft = file, draft
+        self._uv_sets: list[int] = []
+        self._meshes: dict[int, list[int]] = {}
+        self._default_material: int | None = None
+
+    def run(self) -> None:
+        for name in sorted(set(self._file.json.get("extensionsRequired", [])) - _HONOURED):
+            self._draft.notice(f"the file requires the extension {name}, which is not supported")
+        if "animations" in self._file.json:
+            self._draft.notice("animations of the file are left out")
+        materials = Materials(self._file, self._draft)
+        for index, spec in enumerate(self._file.items("materials")):
+            material, uv_set = materials.read(spec, index)
+            self._draft.materials.append(material)
+            self._uv_sets.append(uv_set)
+        for index, world, names in self._nodes():
+            self._visit(index, world, names)
+
+    def _nodes(self) -> Iterator[tuple[int, F64, tuple[str, ...]]]:
+        """Every node of the scene with its world matrix and its own and its ancestors' names."""
+        nodes = self._file.items("nodes")
+        scenes = self._file.items("scenes")
+        if scenes:
+            roots = scenes[self._file.json.get("scene", 0)].get("nodes", [])
+        else:
+            children = {c for n in nodes for c in n.get("children", [])}
+            roots = [i for i in range(len(nodes)) if i not in children]
+        waiting = [(i, np.eye(4), ()) for i in reversed(roots)]
+        seen: set[int] = set()
+        while waiting:
+            index, parent, above = waiting.pop()
+            if index in seen:
+                raise ValueError(f"node {index} hangs below two parents or below itself")
+            seen.add(index)
+            node = nodes[index]
+            world = parent @ _local(node)
+            names = (node.get("name") or f"node {index}", *above)
+            yield index, world, names
+            waiting += [(c, world, names) for c in reversed(node.get("children", []))]
+
+    def _visit(self, index: int, world: F64, names: tuple[str, ...]) -> None:
+        node = self._file.json["nodes"][index]
+        extensions = node.get("extensions", {})
+        if "camera" in node:
+            self._camera(self._file.json["cameras"][node["camera"]], node.get("name"), world)
+        if "KHR_lights_punctual" in extensions:
+            lights = self._file.json["extensions"]["KHR_lights_punctual"]["lights"]
+            self._draft.lights.append(self._light(lights[extensions["KHR_lights_punctual"]["light"]], world))
+        if "mesh" not in node:
+            return
+        if "skin" in node:
+            self._draft.notice(f"{names[0]!r}: its skin is left out, it is drawn in its rest pose")
+        if "EXT_mesh_gpu_instancing" in extensions:
+            local = self._instances(extensions["EXT_mesh_gpu_instancing"]["attributes"])
+        else:
+            local = np.eye(4)[None]
+        for mesh in self._mesh(node["mesh"]):
+            for matrix in local:
+                self._draft.place(names[0], mesh, world @ matrix, names)
+
+    def _mesh(self, index: int) -> list[int]:
+        """Indices into the draft of a mesh's drawable primitives; read once, however often it is placed."""
+        if index not in self._meshes:
+            spec = self._file.json["meshes"][index]
+            found = [self._primitive(p, spec.get("name", f"mesh {index}")) for p in spec["primitives"]]
+            self._meshes[index] = [f for f in found if f is not None]
+        return self._meshes[index]
+
+    def _primitive(self, spec: dict[str, Any], name: str) -> int | None:
+        mode, attributes = spec.get("mode", _TRIANGLES), spec.get("attributes", {})
+        if mode not in (_TRIANGLES, _STRIP, _FAN):
+            self._draft.notice("point clouds and line strips are left out")
+            return None
+        if "KHR_draco_mesh_compression" in spec.get("extensions", {}) or "POSITION" not in attributes:
+            self._draft.notice(f"{name!r}: geometry without readable positions is left out")
+            return None
+        material = spec.get("material")
+        if material is None:
+            material = self._white()
+        positions = self._file.accessor(attributes["POSITION"]).astype(np.float64)
+        order = self._file.accessor(spec["indices"])[:, 0] if "indices" in spec else np.arange(len(positions))
+        uv_set = self._uv_sets[material] if material < len(self._uv_sets) else 0
+        surface = Surface(
+            positions=positions,
+            triangles=_triangles(order.astype(np.int64), mode),
+            normals=self._attribute(attributes, "NORMAL", len(positions)),
+            uvs=_v_up(self._attribute(attributes, f"TEXCOORD_{uv_set}", len(positions))),
+            colors=_with_alpha(self._attribute(attributes, "COLOR_0", len(positions))),
+        )
+        return self._draft.add_mesh(name, surface, material)
+
+    def _attribute(self, attributes: dict[str, int], key: str, count: int) -> F64 | None:
+        if key not in attributes:
+            return None
+        values: F64 = self._file.accessor(attributes[key]).astype(np.float64)
+        if len(values) != count:
+            raise ValueError(f"{key} has {len(values)} values for {count} vertices")
+        return values
+
+    def _white(self) -> int:
+        if self._default_material is None:
+            self._default_material = len(self._draft.materials)
+            self._draft.materials.append(DEFAULT)
+        return self._default_material
+
+    def _instances(self, attributes: dict[str, int]) -> F64:
+        """Matrices of EXT_mesh_gpu_instancing, shape (N, 4, 4)."""
+        found = {k: self._file.accessor(v).astype(np.float64) for k, v in attributes.items()
+                 if k in ("TRANSLATION", "ROTATION", "SCALE")}
+        count = min((len(v) for v in found.values()), default=0)
+        matrices = np.tile(np.eye(4), (count, 1, 1))
+        if "ROTATION" in found:
+            matrices[:, :3, :3] = quaternion_matrices(found["ROTATION"][:count])
+        if "SCALE" in found:
+            matrices[:, :3, :3] *= found["SCALE"][:count, None, :]
+        if "TRANSLATION" in found:
+            matrices[:, :3, 3] = found["TRANSLATION"][:count]
+        return matrices
+
+    def _camera(self, spec: dict[str, Any], node_name: str | None, world: F64) -> None:
+        name = node_name or spec.get("name") or f"camera {len(self._draft.cameras)}"
+        if "perspective" not in spec:
+            self._draft.notice(f"camera {name!r} is orthographic: left out")
+            return
+        forward, up = _direction(world, (0, 0, -1)), _direction(world, (0, 1, 0))
+        eye = world[:3, 3]
+        self._draft.cameras[name] = CameraPath.still(Camera(
+            eye=vector(eye), target=vector(eye + forward), up=vector(up),
+            fov_y_deg=math.degrees(float(spec["perspective"]["yfov"]))))
+
+    def _light(self, spec: dict[str, Any], world: F64) -> Light:
+        power = color(np.asarray(spec.get("color", (1, 1, 1)), np.float64) * spec.get("intensity", 1.0))
+        position, direction = vector(world[:3, 3]), vector(_direction(world, (0, 0, -1)))
+        if "range" in spec:
+            self._draft.notice("the range of lights is left out: they shine without end")
+        if spec["type"] == "directional":
+            return DirectionalLight(direction, power)
+        if spec["type"] == "spot":
+            cone = spec.get("spot", {})
+            return SpotLight(position, direction, power, inner_deg=math.degrees(cone.get("innerConeAngle", 0.0)),
+                             outer_deg=math.degrees(cone.get("outerConeAngle", math.pi / 4)))
+        if spec["type"] == "point":
+            return PointLight(position, power)
+        raise ValueError(f"unknown light type {spec['type']!r}")
+
+
+def _local(node: dict[str, Any]) -> F64:
+    if "matrix" in node:
+        return np.asarray(node["matrix"], np.float64).reshape(4, 4).T
+    rotation = quaternion_matrices(np.asarray([node.get("rotation", (0, 0, 0, 1))], np.float64))[0]
+    return compose(node.get("translation", (0, 0, 0)), rotation, node.get("scale", (1, 1, 1)))
+
+
+def _direction(world: F64, local: tuple[float, float, float]) -> F64:
+    turned = world[:3, :3] @ np.asarray(local, np.float64)
+    length = float(np.linalg.norm(turned))
+    if not length > 0:
+        raise ValueError("a camera or light hangs below a node that is scaled to nothing")
+    return turned / length
+
+
+def _triangles(order: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
+    if mode == _STRIP:
+        return np.asarray(triangle_strips_to_faces([order]), np.int64).reshape(-1, 3)
+    if mode == _FAN:
+        return np.stack([np.full(max(len(order) - 2, 0), order[0]), order[1:-1], order[2:]], axis=1)
+    return order[:len(order) // 3 * 3].reshape(-1, 3)
+
+
+def _v_up(uvs: F64 | None) -> F64 | None:
+    return None if uvs is None else np.stack([uvs[:, 0], 1.0 - uvs[:, 1]], axis=1)
+
+
+def _with_alpha(colors: F64 | None) -> F64 | None:
+    if colors is None or colors.shape[1] == 4:
+        return colors
+    return np.concatenate([colors, np.ones((len(colors), 1))], axis=1)

@@ -1,0 +1,153 @@
+"""Chooses the reader for a file, then adds what the scene JSON says and what is still missing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from app.errors import SceneError
+from app.load.checked_json import at, did_you_mean
+from app.load.draft import Draft
+from app.load.emitters import find_emitters
+from app.load.gltf import read_gltf
+from app.load.motion import build_motion
+from app.load.obj import read_obj
+from app.load.ply import read_ply
+from app.load.sidecar import Sidecar, read_sidecar
+from app.load.survey import Survey
+from app.load.views import AUTO, automatic_camera, automatic_light
+from app.scene import CameraPath, Scene, bounds_of
+
+READERS: dict[str, Callable[[Path, Draft], None]] = {
+    ".obj": read_obj, ".gltf": read_gltf, ".glb": read_gltf, ".ply": read_ply,
+}
+_LARGEST = 1e15
+
+
+def load_scene(path: str | Path, *, lighting: str | None = None, scene_json: str | Path | None = None) -> Scene:
+    """Load a scene file for one lighting.
+
+    Parameters
+    ----------
+    path : str or Path
+        An ``.obj``, ``.gltf``, ``.glb`` or ``.ply`` file.
+    lighting : str, optional
+        A name under ``lightings`` in the scene JSON; its default when not given.
+    scene_json : str or Path, optional
+        The scene JSON; the file of the same stem beside the scene, if there is one, when not given.
+
+    Raises
+    ------
+    SceneError
+        When a file is missing, corrupt or of an unknown kind, when nothing in it can be drawn, when the
+        scene JSON has a mistake, or when there is no lighting of that name.
+    """
+    path = Path(path)
+    draft = _read(path)
+    sidecar = _sidecar(path, scene_json)
+    draft.cameras = sidecar.cameras | draft.cameras | sidecar.cameras
+    name = _choose(lighting, sidecar.default_lighting, list(sidecar.lightings), "lighting", sidecar.path or path)
+    _add_motions(draft, sidecar)
+    if name is not None:
+        draft.lights = list(sidecar.lightings[name].lights)
+        draft.scale_emission(sidecar.lightings[name].emission)
+    find_emitters(draft)
+    draft.drop_unused()
+    return _finish(draft, path, sidecar, name)
+
+
+def embedded_scene(*, lighting: str | None = None) -> Scene:
+    """The Cornell box that comes with the program; lightings ``lamp`` (default) and ``emissive``.
+
+    Raises
+    ------
+    SceneError
+        When there is no lighting of that name.
+    """
+    with resources.as_file(resources.files("app.data")) as folder:
+        return load_scene(folder / "cornell-box.obj", lighting=lighting)
+
+
+def _read(path: Path) -> Draft:
+    expected = f"expected one of: {', '.join(READERS)}"
+    if path.is_dir():
+        raise SceneError("a folder, not a scene file", path, expected)
+    if not path.is_file():
+        raise SceneError("no such scene file", path, "expected the path of an existing file")
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise SceneError(f"unknown kind of scene file {path.suffix!r}", path, expected)
+    draft = Draft(str(path))
+    try:
+        with np.errstate(all="ignore"):
+            reader(path, draft)
+    except SceneError:
+        raise
+    except MemoryError as error:
+        raise SceneError("the scene does not fit into memory", path, "expected a smaller or a sound file") from error
+    except Exception as error:
+        reason = " ".join(f"{type(error).__name__}: {error}".split())[:120]
+        raise SceneError(f"the scene file is corrupt ({reason})", path, f"expected a valid {path.suffix} file") from error
+    if not draft.instances:
+        hints = f" ({'; '.join(draft.notices)})" if draft.notices else ""
+        raise SceneError(f"no triangle to draw{hints}", path, "expected at least one triangle with an area")
+    return draft
+
+
+def _sidecar(path: Path, scene_json: str | Path | None) -> Sidecar:
+    if scene_json is not None:
+        return read_sidecar(Path(scene_json))
+    beside = path.with_suffix(".json")
+    return read_sidecar(beside) if beside.is_file() else Sidecar()
+
+
+def _choose(asked: str | None, default: str | None, known: list[str], what: str, where: Path) -> str | None:
+    """The name to use: the one asked for, the default, the first, or none."""
+    if asked is not None and asked not in known:
+        raise SceneError(f"no {what} {asked!r}", where, did_you_mean(asked, known))
+    if default is not None and default not in known:
+        raise SceneError(f"no {what} {default!r}", at(where, "default", what), did_you_mean(default, known))
+    return asked or default or next(iter(known), None)
+
+
+def _add_motions(draft: Draft, sidecar: Sidecar) -> None:
+    for name, keys in sidecar.objects.items():
+        if name not in draft.groups:
+            raise SceneError(f"no object {name!r}", at(sidecar.path or Path(), "objects", name),
+                             did_you_mean(name, list(draft.groups)))
+        moved = tuple(draft.instances[i] for i in draft.groups[name])
+        motion = build_motion(keys, bounds_of(tuple(draft.meshes), moved).mean(axis=0))
+        for i in draft.groups[name]:
+            if draft.instances[i].motion is not None:
+                raise SceneError(f"{draft.instances[i].name!r} is moved twice", at(sidecar.path or Path(), "objects", name),
+                                 "expected one motion for each object")
+            draft.instances[i] = replace(draft.instances[i], motion=motion)
+
+
+def _finish(draft: Draft, path: Path, sidecar: Sidecar, lighting: str | None) -> Scene:
+    meshes, instances = tuple(draft.meshes), tuple(draft.instances)
+    bounds = bounds_of(meshes, instances)
+    if not np.abs(bounds).max() < _LARGEST:
+        raise SceneError("the scene is too large or not finite", path, f"expected coordinates below {_LARGEST:g}")
+    default = _choose(None, sidecar.default_camera, list(draft.cameras), "camera", sidecar.path or path)
+    glows = any(m.emits for m in draft.materials)
+    lightless = lighting is None and not draft.lights and not glows
+    if default is None or lightless:
+        survey = Survey(meshes, instances)
+        if default is None:
+            camera, notice = automatic_camera(survey)
+            draft.cameras[AUTO], default = CameraPath.still(camera), AUTO
+            draft.notice(notice)
+        if lightless:
+            light, notice = automatic_light(survey, draft.cameras[default].at(0.0))
+            draft.lights.append(light)
+            draft.notice(notice)
+    return Scene(
+        name=path.stem, meshes=meshes, instances=instances, materials=tuple(draft.materials),
+        lights=tuple(draft.lights), cameras=draft.cameras, default_camera=default, bounds=bounds,
+        lighting=lighting or "", notices=tuple(draft.notices),
+    )

@@ -1,0 +1,146 @@
+"""The scene JSON: named cameras, named lightings, moving objects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.errors import SceneError
+from app.load.checked_json import at, read_checked
+from app.load.draft import vector
+from app.load.motion import MotionKey, motion_key
+from app.scene import Camera, CameraPath, DirectionalLight, Light, PointLight, RectLight, SpotLight
+
+_SQUARE_WITHIN = 1e-3
+
+
+@dataclass(frozen=True)
+class Lighting:
+    """One alternative: lights, and a factor on the emissive surfaces of the file."""
+
+    lights: tuple[Light, ...]
+    emission: float = 1.0
+
+
+@dataclass(frozen=True)
+class Sidecar:
+    """The content of a scene JSON; empty when there is none."""
+
+    path: Path | None = None
+    cameras: dict[str, CameraPath] = field(default_factory=dict)
+    lightings: dict[str, Lighting] = field(default_factory=dict)
+    objects: dict[str, tuple[MotionKey, ...]] = field(default_factory=dict)
+    default_camera: str | None = None
+    default_lighting: str | None = None
+
+
+def read_sidecar(path: Path) -> Sidecar:
+    """Read and check a scene JSON.
+
+    Raises
+    ------
+    SceneError
+        Names the file and the key, such as ``cameras.main.fov_y``.
+    """
+    content = read_checked(path)
+    default = content.get("default", {})
+    return Sidecar(
+        path=path,
+        cameras={n: _camera_path(c, path, "cameras", n) for n, c in content.get("cameras", {}).items()},
+        lightings={n: _lighting(spec, path, n) for n, spec in content.get("lightings", {}).items()},
+        objects={n: _motion_keys(spec["keys"], path, n) for n, spec in content.get("objects", {}).items()},
+        default_camera=default.get("camera"),
+        default_lighting=default.get("lighting"),
+    )
+
+
+def load_camera(path: str | Path) -> CameraPath:
+    """Read a JSON file that holds one camera, fixed or key-framed, as under ``cameras`` in a scene JSON.
+
+    Raises
+    ------
+    SceneError
+        When the file can't be read or a key is wrong; it names the key.
+    """
+    return _camera_path(read_checked(Path(path), "camera"), Path(path))
+
+
+def _camera_path(spec: dict[str, Any], path: Path, *keys: object) -> CameraPath:
+    if "keys" not in spec:
+        return CameraPath.still(_camera(spec, path, *keys))
+    times = _times(spec["keys"], path, *keys)
+    return CameraPath(times, tuple(_camera(k, path, *keys, "keys", i) for i, k in enumerate(spec["keys"])))
+
+
+def _camera(spec: dict[str, Any], path: Path, *keys: object) -> Camera:
+    camera = Camera(**{k: vector(v) if isinstance(v, list) else v for k, v in spec.items() if k != "time"})
+    forward = np.subtract(camera.target, camera.eye)
+    if not np.any(forward):
+        raise SceneError("eye and target are the same point", at(path, *keys), "expected two different points")
+    sideways = np.cross(forward, camera.up)
+    if np.linalg.norm(sideways) <= 1e-9 * np.linalg.norm(forward) * np.linalg.norm(camera.up):
+        raise SceneError("up has no length or points along the view", at(path, *keys, "up"),
+                         "expected a vector across the view")
+    return camera
+
+
+def _lighting(spec: dict[str, Any], path: Path, name: str) -> Lighting:
+    lights = tuple(_light(light, path, "lightings", name, "lights", i) for i, light in enumerate(spec["lights"]))
+    return Lighting(lights, spec.get("emission", 1.0))
+
+
+def _light(spec: dict[str, Any], path: Path, *keys: object) -> Light:
+    values: dict[str, Any] = {k: vector(v) if isinstance(v, list) else v for k, v in spec.items()}
+    kind = values.pop("type")
+    if kind in ("point", "sphere"):
+        return PointLight(**values)
+    if kind == "directional":
+        return DirectionalLight(**values | {"direction": _unit(values["direction"], path, *keys, "direction")})
+    if kind == "rectangle":
+        u, v = np.array(values["edge_u"]), np.array(values["edge_v"])
+        if abs(u @ v) > _SQUARE_WITHIN * np.linalg.norm(u) * np.linalg.norm(v) or not np.any(np.cross(u, v)):
+            raise SceneError("edge_u and edge_v span no rectangle", at(path, *keys),
+                             "expected two edges with a length, at a right angle")
+        return RectLight(**values)
+    return _spot(values, path, *keys)
+
+
+def _spot(values: dict[str, Any], path: Path, *keys: object) -> SpotLight:
+    if ("target" in values) == ("direction" in values):
+        raise SceneError("a spot needs a target or a direction", at(path, *keys), "expected exactly one of the two")
+    if values["outer_deg"] < values["inner_deg"]:
+        raise SceneError(f"outer_deg {values['outer_deg']:g} is below inner_deg {values['inner_deg']:g}",
+                         at(path, *keys, "outer_deg"), "expected at least inner_deg")
+    key = "target" if "target" in values else "direction"
+    towards = values.pop(key)
+    if key == "target":
+        towards = np.subtract(towards, values["position"])
+    return SpotLight(direction=_unit(towards, path, *keys, key), **values)
+
+
+def _unit(values: Sequence[float], path: Path, *keys: object) -> tuple[float, float, float]:
+    length = float(np.linalg.norm(values))
+    if length == 0:
+        raise SceneError("a direction without length", at(path, *keys), "expected a vector that is not zero")
+    return vector(np.asarray(values) / length)
+
+
+def _motion_keys(keys: Sequence[Mapping[str, Any]], path: Path, name: str) -> tuple[MotionKey, ...]:
+    _times(keys, path, "objects", name)
+    if len({isinstance(k["rotate_deg"], dict) for k in keys if "rotate_deg" in k}) > 1:
+        raise SceneError("rotations in two notations", at(path, "objects", name, "keys"),
+                         "expected three angles in every key, or axis and angle_deg in every key")
+    return tuple(motion_key(k) for k in keys)
+
+
+def _times(keys: Sequence[Mapping[str, Any]], path: Path, *where: object) -> tuple[float, ...]:
+    times = tuple(float(k["time"]) for k in keys)
+    for i in range(1, len(times)):
+        if times[i] <= times[i - 1]:
+            raise SceneError(f"time {times[i]:g} after {times[i - 1]:g}", at(path, *where, "keys", i, "time"),
+                             "expected increasing times")
+    return times

@@ -1,0 +1,174 @@
+"""Where a scene is solid and where it is free: a coarse grid of voxels that rays march through."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.load.geometry import face_vectors
+from app.scene import F64, Instance, Mesh, bounds_of
+
+_VOXELS = 64
+_SAMPLES_PER_FACE = 8.0
+_MOST_SAMPLES = 4e6
+_LATTICE = (9, 7, 9)
+_RAYS = 96
+_MOST_TRIANGLES = 262_144
+_BACK_FACING = 0.3
+_WALLED_IN = 0.78
+_ROOM_SHARE = 0.1
+
+
+class Survey:
+    """Answers where walls are, and whether the scene is a room or an object.
+
+    Parameters
+    ----------
+    meshes, instances : sequence
+        As in a Scene; time 0 is surveyed.
+
+    Attributes
+    ----------
+    bounds : ndarray, float64, shape (2, 3)
+        World-space box.
+    voxel : float
+        Edge of a voxel: 1/64 of the longest edge of the box. Distances are good to about one voxel.
+    """
+
+    def __init__(self, meshes: Sequence[Mesh], instances: Sequence[Instance]) -> None:
+        self.bounds = bounds_of(tuple(meshes), tuple(instances))
+        size = self.bounds[1] - self.bounds[0]
+        self.voxel = max(float(size.max()) / _VOXELS, 1e-30)
+        self._origin = self.bounds[0] - self.voxel
+        self._shape = tuple((np.ceil(size / self.voxel).astype(int) + 2).tolist())
+        count = np.zeros(int(np.prod(self._shape)))
+        normal = np.zeros((len(count), 3))
+        areas = sum(_area(meshes[i.mesh], i) for i in instances)
+        density = min(_SAMPLES_PER_FACE / self.voxel**2, _MOST_SAMPLES / max(areas, 1e-300))
+        random = np.random.default_rng(0)
+        for instance in instances:
+            for points, normals in _sample(meshes[instance.mesh], instance, density, random):
+                cell = self._cell(points)
+                count += np.bincount(cell, minlength=len(count))
+                for axis in range(3):
+                    normal[:, axis] += np.bincount(cell, normals[:, axis], minlength=len(count))
+        self._solid = count > 0
+        self._normal = normal / np.maximum(count, 1)[:, None]
+
+    def cast(self, origins: F64, directions: F64) -> tuple[F64, NDArray[np.bool_]]:
+        """Follow rays until something solid.
+
+        Parameters
+        ----------
+        origins, directions : ndarray, float64, shape (N, 3)
+            World space; directions of unit length.
+
+        Returns
+        -------
+        distance : ndarray, shape (N,)
+            Free way in scene units, infinite when the ray leaves the scene's box.
+        back : ndarray of bool, shape (N,)
+            Whether a surface was hit from behind.
+        """
+        distance, back = np.full(len(origins), np.inf), np.zeros(len(origins), bool)
+        alive = np.arange(len(origins))
+        reach = np.linalg.norm(self.bounds[1] - self.bounds[0]) + np.linalg.norm(
+            origins - self.bounds.mean(axis=0), axis=1).max(initial=0.0)
+        for way in np.arange(1.5, reach / self.voxel + 1.0, 0.5) * self.voxel:
+            points = origins[alive] + directions[alive] * way
+            inside = self._inside(points)
+            hit = np.zeros(len(alive), bool)
+            cell = self._cell(points[inside])
+            hit[inside] = self._solid[cell]
+            struck = alive[hit]
+            distance[struck] = way
+            facing = np.sum(self._normal[cell[self._solid[cell]]] * directions[struck], axis=1)
+            back[struck] = facing > _BACK_FACING
+            alive = alive[~hit]
+            if not len(alive):
+                break
+        return distance, back
+
+    @cached_property
+    def free_points(self) -> F64:
+        """A lattice of points in free space inside the box, shape (N, 3)."""
+        steps = [(np.arange(n) + 0.5) / n for n in _LATTICE]
+        lattice = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
+        points = self.bounds[0] + lattice * (self.bounds[1] - self.bounds[0])
+        return points[~self._solid[self._cell(points)]]
+
+    @cached_property
+    def room_points(self) -> F64:
+        """Free points with walls nearly all around, shape (N, 3); none when the scene is an object."""
+        points = self.free_points
+        if not len(points):
+            return points
+        distance, back = self.around(points)
+        walled = (np.isfinite(distance) & ~back).mean(axis=1) >= _WALLED_IN
+        return points[walled] if walled.mean() >= _ROOM_SHARE else points[:0]
+
+    @property
+    def is_room(self) -> bool:
+        """Whether the scene is to be seen from the inside."""
+        return len(self.room_points) > 0
+
+    def around(self, points: F64) -> tuple[F64, NDArray[np.bool_]]:
+        """Free distance and hits from behind in all directions of a sphere, each of shape (N, rays)."""
+        directions = _sphere(_RAYS)
+        distance, back = self.cast(np.repeat(points, _RAYS, axis=0), np.tile(directions, (len(points), 1)))
+        return distance.reshape(-1, _RAYS), back.reshape(-1, _RAYS)
+
+    def clearance(self, point: F64) -> float:
+        """Distance to the nearest surface from a point, shape (3,); infinite when there is none around."""
+        return float(self.around(point[None])[0].min())
+
+    def _cell(self, points: F64) -> NDArray[np.intp]:
+        index = np.clip(((points - self._origin) / self.voxel).astype(np.intp), 0, np.array(self._shape) - 1)
+        return np.ravel_multi_index(tuple(index.T), self._shape)
+
+    def _inside(self, points: F64) -> NDArray[np.bool_]:
+        relative = (points - self._origin) / self.voxel
+        return np.asarray(((relative >= 0) & (relative < self._shape)).all(axis=1))
+
+
+def _area(mesh: Mesh, instance: Instance) -> float:
+    scale = abs(float(np.linalg.det(instance.transform_at(0.0)[:3, :3]))) ** (2 / 3)
+    faces = face_vectors(mesh.positions, mesh.triangles)
+    return float(np.linalg.norm(faces, axis=1).sum(dtype=np.float64)) / 2 * scale
+
+
+def _sample(mesh: Mesh, instance: Instance, density: float, random: np.random.Generator) -> list[tuple[F64, F64]]:
+    """World-space points and outward unit normals on a mesh, at least one per triangle, in blocks."""
+    matrix = instance.transform_at(0.0)
+    world = mesh.positions @ matrix[:3, :3].T + matrix[:3, 3]
+    blocks = []
+    for start in range(0, len(mesh.triangles), _MOST_TRIANGLES):
+        triangles = mesh.triangles[start:start + _MOST_TRIANGLES]
+        faces = face_vectors(world, triangles)
+        double_area = np.linalg.norm(faces, axis=1)
+        unit = faces / np.maximum(double_area, 1e-300)[:, None] * _outward(mesh, triangles, matrix)[:, None]
+        count = 1 + (double_area * 0.5 * density).astype(np.int64)
+        which = np.repeat(np.arange(len(triangles)), count)
+        u, v = random.random((2, len(which)))
+        u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+        a, b, c = (world[triangles[which, i]] for i in range(3))
+        blocks.append((a + u[:, None] * (b - a) + v[:, None] * (c - a), unit[which]))
+    return blocks
+
+
+def _outward(mesh: Mesh, triangles: NDArray[np.uint32], matrix: F64) -> F64:
+    """−1 where winding in the world and the vertex normals (or, without them, the file's winding) disagree."""
+    mirrored = -1.0 if np.linalg.det(matrix[:3, :3]) < 0 else 1.0
+    agreement = np.sum(face_vectors(mesh.positions, triangles) * mesh.normals[triangles].sum(axis=1), axis=1)
+    return np.where(agreement < 0, -mirrored, mirrored)
+
+
+def _sphere(count: int) -> F64:
+    """Evenly spread unit vectors, shape (count, 3)."""
+    k = np.arange(count) + 0.5
+    y, turn = 1 - 2 * k / count, k * np.pi * (3 - np.sqrt(5))
+    ring = np.sqrt(1 - y * y)
+    return np.stack([ring * np.cos(turn), y, ring * np.sin(turn)], axis=1)

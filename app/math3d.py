@@ -1,0 +1,145 @@
+"""Matrices in plain numpy: float64, column vectors, right-handed.
+
+Clip space has z in [0, 1] (``glClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE)``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.scene import Camera
+
+F64 = NDArray[np.float64]
+
+
+def normalize(v: F64) -> F64:
+    """``v`` at unit length; a vector of length 0 stays 0."""
+    length = float(np.linalg.norm(v))
+    return v / length if length > 0 else v
+
+
+def look_rotation(forward: F64, up: F64) -> F64:
+    """World-to-camera rotation, shape (3, 3); rows are right, up and back."""
+    back = -normalize(np.asarray(forward, np.float64))
+    right = np.cross(np.asarray(up, np.float64), back)
+    if np.linalg.norm(right) < 1e-9:  # looking along up: any other axis will do
+        right = np.cross(np.eye(3)[int(np.argmin(np.abs(back)))], back)
+    right = normalize(right)
+    return np.stack([right, np.cross(back, right), back])
+
+
+def look_at(eye: F64, target: F64, up: F64) -> F64:
+    """World-to-camera matrix, shape (4, 4); the camera looks down -z."""
+    view = np.eye(4)
+    view[:3, :3] = look_rotation(np.subtract(target, eye), up)
+    view[:3, 3] = -view[:3, :3] @ np.asarray(eye, np.float64)
+    return view
+
+
+def perspective_reversed(tan_x: float, tan_y: float, near: float) -> F64:
+    """Infinite reversed-Z projection, shape (4, 4): depth ``d`` lands on z = near / d."""
+    return np.array([[1 / tan_x, 0, 0, 0], [0, 1 / tan_y, 0, 0], [0, 0, 0, near], [0, 0, -1.0, 0]])
+
+
+def perspective(tan_half: float, near: float, far: float) -> F64:
+    """Square projection with ordinary Z, shape (4, 4): near lands on 0, far on 1."""
+    a = far / (near - far)
+    return np.array([[1 / tan_half, 0, 0, 0], [0, 1 / tan_half, 0, 0], [0, 0, a, a * near], [0, 0, -1.0, 0]])
+
+
+def orthographic(half: float, near: float, far: float) -> F64:
+    """Square parallel projection with ordinary Z, shape (4, 4)."""
+    return np.array([[1 / half, 0, 0, 0], [0, 1 / half, 0, 0],
+                     [0, 0, 1 / (near - far), near / (near - far)], [0, 0, 0, 1.0]])
+
+
+def translation(offset: F64) -> F64:
+    """Matrix, shape (4, 4), that adds ``offset``."""
+    m = np.eye(4)
+    m[:3, 3] = offset
+    return m
+
+
+def normal_matrix(m: F64) -> F64:
+    """Cofactor matrix of ``m``'s linear part, shape (3, 3): turns normals, also where ``m`` is singular.
+
+    Equal to det(m) · inverse transpose, so a mirrored ``m`` keeps the normal on its side of the surface
+    up to a sign that the G-buffer resolves by the viewer.
+    """
+    a, b, c = m[:3, 0], m[:3, 1], m[:3, 2]
+    return np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+
+
+def frustum_planes(clip: F64) -> F64:
+    """The six planes, shape (6, 4), of clip matrix ``clip``; a point p is inside where plane · (p, 1) >= 0."""
+    x, y, z, w = clip
+    return np.stack([w + x, w - x, w + y, w - y, z, w - z])
+
+
+def boxes_in_frustum(boxes: F64, planes: F64) -> NDArray[np.bool_]:
+    """Which axis-aligned ``boxes``, shape (N, 2, 3), touch the frustum; conservative."""
+    corner = np.where(planes[:, None, :3] >= 0, boxes[None, :, 1], boxes[None, :, 0])
+    distance = np.einsum("pnk,pk->pn", corner, planes[:, :3]) + planes[:, None, 3]
+    return np.asarray((distance >= 0).all(axis=0))
+
+
+def halton(index: int, base: int) -> float:
+    """The ``index``-th number (from 1) of the radical-inverse sequence in ``base``, in (0, 1)."""
+    result, fraction = 0.0, 1.0
+    while index > 0:
+        fraction /= base
+        result += fraction * (index % base)
+        index //= base
+    return result
+
+
+# Cube faces in contract order: front, back, left, right, up, down. Rows: forward, image up.
+CUBE_FACES: F64 = np.array([
+    [[0, 0, -1], [0, 1, 0]], [[0, 0, 1], [0, 1, 0]], [[-1, 0, 0], [0, 1, 0]],
+    [[1, 0, 0], [0, 1, 0]], [[0, 1, 0], [0, 0, 1]], [[0, -1, 0], [0, 0, -1]]], np.float64)
+
+
+def cube_rotations() -> F64:
+    """World-to-face rotations, shape (6, 3, 3), in contract order."""
+    return np.stack([look_rotation(forward, up) for forward, up in CUBE_FACES])
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A camera as matrices. Space "relative" is world axes with the eye as origin.
+
+    Attributes
+    ----------
+    eye : ndarray, float64, shape (3,)
+        World space.
+    rotation : ndarray, float64, shape (3, 3)
+        Relative to camera space.
+    tan_half : tuple of float
+        Tangents of half the horizontal and vertical field of view.
+    near : float
+        Distance of the near plane in scene units.
+    """
+
+    eye: F64
+    rotation: F64
+    tan_half: tuple[float, float]
+    near: float
+
+    @staticmethod
+    def of(camera: Camera, size: tuple[int, int], near: float) -> View:
+        """The view of ``camera`` for an image ``size`` of width and height in pixels."""
+        eye = np.asarray(camera.eye, np.float64)
+        tan_y = float(np.tan(np.radians(camera.fov_y_deg) / 2))
+        rotation = look_rotation(np.asarray(camera.target) - eye, np.asarray(camera.up))
+        return View(eye, rotation, (tan_y * size[0] / size[1], tan_y), near)
+
+    def clip_from_relative(self, jitter: tuple[float, float] = (0.0, 0.0)) -> F64:
+        """Projection, shape (4, 4); ``jitter`` moves the image in clip units."""
+        projection = perspective_reversed(*self.tan_half, self.near)
+        projection[0, 2], projection[1, 2] = -jitter[0], -jitter[1]
+        clip = np.eye(4)
+        clip[:3, :3] = self.rotation
+        return projection @ clip

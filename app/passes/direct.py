@@ -1,0 +1,38 @@
+"""Direct light: diffuse radiance from analytic lights with soft shadows, and highlights where a material has them."""
+
+from __future__ import annotations
+
+from app.gl.fullscreen import make_fullscreen
+from app.gl.lights import LightSet
+from app.graph import Pass, Resource, Tex
+
+SURROUND = "surround_"
+
+
+def declare(lights: LightSet, shiny: bool) -> Pass:
+    """On the screen; highlights only where the scene is ``shiny``."""
+    writes: dict[str, Resource] = {"direct": Tex("f2", 4)}
+    if shiny:
+        writes["specular"] = Tex("f2", 4)
+    reads = ("albedo", "normal", "depth", *_shadow(lights), *(("gloss",) if shiny else ()))
+    return _pass("direct", reads, writes, lights, {})
+
+
+def declare_surround(lights: LightSet, face: int, camera_axes: bool) -> Pass:
+    """On the six views around the camera; diffuse only, since highlights don't spread to other surfaces."""
+    grid: dict[str, object] = {"GRID_CUBE": 1, "CUBE_SIZE": face}
+    if camera_axes:
+        grid["CUBE_CAMERA_AXES"] = 1
+    reads = ("surround_albedo", "surround_normal", "surround_depth", *_shadow(lights))
+    return _pass("surround_direct", reads, {"surround_direct": Tex("f2", 4, size=(6 * face, face))}, lights, grid)
+
+
+def _pass(name: str, reads: tuple[str, ...], writes: dict[str, Resource], lights: LightSet,
+          grid: dict[str, object]) -> Pass:
+    return Pass(name, reads=reads, writes=writes, make=lambda device, bound: make_fullscreen(
+        device, bound, "direct.frag", lambda frame: {"noise_phase": frame.noise_phase},
+        {**lights.defines, **grid}, SURROUND))
+
+
+def _shadow(lights: LightSet) -> tuple[str, ...]:
+    return ("shadow",) if lights.lights else ()

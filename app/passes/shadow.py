@@ -1,0 +1,58 @@
+"""Shadow maps: linear distance from each light, in one atlas, redrawn only when a caster or a light moved."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import moderngl
+
+from app.gl.context import Device
+from app.gl.frame_state import FrameState
+from app.gl.geometry import Drawable
+from app.gl.lights import LightSet, ShadowFace
+from app.gl.pool import Resources
+from app.gl.shader import Program
+from app.graph import BoundPass, Pass, Tex
+
+EMPTY = 1e30  # distance where nothing casts
+RELEVANT = ("ALPHA_MASK", "ALBEDO_MAP", "VERTEX_COLOR")
+
+
+def declare(lights: LightSet) -> Pass:
+    """The pass for the atlas that ``lights`` laid out; it keeps its texels while nothing moves."""
+    return Pass("shadow", writes={"shadow": Tex("f4", 1, size=lights.atlas_size, persistent=True)}, make=make)
+
+
+def make(device: Device, bound: BoundPass) -> Callable[[FrameState, Resources], None]:
+    drawn: list[object] = []  # the state of light and casters that the atlas shows
+
+    def execute(frame: FrameState, resources: Resources) -> None:
+        state = (frame.lights.lights, frame.geometry.state())
+        if drawn == [state]:
+            return
+        target = resources.target(with_depth=True)
+        target.viewport = (0, 0, *target.size)
+        target.clear(EMPTY, depth=1.0)
+        device.ctx.enable_only(moderngl.DEPTH_TEST)
+        device.ctx.depth_func = "<"
+        for face in frame.lights.faces():
+            target.viewport = face.rect
+            _draw_face(device, frame, face)
+        drawn[:] = [state]
+
+    return execute
+
+
+def _draw_face(device: Device, frame: FrameState, face: ShadowFace) -> None:
+    def program_of(d: Drawable) -> Program:
+        defines: dict[str, object] = {f: 1 for f in d.features if f in RELEVANT} if d.masked else {}
+        if face.axis is not None:
+            defines["PARALLEL"] = 1
+        program = device.program("shadow.vert", "shadow.frag", defines=defines)
+        program.set(clip_from_relative=face.clip)
+        if face.axis is not None:
+            program.set(axis=tuple(face.axis))
+        return program
+
+    casters = frame.geometry.visible(face.clip, face.origin, lambda d: not d.material.analytic)
+    frame.geometry.draw(casters, program_of, face.origin)

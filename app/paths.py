@@ -1,0 +1,27 @@
+"""Where the shaders, networks and embedded data lie: inside the package in a wheel, beside it in a checkout."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def shader_dir() -> Path:
+    """Folder of the shader entry files."""
+    return _find("shaders")
+
+
+def nets_dir() -> Path:
+    """Folder of the bundled networks, ``NAME.onnx`` beside its model card ``NAME.md``."""
+    return _find("nets")
+
+
+def data_dir() -> Path:
+    """Folder of the embedded scene and the published schemas; the same in both layouts."""
+    return _PACKAGE / "data"
+
+
+def _find(name: str) -> Path:
+    bundled = _PACKAGE / "_bundle" / name
+    return bundled if bundled.is_dir() else _PACKAGE.parent / name

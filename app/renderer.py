@@ -1,0 +1,263 @@
+"""The renderer: owns the context, the plan and its textures; turns cameras into named images."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.contract import read_contract
+from app.errors import SettingsError
+from app.frame import AOVS, RADIANCE, build_frame
+from app.gl.context import Device
+from app.gl.frame_state import CameraBlock, FrameState
+from app.gl.geometry import GpuScene
+from app.gl.lights import LightSet
+from app.gl.pool import Pool, Resources
+from app.gl.timer import Timer
+from app.graph import BoundPass, Buf, Tex
+from app.infer import Network
+from app.math3d import View, halton
+from app.scene import Camera, Scene
+from app.settings import Settings
+
+NEAR = 1e-4           # of the scene's longest edge
+JITTER_PERIOD = 64    # frames after which the sub-pixel offsets repeat
+GOLDEN = 0.61803398875
+COMPONENTS = {"depth": 1, "motion": 2}
+
+Image = NDArray[Any]
+Execute = Callable[[FrameState, Resources], None]
+
+
+class Renderer:
+    """Draws ``scene``; a context manager.
+
+    Parameters
+    ----------
+    model : path or None
+        The network that infers indirect light; None draws direct light only.
+
+    Attributes
+    ----------
+    plan : Plan
+        The passes that run, and why others don't.
+    device : dict of str to str
+        ``gl_renderer``, ``gl_version`` and the execution ``provider`` that really run.
+
+    Raises
+    ------
+    AfterglowError
+        When the scene, the settings, the network and the device don't fit together.
+    """
+
+    def __init__(self, scene: Scene, settings: Settings, model: Path | None = None) -> None:
+        self.scene, self.settings = scene, settings
+        self._gl = Device(settings.strict_device)
+        self._network = None
+        if model is not None:
+            grid = read_contract(model).screen_size(settings.size)
+            self._network = Network(model, grid, settings.provider, settings.strict_device)
+        self._geometry = GpuScene(self._gl, scene)
+        self._lights = LightSet(self._gl, scene)
+        self._camera = CameraBlock(self._gl)
+        frame = build_frame(scene, settings, self._lights, self._network)
+        self.missing = tuple(o for o in settings.outputs if not frame.writes(o))
+        self.plan = frame.compile(_wanted(settings.outputs, self.missing))
+        self._pool = Pool(self._gl, self.plan, settings.size)
+        self._executors: list[tuple[BoundPass, Execute, Resources]] = [
+            (b, b.spec.make(self._gl, b), Resources(self._pool, b)) for b in self.plan.passes if b.spec.make]
+        self._timer = Timer(self._gl, settings.timing)
+        self._yardstick = _Yardstick(self._gl, settings.size) if settings.timing else None
+        self._non_finite: dict[str, int] = {b.name: 0 for b in self.plan.passes}
+        self._overrides: dict[str, Image] = {}
+        self._previous: View | None = None
+        self._index = 0
+        self.device = {"gl_renderer": self._gl.renderer, "gl_version": self._gl.version,
+                       "provider": self._network.provider if self._network else "none"}
+
+    def render(self, camera: Camera, time: float = 0.0) -> dict[str, Image]:
+        """Draw one frame and read back what the settings ask for.
+
+        Parameters
+        ----------
+        time : float
+            Seconds; places moving objects.
+
+        Returns
+        -------
+        dict of str to ndarray
+            Top row first. By output name float32 [H, W, C]; with ``final`` also ``display``, uint8 [H, W, 3].
+            An output that the scene can't have (``emission`` without emitters) is zeros.
+        """
+        self._draw(camera, time)
+        start = perf_counter()
+        images = {name: self._read(name, camera) for name in self.settings.outputs}
+        if "final" in images:
+            images["display"] = self._pixels("display")[..., :3]
+        for name in ("output", "frame"):
+            self._timer.extend(name, (perf_counter() - start) * 1e3)
+        self._advance()
+        return images
+
+    def advance(self, camera: Camera, time: float = 0.0) -> None:
+        """Draw one frame without reading it back, so that temporal anti-aliasing settles."""
+        self._draw(camera, time)
+        self._gl.ctx.finish()
+        self._advance()
+
+    def cut(self) -> None:
+        """Forget all history: the next frame is a first frame."""
+        self._previous, self._index = None, 0
+
+    def override(self, resource: str, value: Image | float | None) -> None:
+        """Replace what a pass writes, after it ran, in every frame from now on; None undoes it.
+
+        Parameters
+        ----------
+        value : ndarray or float
+            A constant for all texels and components, or an image [H, W, C], top row first.
+        """
+        if value is None:
+            self._overrides.pop(resource, None)
+        else:
+            self._overrides[resource] = np.asarray(value, np.float32)
+
+    def resource(self, name: str) -> Image:
+        """What a pass wrote in the newest frame, as it lies on the GPU: float32, top row first."""
+        return self._pixels(name, newest=True)
+
+    def timing(self) -> dict[str, Any]:
+        """``{"frame": …, "passes": {name: {"cpu_ms", "gpu_ms", "non_finite"}}}``; see ``Timer``.
+
+        ``copy`` among the passes is the yardstick; it is no part of the frame.
+        """
+        passes: dict[str, Any] = self._timer.report()
+        frame = passes.pop("frame", {"cpu_ms": {}, "gpu_ms": {}})
+        for name, count in self._non_finite.items():
+            if name in passes:
+                passes[name]["non_finite"] = count
+        return {"frame": frame, "passes": passes}
+
+    def reset_timing(self) -> None:
+        """Forget all times and counts so far."""
+        self._timer.clear()
+        self._non_finite = dict.fromkeys(self._non_finite, 0)
+
+    def close(self) -> None:
+        """Give everything back; the renderer can't be used afterwards."""
+        self._pool.release()
+        self._geometry.release()
+        self._lights.buffer.release()
+        self._camera.buffer.release()
+        self._gl.close()
+
+    def __enter__(self) -> Renderer:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        self.close()
+
+    def _draw(self, camera: Camera, time: float) -> None:
+        cut = self._previous is None
+        view = View.of(camera, self.settings.size, NEAR * self.scene.longest_edge)
+        self._geometry.update(time, cut)
+        frame = FrameState(self.settings.size, view, self._previous or view, self._jitter(), not cut,
+                           (self.settings.seed * GOLDEN) % 1.0, self.settings.exposure, self._geometry, self._lights)
+        self._lights.upload(view.eye)
+        self._camera.upload(frame)
+        with self._timer.measure("frame", gpu=False):
+            for bound, execute, resources in self._executors:
+                with self._timer.measure(bound.name):
+                    execute(frame, resources)
+                self._apply_overrides(bound)
+                if self.settings.check:
+                    self._non_finite[bound.name] += sum(self._count_non_finite(w) for w in bound.writes)
+        if self._yardstick is not None:
+            with self._timer.measure("copy"):
+                self._yardstick.run()
+        self._previous = view
+
+    def _advance(self) -> None:
+        self._pool.swap()
+        self._index += 1
+
+    def _jitter(self) -> tuple[float, float]:
+        """Halton offsets in clip units, centred on the pixel."""
+        if not any(b.name == "taa" for b in self.plan.passes):
+            return 0.0, 0.0
+        i = (self._index + self.settings.seed) % JITTER_PERIOD + 1
+        w, h = self.settings.size
+        return (2 * halton(i, 2) - 1) / w, (2 * halton(i, 3) - 1) / h
+
+    def _read(self, name: str, camera: Camera) -> Image:
+        w, h = self.settings.size
+        channels = COMPONENTS.get(name, 3)
+        if name in self.missing:
+            return np.zeros((h, w, channels), np.float32)
+        image: Image = self._pixels(name)
+        if name == "position":
+            seen = image[..., 3:] > 0
+            return np.where(seen, image[..., :3] + np.asarray(camera.eye, np.float32), 0.0).astype(np.float32)
+        image = image[..., :channels]
+        if name in RADIANCE:
+            image = image / np.float32(self._lights.scale)
+        return np.ascontiguousarray(image)
+
+    def _pixels(self, name: str, newest: bool = False) -> Image:
+        resource = self.plan.resources[name]
+        if isinstance(resource, Buf):
+            return np.frombuffer(self._pool.buffer(name).read(), np.float32).reshape(resource.shape)
+        newest_copy = newest and name in self.plan.history
+        texture = self._pool.texture(name + "@prev" if newest_copy else name)
+        kind = {"f1": np.uint8, "f2": np.float16, "f4": np.float32}[resource.dtype]
+        image = np.frombuffer(texture.read(alignment=1), kind).reshape(texture.height, texture.width, -1)[::-1]
+        return image if kind is np.uint8 else image.astype(np.float32)
+
+    def _apply_overrides(self, bound: BoundPass) -> None:
+        for name in set(bound.writes) & set(self._overrides):
+            resource, value = self.plan.resources[name], self._overrides[name]
+            if isinstance(resource, Buf):
+                self._pool.buffer(name).write(np.broadcast_to(value, resource.shape).astype(np.float32).tobytes())
+                continue
+            texture = self._pool.texture(name)
+            kind = {"f1": np.uint8, "f2": np.float16, "f4": np.float32}[resource.dtype]
+            shape = (texture.height, texture.width, texture.components)
+            with np.errstate(invalid="ignore", over="ignore"):
+                texture.write(np.broadcast_to(value, shape)[::-1].astype(kind).tobytes(), alignment=1)
+
+    def _count_non_finite(self, name: str) -> int:
+        resource = self.plan.resources[name]
+        if isinstance(resource, Tex) and resource.dtype == "f1":
+            return 0
+        return int(np.count_nonzero(~np.isfinite(self._pixels(name)).all(axis=-1)))
+
+
+class _Yardstick:
+    """A full-screen RGBA16F copy, timed beside the passes."""
+
+    def __init__(self, device: Device, size: tuple[int, int]) -> None:
+        self._device = device
+        self._source = device.ctx.texture(size, 4, dtype="f2")
+        self._target = device.ctx.framebuffer([device.ctx.texture(size, 4, dtype="f2")])
+        self._program = device.fullscreen("copy.frag")
+
+    def run(self) -> None:
+        self._target.use()
+        self._source.use(0)
+        self._program.set(source=0)
+        self._device.draw_fullscreen(self._program)
+
+
+def _wanted(outputs: tuple[str, ...], missing: tuple[str, ...]) -> tuple[str, ...]:
+    for name in outputs:
+        if name not in AOVS:
+            raise SettingsError(f"unknown output {name!r}", "--aov", "expected some of " + ", ".join(AOVS))
+    found = [o for o in outputs if o not in missing]
+    return tuple(found + ["display"] if "final" in found else found)

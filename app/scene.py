@@ -1,0 +1,286 @@
+"""The scene as plain data: meshes, materials, lights, cameras. No GL, no files.
+
+Right-handed, y up, the scene's own units. Colours are linear Rec. 709.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vec3 = NDArray[np.float64]
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Texture:
+    """An image on a surface.
+
+    Attributes
+    ----------
+    pixels : ndarray, uint8 or float32, shape (H, W, 4)
+        Top row first. uint8 is sRGB-encoded colour with linear alpha; float32 is linear.
+    transform : ndarray, float64, shape (3, 3)
+        Maps homogeneous mesh uv to texture uv (KHR_texture_transform).
+    repeat : tuple of bool
+        Whether u and v repeat; otherwise they are clamped to the edge.
+    """
+
+    pixels: NDArray[np.uint8] | F32
+    transform: F64 = field(default_factory=lambda: np.eye(3))
+    repeat: tuple[bool, bool] = (True, True)
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """A diffuse surface with an optional GGX lobe and an optional emission.
+
+    Attributes
+    ----------
+    albedo : tuple of float
+        Diffuse reflectance, linear; multiplied by ``albedo_map`` and vertex colours.
+    alpha_cutoff : float or None
+        Texels whose alpha (``alpha`` × map × vertex) is below are not there; None: opaque.
+    emission : tuple of float
+        Radiance in W/(sr m²); multiplied by ``emission_map``.
+    roughness : float
+        Perceptual GGX roughness; alpha = roughness².
+    specular : tuple of float
+        Reflectance at normal incidence (F0); zeros mean that there is no highlight at all.
+    double_sided : bool
+        Whether the back side emits too. Both sides always reflect.
+    analytic : bool
+        True when the emission is also in ``Scene.lights``: shown, but never lights a second time.
+    """
+
+    name: str = "default"
+    albedo: tuple[float, float, float] = (0.8, 0.8, 0.8)
+    albedo_map: Texture | None = None
+    alpha: float = 1.0
+    alpha_cutoff: float | None = None
+    emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    emission_map: Texture | None = None
+    roughness: float = 1.0
+    specular: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    double_sided: bool = True
+    analytic: bool = False
+
+    @property
+    def emits(self) -> bool:
+        return max(self.emission) > 0.0
+
+    @property
+    def shiny(self) -> bool:
+        return max(self.specular) > 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles of one material, in object space.
+
+    Attributes
+    ----------
+    positions : ndarray, float32, shape (V, 3)
+        Relative to ``Instance.transform``, whose float64 translation carries far-away offsets.
+    normals : ndarray, float32, shape (V, 3)
+        Unit length; a zero vector makes the shader take the face normal.
+    uvs : ndarray, float32, shape (V, 2), or None
+        v grows upwards (the loader turns glTF's around).
+    colors : ndarray, float32, shape (V, 4), or None
+        Linear, multiplied into the albedo.
+    triangles : ndarray, uint32, shape (T, 3)
+    """
+
+    name: str
+    positions: F32
+    normals: F32
+    triangles: NDArray[np.uint32]
+    material: int = 0
+    uvs: F32 | None = None
+    colors: F32 | None = None
+
+    def __post_init__(self) -> None:
+        assert self.positions.dtype == np.float32 and self.positions.ndim == 2
+        assert self.normals.shape == self.positions.shape and self.normals.dtype == np.float32
+        assert self.triangles.dtype == np.uint32 and self.triangles.shape[1:] == (3,)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Key-framed rigid or scaled motion, linear between keys and held outside them.
+
+    Attributes
+    ----------
+    times : ndarray, float64, shape (K,)
+        Seconds, increasing.
+    transforms : ndarray, float64, shape (K, 4, 4)
+        World-space matrices applied after the instance's own transform.
+    """
+
+    times: F64
+    transforms: F64
+
+
+@dataclass(frozen=True, eq=False)
+class Instance:
+    """One mesh placed in the world; ``transform`` is object to world, column vectors, float64."""
+
+    name: str
+    mesh: int
+    transform: F64
+    motion: Motion | None = None
+
+    def transform_at(self, time: float) -> F64:
+        """Object-to-world matrix, shape (4, 4), at ``time`` seconds."""
+        if self.motion is None:
+            return self.transform
+        return _interpolate(time, self.motion.times, self.motion.transforms) @ self.transform
+
+
+@dataclass(frozen=True)
+class PointLight:
+    """A point (radius 0) or a sphere. Intensity in W/sr per channel."""
+
+    position: tuple[float, float, float]
+    intensity: tuple[float, float, float]
+    radius: float = 0.0
+
+
+@dataclass(frozen=True)
+class SpotLight:
+    """A point or sphere light in a cone; falls off linearly in angle between the two half angles."""
+
+    position: tuple[float, float, float]
+    direction: tuple[float, float, float]
+    intensity: tuple[float, float, float]
+    inner_deg: float
+    outer_deg: float
+    radius: float = 0.0
+
+
+@dataclass(frozen=True)
+class DirectionalLight:
+    """Parallel light. ``direction`` is the way light travels; irradiance in W/m² on a facing surface."""
+
+    direction: tuple[float, float, float]
+    irradiance: tuple[float, float, float]
+    angular_radius_deg: float = 0.0
+
+
+@dataclass(frozen=True)
+class RectLight:
+    """A rectangle that emits ``radiance`` in W/(sr m²) to the side of ``edge_u`` × ``edge_v``."""
+
+    center: tuple[float, float, float]
+    edge_u: tuple[float, float, float]
+    edge_v: tuple[float, float, float]
+    radiance: tuple[float, float, float]
+    two_sided: bool = False
+
+
+Light = PointLight | SpotLight | DirectionalLight | RectLight
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera. Vertical field of view in degrees."""
+
+    eye: tuple[float, float, float]
+    target: tuple[float, float, float]
+    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    fov_y_deg: float = 45.0
+
+
+@dataclass(frozen=True)
+class CameraPath:
+    """A fixed (one key) or key-framed camera; linear between keys and held outside them."""
+
+    times: tuple[float, ...]
+    keys: tuple[Camera, ...]
+
+    @staticmethod
+    def still(camera: Camera) -> CameraPath:
+        return CameraPath((0.0,), (camera,))
+
+    @property
+    def moves(self) -> bool:
+        return len(self.keys) > 1
+
+    def at(self, time: float) -> Camera:
+        """The camera at ``time`` seconds."""
+        if not self.moves:
+            return self.keys[0]
+        times = np.asarray(self.times)
+
+        def lerp(values: list[object]) -> F64:
+            return _interpolate(time, times, np.asarray(values, np.float64))
+
+        return Camera(
+            eye=tuple(lerp([k.eye for k in self.keys]).tolist()),
+            target=tuple(lerp([k.target for k in self.keys]).tolist()),
+            up=tuple(lerp([k.up for k in self.keys]).tolist()),
+            fov_y_deg=float(lerp([k.fov_y_deg for k in self.keys])),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Everything that is drawn, for one chosen lighting.
+
+    Attributes
+    ----------
+    notices : tuple of str
+        What the loader guessed, skipped or approximated; the command line prints them.
+    bounds : ndarray, float64, shape (2, 3)
+        World-space box around all instances at time 0, smallest and largest corner.
+    """
+
+    name: str
+    meshes: tuple[Mesh, ...]
+    instances: tuple[Instance, ...]
+    materials: tuple[Material, ...]
+    lights: tuple[Light, ...]
+    cameras: dict[str, CameraPath]
+    default_camera: str
+    bounds: F64
+    lighting: str = ""
+    notices: tuple[str, ...] = ()
+
+    @property
+    def triangles(self) -> int:
+        return sum(len(self.meshes[i.mesh].triangles) for i in self.instances)
+
+    @property
+    def longest_edge(self) -> float:
+        """Longest edge of the bounding box in scene units; never 0."""
+        return max(float((self.bounds[1] - self.bounds[0]).max()), 1e-30)
+
+    def with_lights(self, *lights: Light) -> Scene:
+        return replace(self, lights=lights)
+
+
+def bounds_of(meshes: tuple[Mesh, ...], instances: tuple[Instance, ...]) -> F64:
+    """World-space bounding box, shape (2, 3), of all instances at time 0."""
+    corners = [world_box(meshes[i.mesh], i.transform_at(0.0)) for i in instances]
+    return np.stack([np.min([c[0] for c in corners], axis=0), np.max([c[1] for c in corners], axis=0)])
+
+
+def world_box(mesh: Mesh, transform: F64) -> F64:
+    """World-space box, shape (2, 3), of the mesh's transformed object-space box."""
+    low, high = mesh.positions.min(axis=0).astype(np.float64), mesh.positions.max(axis=0).astype(np.float64)
+    center, half = (low + high) / 2, (high - low) / 2
+    world_center = transform[:3, :3] @ center + transform[:3, 3]
+    world_half = np.abs(transform[:3, :3]) @ half
+    return np.stack([world_center - world_half, world_center + world_half])
+
+
+def _interpolate(time: float, times: F64, values: F64) -> F64:
+    right = int(np.clip(np.searchsorted(times, time), 1, len(times) - 1)) if len(times) > 1 else 0
+    if right == 0:
+        return values[0]
+    span = times[right] - times[right - 1]
+    t = float(np.clip((time - times[right - 1]) / span, 0.0, 1.0))
+    return (1 - t) * values[right - 1] + t * values[right]

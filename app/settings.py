@@ -1,0 +1,61 @@
+"""What the user chooses, as frozen, validated data."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from app.errors import SettingsError
+
+MAX_SIDE = 16384
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to draw.
+
+    Attributes
+    ----------
+    size : tuple of int
+        Width and height of the written image in pixels.
+    outputs : tuple of str
+        Named images to deliver, ``final`` and AOVs.
+    exposure : float
+        Linear factor before the tone map; it does not touch the linear final image.
+    seed : int
+        Turns the shadow sampling pattern and the order of the jitter sequence.
+    provider : str
+        onnxruntime execution provider: ``auto``, ``cpu``, ``cuda`` ….
+    strict_device : bool
+        Refuse a software renderer, or a provider other than the one asked for.
+    timing : bool
+        Wait for the GPU after each pass, so that CPU times include the pass's own work.
+    check : bool
+        Count the non-finite texels that each pass writes.
+
+    Raises
+    ------
+    SettingsError
+        When a value is outside its range.
+    """
+
+    size: tuple[int, int] = (1024, 768)
+    outputs: tuple[str, ...] = ("final",)
+    taa: bool = True
+    exposure: float = 1.0
+    seed: int = 0
+    provider: str = "auto"
+    strict_device: bool = False
+    timing: bool = False
+    check: bool = False
+
+    def __post_init__(self) -> None:
+        if not all(isinstance(n, int) and 1 <= n <= MAX_SIDE for n in self.size):
+            raise SettingsError(f"bad size {self.size[0]}x{self.size[1]}", "--size",
+                                f"expected WIDTHxHEIGHT, each from 1 to {MAX_SIDE}")
+        if not (math.isfinite(self.exposure) and self.exposure > 0):
+            raise SettingsError(f"bad exposure {self.exposure}", "--exposure", "expected a finite number above 0")
+        if not self.outputs:
+            raise SettingsError("no output asked for", "--aov", "expected at least one name, such as final")
+        if not 0 <= self.seed < 2**31:
+            raise SettingsError(f"bad seed {self.seed}", "--seed", "expected 0 to 2147483647")

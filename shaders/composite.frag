@@ -1,0 +1,32 @@
+// Everything that reaches the camera: direct + albedo * indirect + emission + highlights.
+#include "numbers.glsl"
+
+uniform sampler2D direct;
+#ifdef HAS_INDIRECT
+uniform sampler2D indirect;
+uniform sampler2D albedo;
+#endif
+#ifdef HAS_EMISSION
+uniform sampler2D emission;
+#endif
+#ifdef HAS_SPECULAR
+uniform sampler2D specular;
+#endif
+
+layout(location = 0) out vec4 out_lit;
+
+void main()
+{
+    ivec2 texel = ivec2(gl_FragCoord.xy);
+    vec3 sum = sanitize_radiance(texelFetch(direct, texel, 0).rgb);
+#ifdef HAS_INDIRECT
+    sum += sanitize_albedo(texelFetch(albedo, texel, 0).rgb) * sanitize_radiance(texelFetch(indirect, texel, 0).rgb);
+#endif
+#ifdef HAS_EMISSION
+    sum += sanitize_radiance(texelFetch(emission, texel, 0).rgb);
+#endif
+#ifdef HAS_SPECULAR
+    sum += sanitize_radiance(texelFetch(specular, texel, 0).rgb);
+#endif
+    out_lit = vec4(min(sum, HALF_MAX), 1.0);
+}

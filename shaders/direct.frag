@@ -1,0 +1,53 @@
+// Outgoing diffuse radiance by direct light, and GGX highlights where a material has them.
+#include "numbers.glsl"
+#include "octahedral.glsl"
+#include "grid.glsl"
+#include "shadow.glsl"
+#ifdef WRITE_SPECULAR
+#include "ggx.glsl"
+#endif
+
+uniform sampler2D albedo;
+uniform sampler2D normal;
+uniform sampler2D depth;
+#ifdef WRITE_SPECULAR
+uniform sampler2D gloss;
+#endif
+
+#ifdef WRITE_DIRECT
+layout(location = WRITE_DIRECT) out vec4 out_direct;
+#endif
+#ifdef WRITE_SPECULAR
+layout(location = WRITE_SPECULAR) out vec4 out_specular;
+#endif
+
+void main()
+{
+    ivec2 texel = ivec2(gl_FragCoord.xy);
+    float d = texelFetch(depth, texel, 0).r;
+    vec3 diffuse = vec3(0.0), highlight = vec3(0.0);
+    if (is_surface(d)) {
+        vec4 surface = texelFetch(normal, texel, 0);
+        vec4 base = texelFetch(albedo, texel, 0);
+        vec3 n = sanitize_normal(surface.xyz);
+        vec3 face = octahedral_decode(vec2(surface.a, base.a));
+        vec3 p = surface_ray(gl_FragCoord.xy) * d;
+        float noise = texel_noise(gl_FragCoord.xy);
+        for (int i = 0; i < LIGHT_COUNT; ++i) {
+            vec3 e = irradiance(lights[i], p, n);
+            if (max(max(e.r, e.g), e.b) <= 0.0) continue;
+            float v = visibility(lights[i], p, face, noise);
+            diffuse += v * e;
+#ifdef WRITE_SPECULAR
+            if (v > 0.0) highlight += v * ggx_highlight(lights[i], p, n, texelFetch(gloss, texel, 0));
+#endif
+        }
+        diffuse *= sanitize_albedo(base.rgb) / PI;
+    }
+#ifdef WRITE_DIRECT
+    out_direct = vec4(sanitize_radiance(diffuse), 1.0);
+#endif
+#ifdef WRITE_SPECULAR
+    out_specular = vec4(sanitize_radiance(highlight), 1.0);
+#endif
+}

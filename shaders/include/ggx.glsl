@@ -1,0 +1,57 @@
+// GGX highlights of analytic lights. Lights with a size act through the point nearest to the mirrored ray
+// (Karis 2013, "Real Shading in Unreal Engine 4"), with alpha widened to conserve energy.
+#include "lights.glsl"
+
+// Trowbridge-Reitz distribution times height-correlated Smith visibility (Heitz 2014).
+float ggx_lobe(float n_h, float n_v, float n_l, float alpha)
+{
+    float a2 = alpha * alpha;
+    float q = n_h * n_h * (a2 - 1.0) + 1.0;
+    float smith = n_l * sqrt(n_v * n_v * (1.0 - a2) + a2) + n_v * sqrt(n_l * n_l * (1.0 - a2) + a2);
+    return a2 / (PI * q * q) * 0.5 / max(smith, 1e-6);
+}
+
+// Radiance towards the viewer (at the origin of relative space) from point p; gloss holds F0 and roughness.
+vec3 ggx_highlight(Light light, vec3 p, vec3 n, vec4 gloss)
+{
+    if (max(max(gloss.r, gloss.g), gloss.b) <= 0.0) return vec3(0.0);
+    vec3 v = -normalize(p);
+    vec3 mirrored = reflect(-v, n);
+    float alpha = max(gloss.a * gloss.a, 2e-3);
+    int kind = int(light.color.w);
+    vec3 l = light.position.xyz;
+    vec3 arriving = light.color.rgb;  // irradiance on a facing surface
+    float widened = alpha;
+    if (kind != DIRECTIONAL) {
+        vec3 to_light = light.position.xyz - p;
+        float size = light.position.w;
+        if (kind == RECT) {
+            vec3 facing = cross(light.u.xyz, light.v.xyz);
+            float area = 4.0 * length(facing);
+            float slope = dot(mirrored, facing);
+            vec3 hit = mirrored * max(dot(to_light, facing) / (abs(slope) > 1e-6 ? slope : 1e-6), 0.0) - to_light;
+            vec2 inside = clamp(vec2(dot(hit, light.u.xyz) / dot(light.u.xyz, light.u.xyz),
+                                     dot(hit, light.v.xyz) / dot(light.v.xyz, light.v.xyz)), -1.0, 1.0);
+            to_light += inside.x * light.u.xyz + inside.y * light.v.xyz;
+            float tilt = -dot(normalize(to_light), normalize(facing));
+            arriving *= area * (light.v.w > 0.5 ? abs(tilt) : max(tilt, 0.0));
+            size = sqrt(area / PI);
+        } else if (size > 0.0) {
+            vec3 miss = dot(to_light, mirrored) * mirrored - to_light;
+            to_light += miss * min(size / max(length(miss), 1e-6), 1.0);
+        }
+        float square = max(dot(to_light, to_light), 1e-12);
+        l = to_light * inversesqrt(square);
+        arriving /= square;
+        widened = clamp(alpha + 0.5 * size * inversesqrt(square), alpha, 1.0);
+#ifdef HAS_SPOT_LIGHT
+        if (kind == SPOT) arriving *= spot_falloff(light, normalize(light.position.xyz - p));
+#endif
+    }
+    float n_l = dot(n, l), n_v = max(dot(n, v), 1e-3);
+    if (n_l <= 0.0) return vec3(0.0);
+    vec3 h = normalize(l + v);
+    float energy = (alpha / widened) * (alpha / widened);
+    vec3 fresnel = gloss.rgb + (1.0 - gloss.rgb) * pow(1.0 - clamp(dot(h, v), 0.0, 1.0), 5.0);
+    return arriving * n_l * energy * fresnel * ggx_lobe(clamp(dot(n, h), 0.0, 1.0), n_v, n_l, alpha);
+}

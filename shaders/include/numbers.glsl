@@ -1,0 +1,34 @@
+// Constants, and the border control that keeps numbers numbers.
+const float PI = 3.14159265359;
+const float HALF_MAX = 65504.0;
+const float FAR = 1e18;  // distances from here on count as no surface
+
+bool is_finite(float x)
+{
+    return !(isnan(x) || isinf(x));
+}
+
+// Finite, non-negative, representable in half precision; what is no number becomes 0.
+vec3 sanitize_radiance(vec3 c)
+{
+    bvec3 good = bvec3(is_finite(c.r), is_finite(c.g), is_finite(c.b));
+    return clamp(mix(vec3(0.0), c, good), 0.0, HALF_MAX);
+}
+
+vec3 sanitize_albedo(vec3 c)
+{
+    return min(sanitize_radiance(c), 1.0);
+}
+
+// Unit length, or 0 for what has no direction.
+vec3 sanitize_normal(vec3 n)
+{
+    float square = dot(n, n);
+    return square > 0.25 && square < 4.0 ? n * inversesqrt(square) : vec3(0.0);
+}
+
+// Depth 0 is sky; NaN, infinities and negative depths count as sky too.
+bool is_surface(float depth)
+{
+    return depth > 0.0 && depth < FAR;
+}

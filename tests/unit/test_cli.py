@@ -1,0 +1,229 @@
+"""The command line, with a renderer that draws nothing."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import types
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from app.cli import cli
+from app.cli.options import parse_names, parse_size
+from app.cli.preview import preview
+from app.errors import DeviceError, SettingsError
+from app.graph import BoundPass, Pass, Plan
+from app.image import read_exr, read_png
+from app.scene import Camera
+from app.settings import Settings
+
+ROOT = Path(__file__).parents[2]
+AOVS = {"final": "what the camera sees", "normal": "world space", "depth": "linear", "motion": "pixels"}
+COMPONENTS = {"final": 3, "normal": 3, "depth": 1, "motion": 2}
+
+
+class FakeRenderer:
+    """Says that it runs every pass, and fills images with the frame's number."""
+
+    made: list[FakeRenderer]
+
+    def __init__(self, scene: object, settings: Settings, model: Path | None) -> None:
+        self.scene, self.settings, self.model = scene, settings, model
+        self.calls: list[tuple[str, Camera, float]] = []
+        self.device = {"gl_renderer": "fake GL", "gl_version": "4.5", "provider": "FakeProvider"}
+        names = ("gbuffer", "direct", *(["taa"] if settings.taa else []))
+        self.plan = Plan(tuple(BoundPass(Pass(n), (), ()) for n in names), {"surround": "no network asks for it"},
+                         frozenset(), {})
+        self.made.append(self)
+
+    def __enter__(self) -> FakeRenderer:
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def advance(self, camera: Camera, time: float = 0.0) -> None:
+        self.calls.append(("advance", camera, time))
+
+    def render(self, camera: Camera, time: float = 0.0) -> dict[str, np.ndarray]:
+        number = sum(kind == "render" for kind, *_ in self.calls)
+        self.calls.append(("render", camera, time))
+        width, height = self.settings.size
+        images = {n: np.full((height, width, COMPONENTS[n]), number, np.float32) for n in self.settings.outputs}
+        if "final" in images:
+            images["display"] = np.full((height, width, 3), number, np.uint8)
+        return images
+
+    def timing(self) -> dict[str, object]:
+        clocks = {"cpu_ms": {"median": 1.5, "p95": 2.0}, "gpu_ms": {"median": 0.25, "p95": 0.5}}
+        return {"frame": clocks, "passes": {p.name: {**clocks, "non_finite": 0} for p in self.plan.passes}}
+
+
+@pytest.fixture
+def invoke(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., object]:
+    """Run the command line in an empty folder."""
+    FakeRenderer.made = []
+    monkeypatch.setitem(sys.modules, "app.renderer", types.SimpleNamespace(Renderer=FakeRenderer))
+    monkeypatch.setitem(sys.modules, "app.frame", types.SimpleNamespace(AOVS=AOVS))
+    monkeypatch.chdir(tmp_path)
+    return lambda *args: CliRunner().invoke(cli, [*args, *([] if "--model" in args else ["--model", "none"])])
+
+
+def failed(result: object) -> str:
+    """The one line of a user's error."""
+    assert result.exit_code == 2, result.output
+    assert isinstance(result.exception, SystemExit)
+    lines = [line for line in result.stderr.splitlines() if not line.startswith("note:")]
+    assert len(lines) == 1
+    assert lines[0].startswith("error: ")
+    assert lines[0].count(", ") >= 2
+    return lines[0]
+
+
+@pytest.mark.parametrize("args", [["--size", "8x6"], ["render", "--size", "8x6"]])
+def test_a_still_settles_and_is_written(invoke, tmp_path: Path, args: list[str]) -> None:
+    result = invoke(*args)
+    assert result.exit_code == 0, result.output
+    kinds = [kind for kind, *_ in FakeRenderer.made[0].calls]
+    assert kinds == ["advance"] * 16 + ["render"]
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["0000.exr", "0000.png"]
+    assert read_exr(tmp_path / "out" / "0000.exr").keys() == {""}
+    assert read_png(tmp_path / "out" / "0000.png").shape == (6, 8, 3)
+    assert "gbuffer" in result.stdout
+    assert "1.50" in result.stdout
+
+
+def test_no_settling_without_taa_or_with_several_frames(invoke) -> None:
+    for args in (["--no-taa"], ["--frames", "3"], ["--settle", "0"]):
+        assert invoke("--size", "2x2", *args).exit_code == 0
+        assert {kind for kind, *_ in FakeRenderer.made[-1].calls} == {"render"}
+
+
+def test_frames_advance_by_a_thirtieth_and_settling_stays_at_the_first(invoke, tmp_path: Path) -> None:
+    result = invoke("--size", "2x2", "--frames", "3", "--settle", "2", "--camera", "orbit", "--format", "exr")
+    assert result.exit_code == 0, result.output
+    calls = FakeRenderer.made[0].calls
+    assert [time for *_, time in calls] == [0, 0, 0, 1 / 30, 2 / 30]
+    assert calls[0][1] == calls[2][1] != calls[3][1]
+    for index in range(3):
+        assert read_exr(tmp_path / "out" / f"{index:04d}.exr")[""].max() == index
+
+
+def test_aovs_are_layers_and_the_first_one_is_the_picture(invoke, tmp_path: Path) -> None:
+    assert invoke("--size", "4x2", "--aov", "normal,depth,motion").exit_code == 0
+    layers = read_exr(tmp_path / "out" / "0000.exr")
+    assert {name: a.shape for name, a in layers.items()} == {
+        "normal": (2, 4, 3), "depth": (2, 4, 1), "motion": (2, 4, 2)}
+    assert read_png(tmp_path / "out" / "0000.png").max() == 128
+
+
+def test_options_reach_the_settings(invoke) -> None:
+    assert invoke("--size", "4x2", "--no-taa", "--exposure", "2", "--seed", "5", "--provider", "cpu",
+                  "--strict-device", "--check").exit_code == 0
+    assert FakeRenderer.made[0].settings == Settings(
+        size=(4, 2), taa=False, exposure=2.0, seed=5, provider="cpu", strict_device=True, check=True, timing=True)
+    assert FakeRenderer.made[0].model is None
+
+
+def test_timing_file(invoke, tmp_path: Path) -> None:
+    assert invoke("--size", "4x2", "--frames", "2", "--timing", "deep/timing.json").exit_code == 0
+    report = json.loads((tmp_path / "deep" / "timing.json").read_text())
+    assert report.keys() == {"frame", "passes", "culled", "device", "model", "size", "scene", "triangles", "frames"}
+    assert report["device"].keys() == {"gl_renderer", "gl_version", "provider"}
+    assert report["culled"] == {"surround": "no network asks for it"}
+    assert (report["size"], report["frames"], report["model"]) == ([4, 2], 2, None)
+
+
+def test_verbose_tells_what_runs(invoke) -> None:
+    text = invoke("--size", "2x2", "-v").stderr
+    for said in ("fake GL", "FakeProvider", "gbuffer, direct, taa", "surround: no network asks for it"):
+        assert said in text
+
+
+@pytest.mark.parametrize(("args", "said"), [
+    (["--size", "0x4"], "--size"),
+    (["--size", "4"], "--size"),
+    (["--size", "99999x4"], "--size"),
+    (["--aov", "normals"], "did you mean 'normal'"),
+    (["--aov", ","], "--aov"),
+    (["--format", "jpg"], "--format"),
+    (["--frames", "0"], "--frames"),
+    (["--frames", "many"], "--frames"),
+    (["--exposure", "nan"], "--exposure"),
+    (["--seed", "-1"], "--seed"),
+    (["--fram", "3"], "--fram"),
+    (["--camera", "nobody"], "--camera"),
+    (["--camera", "missing.json"], "missing.json"),
+    (["--model", "missing.onnx"], "missing.onnx"),
+    (["missing.obj"], "missing.obj"),
+    (["one.obj", "two.obj"], "two.obj"),
+])
+def test_user_errors_are_one_line(invoke, tmp_path: Path, args: list[str], said: str) -> None:
+    assert said in failed(invoke(*args))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unwritable_folder_is_found_before_drawing(invoke, tmp_path: Path) -> None:
+    (tmp_path / "taken").touch()
+    for args in (["--out", "taken"], ["--timing", "taken/t.json"]):
+        assert "taken" in failed(invoke("--size", "2x2", *args))
+        assert FakeRenderer.made[-1].calls == []
+
+
+def test_errors_of_several_lines_become_one(invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> None:
+        raise DeviceError("no EGL\n  at all", "libEGL.so.1", "expected the package libegl1")
+
+    monkeypatch.setattr(FakeRenderer, "__init__", broken)
+    assert failed(invoke()) == "error: no EGL at all, libEGL.so.1, expected the package libegl1"
+
+
+def test_models_lists_contracts() -> None:
+    table = CliRunner().invoke(cli, ["models"])
+    found = json.loads(CliRunner().invoke(cli, ["models", "--json"]).stdout)
+    assert table.exit_code == 0
+    assert all(name in table.stdout for name in found)
+    assert "radiosity" in found
+    assert found["radiosity"]["contract"]["bounces"] == "multi"
+
+
+def test_help_names_every_option() -> None:
+    text = CliRunner().invoke(cli, ["render", "--help"], env={"COLUMNS": "200"}).stdout
+    for option in ("out", "size", "frames", "settle", "camera", "lighting", "scene-json", "model", "aov", "format",
+                   "exposure", "taa", "no-taa", "seed", "provider", "strict-device", "timing", "check", "verbose"):
+        assert f"--{option}" in text
+    assert "python -m app models" in CliRunner().invoke(cli, ["--help"], env={"COLUMNS": "200"}).stdout
+
+
+def test_parsing() -> None:
+    assert parse_size("1024x768") == (1024, 768)
+    assert parse_names("png, exr,png", ("exr", "png"), "--format") == ("png", "exr")
+    with pytest.raises(SettingsError, match="expected one of a, b"):
+        parse_names("z", ("a", "b"), "--aov")
+
+
+@pytest.mark.parametrize(("name", "components"), [
+    ("normal", 3), ("depth", 1), ("motion", 2), ("position", 3), ("albedo", 3), ("direct", 3)])
+def test_previews_are_pictures(name: str, components: int) -> None:
+    values = np.linspace(-1, 70000, 4 * 5 * components, dtype=np.float32).reshape(4, 5, components)
+    values[0, 0] = np.nan
+    shown = preview(name, values, 1.0)
+    assert shown.shape == (4, 5, 3)
+    assert shown.dtype == np.uint8
+    assert shown.min() < shown.max()
+
+
+def test_the_module_runs_from_anywhere(tmp_path: Path) -> None:
+    def run(*args: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run([sys.executable, "-P", "-m", "app", *args], cwd=tmp_path, capture_output=True, text=True,
+                              check=False, env={**os.environ, "PYTHONPATH": str(ROOT)})
+
+    assert run("--version").stdout.startswith("afterglow ")
+    wrong = run("--size", "nonsense")
+    assert (wrong.returncode, wrong.stderr) == (
+        2, "error: bad size 'nonsense', --size, expected WIDTHxHEIGHT in pixels, such as 1024x768\n")

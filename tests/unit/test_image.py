@@ -1,0 +1,138 @@
+"""EXR and PNG files, the sRGB transfer, and files that appear whole."""
+
+from __future__ import annotations
+
+import stat
+import time
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from app.atomic import prepare_folder, replacing, write_text
+from app.errors import OutputError, SceneError
+from app.image import read_exr, read_png, srgb_encode, to_8bit, write_exr, write_png
+
+RNG = np.random.default_rng(7)
+
+
+def layers() -> dict[str, np.ndarray]:
+    return {
+        "": RNG.random((5, 7, 3)).astype(np.float16),
+        "normal": RNG.normal(size=(5, 7, 3)).astype(np.float16),
+        "depth": RNG.random((5, 7, 1), dtype=np.float32) * 1e5,
+        "motion": RNG.normal(size=(5, 7, 2)).astype(np.float32),
+    }
+
+
+def test_exr_gives_back_what_was_written(tmp_path: Path) -> None:
+    written = layers()
+    write_exr(tmp_path / "a.exr", written)
+    found = read_exr(tmp_path / "a.exr")
+    assert found.keys() == written.keys()
+    for name, values in written.items():
+        np.testing.assert_array_equal(found[name], values.astype(np.float32))
+
+
+def test_exr_channel_names_and_types(tmp_path: Path) -> None:
+    write_exr(tmp_path / "a.exr", layers())
+    spec = oiio.ImageInput.open(str(tmp_path / "a.exr")).spec()
+    types = dict(zip(spec.channelnames, map(str, spec.channelformats), strict=True))
+    assert types == {
+        "R": "half", "G": "half", "B": "half", "normal.R": "half", "normal.G": "half", "normal.B": "half",
+        "depth.R": "float", "motion.R": "float", "motion.G": "float"}
+
+
+def test_exr_has_its_top_row_first(tmp_path: Path) -> None:
+    image = np.zeros((3, 2, 3), np.float32)
+    image[0] = 1
+    write_exr(tmp_path / "a.exr", {"": image})
+    write_png(tmp_path / "a.png", to_8bit(image))
+    assert read_exr(tmp_path / "a.exr")[""][0].min() == 1
+    assert read_png(tmp_path / "a.png")[0].min() == 255
+
+
+def test_same_pixels_give_the_same_bytes(tmp_path: Path) -> None:
+    written = layers()
+    display = to_8bit(written[""].astype(np.float32))
+    for name in ("a", "b"):
+        write_exr(tmp_path / f"{name}.exr", written)
+        write_png(tmp_path / f"{name}.png", display)
+        time.sleep(1.1)
+    for kind in ("exr", "png"):
+        assert (tmp_path / f"a.{kind}").read_bytes() == (tmp_path / f"b.{kind}").read_bytes()
+
+
+def test_png_gives_back_what_was_written(tmp_path: Path) -> None:
+    display = RNG.integers(0, 256, (6, 4, 3), dtype=np.uint8)
+    write_png(tmp_path / "a.png", display)
+    np.testing.assert_array_equal(read_png(tmp_path / "a.png"), display)
+
+
+def test_srgb_transfer() -> None:
+    x = np.array([-1.0, 0.0, 0.0031308, 0.18, 0.5, 1.0, 9.0])
+    np.testing.assert_allclose(srgb_encode(x), [0, 0, 0.040450, 0.461356, 0.735357, 1, 1], atol=2e-6)
+
+
+@pytest.mark.parametrize("write", [
+    lambda path: write_exr(path, layers()),
+    lambda path: write_png(path, np.zeros((2, 2, 3), np.uint8)),
+    lambda path: write_text(path, "x"),
+])
+def test_a_missing_folder_is_an_output_error(tmp_path: Path, write) -> None:
+    with pytest.raises(OutputError, match=r"can't write .*nowhere.*, expected"):
+        write(tmp_path / "nowhere" / "a.exr")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("content", [None, b"", b"no image at all"])
+def test_unreadable_images_are_named(tmp_path: Path, content: bytes | None) -> None:
+    path = tmp_path / "a.exr"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(SceneError, match=r"a\.exr"):
+        read_exr(path)
+
+
+def test_a_truncated_image_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    write_exr(path, {"": RNG.random((64, 64, 3)).astype(np.float32)})
+    path.write_bytes(path.read_bytes()[:3000])
+    with pytest.raises(SceneError, match=r"a\.exr"):
+        read_exr(path)
+
+
+def test_a_failure_keeps_the_old_file_and_leaves_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    write_text(path, "old")
+    with pytest.raises(RuntimeError), replacing(path) as temporary:
+        temporary.write_text("half")
+        raise RuntimeError
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+    assert path.read_text() == "old"
+
+
+def test_a_folder_in_the_way_is_an_output_error(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").mkdir()
+    with pytest.raises(OutputError, match="can't write the file"):
+        write_text(tmp_path / "a.txt", "x")
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_files_get_the_usual_permissions(tmp_path: Path) -> None:
+    (tmp_path / "plain").touch()
+    write_text(tmp_path / "a.txt", "x")
+    assert stat.S_IMODE((tmp_path / "a.txt").stat().st_mode) == stat.S_IMODE((tmp_path / "plain").stat().st_mode)
+
+
+def test_prepare_folder_makes_it_and_leaves_it_empty(tmp_path: Path) -> None:
+    prepare_folder(tmp_path / "a" / "b")
+    assert list((tmp_path / "a" / "b").iterdir()) == []
+
+
+def test_prepare_folder_refuses_a_file(tmp_path: Path) -> None:
+    (tmp_path / "a").touch()
+    for folder in (tmp_path / "a", tmp_path / "a" / "b"):
+        with pytest.raises(OutputError, match="expected a folder"):
+            prepare_folder(folder)
