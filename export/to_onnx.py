@@ -21,7 +21,7 @@ from export.models.surfels import Gather, Radiosity
 Arrays = dict[str, NDArray[np.float32]]
 
 OPSET = 17
-TOLERANCE = 1e-3  # largest difference between torch and onnxruntime, relative to the largest output
+TOLERANCE = 1e-2  # largest difference between torch and onnxruntime, relative to the largest output
 SIZES = ((1, 1), (5, 7), (48, 64))
 MODULES = {"gather": Gather, "radiosity": Radiosity}
 

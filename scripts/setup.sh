@@ -50,7 +50,7 @@ check_system() {
     local missing
     read -r -a missing <<<"$(missing_packages | xargs)"
     ((${#missing[@]})) || return 0
-    if [[ $EUID == 0 ]] && command -v apt-get >/dev/null; then
+    if [[ "$(id -u)" == 0 ]] && command -v apt-get >/dev/null; then
         install_packages "${missing[@]}"
     else
         die "missing system packages ${missing[*]}" "this machine" \

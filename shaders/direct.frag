@@ -35,11 +35,12 @@ void main()
         float noise = texel_noise(gl_FragCoord.xy);
         for (int i = 0; i < LIGHT_COUNT; ++i) {
             vec3 e = irradiance(lights[i], p, n);
-            if (max(max(e.r, e.g), e.b) <= 0.0) continue;
-            float v = visibility(lights[i], p, face, noise);
+            bool wanted = max(max(e.r, e.g), e.b) > 0.0;
+            float v = visibility(lights[i], p, face, noise, wanted);
+            v = wanted ? v : 0.0;
             diffuse += v * e;
 #ifdef WRITE_SPECULAR
-            if (v > 0.0) highlight += v * ggx_highlight(lights[i], p, n, texelFetch(gloss, texel, 0));
+            highlight += v * ggx_highlight(lights[i], p, n, texelFetch(gloss, texel, 0));
 #endif
         }
         diffuse *= sanitize_albedo(base.rgb) / PI;

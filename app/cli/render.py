@@ -17,6 +17,7 @@ from app.cli.options import FORMATS, parse_names, parse_size, unknown
 from app.cli.preview import preview
 from app.cli.report import print_summary, write_timing
 from app.contract import find_model
+from app.errors import SettingsError
 from app.image import Image, write_exr, write_png
 from app.scene import CameraPath, Scene
 from app.settings import Settings
@@ -29,7 +30,7 @@ SETTLE_STILL = 16
 DEFAULT_MODEL = "radiosity"
 GEOMETRY = ("depth", "position", "motion")
 
-SCENE, PICTURE, NETWORK, DEVICE = "Scene", "Picture", "Network and device", "Insight"
+SCENE, PICTURE, NETWORK, INSIGHT = "Scene", "Picture", "Network and device", "Insight"
 
 
 def render(
@@ -76,12 +77,12 @@ def render(
         rich_help_panel=NETWORK)] = False,
     timing: Annotated[Path | None, typer.Option(
         help="Write milliseconds per pass (median, p95), the device and what was culled.", metavar="FILE.json",
-        show_default=False, rich_help_panel=DEVICE)] = None,
+        show_default=False, rich_help_panel=INSIGHT)] = None,
     check: Annotated[bool, typer.Option(
-        "--check", help="Count non-finite texels per pass.", rich_help_panel=DEVICE)] = False,
+        "--check", help="Count non-finite texels per pass.", rich_help_panel=INSIGHT)] = False,
     verbose: Annotated[bool, typer.Option(
         "--verbose", "-v", help="Say which renderer, provider and passes run, and what was culled and why.",
-        rich_help_panel=DEVICE)] = False,
+        rich_help_panel=INSIGHT)] = False,
 ) -> None:
     """Render frames of a scene as EXR and PNG.
 
@@ -105,18 +106,25 @@ def render(
     from app.renderer import Renderer
 
     settings = Settings(
-        size=parse_size(size), outputs=parse_names(aov, ("final", *(n for n in AOVS if n != "final")), "--aov"),
-        taa=taa, exposure=exposure, seed=seed, provider=provider, strict_device=strict_device,
+        size=parse_size(size), outputs=parse_names(aov, AOVS, "--aov"), taa=taa, exposure=exposure, seed=seed,
+        provider=provider, strict_device=strict_device,
         # The summary shows each pass's time, so each pass is waited for.
         timing=True, check=check)
     kinds = parse_names(formats, FORMATS, "--format")
-    loaded = load_scene(scene, lighting=lighting, scene_json=scene_json) if scene else embedded_scene()
+    if scene is not None:
+        loaded = load_scene(scene, lighting=lighting, scene_json=scene_json)
+    elif scene_json is None:
+        loaded = embedded_scene(lighting=lighting)
+    else:
+        raise SettingsError("no scene to go with the file", "--scene-json", "expected a SCENE too")
     path = choose_camera(loaded, camera, frames)
     for notice in loaded.notices:
-        typer.secho(f"note: {notice}", err=True, dim=True)
+        _note(notice)
     network = None if model == "none" else find_model(model)
 
     with Renderer(loaded, settings, network) as renderer:
+        for name in renderer.missing:
+            _note(f"{name} is all zero, nothing in this scene writes it")
         if verbose:
             _describe(renderer)
         prepare_folder(out)
@@ -124,7 +132,7 @@ def render(
             prepare_folder(timing.parent)
         if settle is None:
             settle = SETTLE_STILL if frames == 1 and any(p.name == "taa" for p in renderer.plan.passes) else 0
-        files = _draw(renderer, path, settings, frames, settle, out, kinds)
+        images = _draw(renderer, path, settings, frames, settle, out, kinds)
         report = {
             **renderer.timing(), "culled": dict(renderer.plan.culled), "device": renderer.device,
             "model": network and network.stem, "size": list(settings.size), "scene": loaded.name,
@@ -132,8 +140,7 @@ def render(
         }
     if timing is not None:
         write_timing(timing, report)
-        files.append(timing)
-    print_summary(report, files, check=check)
+    print_summary(report, images, timing, check=check)
 
 
 def choose_camera(scene: Scene, name: str | None, frames: int) -> CameraPath:
@@ -152,7 +159,8 @@ def choose_camera(scene: Scene, name: str | None, frames: int) -> CameraPath:
     if name == "auto":
         return CameraPath.still(auto_camera(scene))
     if name == "orbit":
-        return orbit(scene, own.at(0.0), frames)
+        keys = orbit(scene, own.at(0.0), frames)
+        return CameraPath(tuple(index * FRAME_SECONDS for index in range(frames)), tuple(keys))
     if name.endswith(".json"):
         return load_camera(Path(name))
     if name not in scene.cameras:
@@ -194,6 +202,10 @@ def _stored(name: str, values: np.ndarray[Any, np.dtype[np.float32]]) -> Image:
     """Half floats, except for lengths and for radiance that they can't hold precisely."""
     peak = float(np.abs(values).max())
     return values if name in GEOMETRY or not 2**-8 <= peak <= HALF_MAX else values.astype(np.float16)
+
+
+def _note(text: str) -> None:
+    typer.secho(f"note: {text}", err=True, dim=True)
 
 
 def _describe(renderer: Renderer) -> None:

@@ -13,7 +13,7 @@ from app.gl.shader import Program, compile_program
 
 GL_LOWER_LEFT, GL_ZERO_TO_ONE = 0x8CA1, 0x935F
 GL_TEXTURE_2D, GL_DEPTH_COMPONENT32F, GL_DEPTH_COMPONENT, GL_FLOAT = 0x0DE1, 0x8CAC, 0x1902, 0x1406
-REQUIRED = 430  # compute shaders and storage buffers; clip control comes as 4.5 or an extension
+REQUIRED = 450  # clip control, fine derivatives
 SOFTWARE = ("llvmpipe", "softpipe", "swrast", "software")
 
 
@@ -36,7 +36,7 @@ class Device:
             self.ctx = moderngl.create_context(standalone=True, backend="egl", require=REQUIRED)
         except Exception as error:  # glcontext raises bare Exceptions
             raise DeviceError(f"no OpenGL context ({error})", "EGL",
-                              "expected OpenGL 4.3 or later: on Debian install libegl1 and libgl1-mesa-dri, "
+                              "expected OpenGL 4.5 or later: on Debian install libegl1 and libgl1-mesa-dri, "
                               "or the EGL library of the GPU's driver") from None
         self.renderer: str = self.ctx.info["GL_RENDERER"]
         self.version: str = self.ctx.info["GL_VERSION"]
@@ -97,6 +97,6 @@ class _EglFunctions:
     def call(self, name: str, *args: int | None) -> None:
         address = self._address(name.encode())
         if not address:
-            raise DeviceError(f"no {name}", "EGL", "expected OpenGL 4.5 or GL_ARB_clip_control")
+            raise DeviceError(f"no {name}", "EGL", "expected OpenGL 4.5")
         types = [ctypes.c_void_p if a is None else ctypes.c_int for a in args]
         ctypes.CFUNCTYPE(None, *types)(address)(*args)

@@ -62,12 +62,17 @@ class LightSet:
         self.buffer = device.ctx.buffer(reserve=4 * LIGHT_FLOATS * max(1, len(self.lights)))
 
     @property
+    def soft(self) -> bool:
+        """Whether any light has a size."""
+        return any(_size_of(light) > 0 for light in self.lights)
+
+    @property
     def defines(self) -> dict[str, object]:
         """Shader defines: how many lights, which kinds, and whether any has a size."""
         kinds = {type(light) for light in self.lights}
         names = {PointLight: "POINT", SpotLight: "SPOT", DirectionalLight: "DIRECTIONAL", RectLight: "RECT"}
         found: dict[str, object] = {f"HAS_{names[k]}_LIGHT": 1 for k in sorted(kinds, key=lambda k: k.__name__)}
-        if any(_size_of(light) > 0 for light in self.lights):
+        if self.soft:
             found["HAS_SOFT_LIGHT"] = 1
         maps = {SINGLE_MAP: "SINGLE", CUBE_MAP: "CUBE", PARALLEL_MAP: "PARALLEL"}
         found |= {f"HAS_{maps[kind]}_MAP": 1 for kind in sorted({tile.kind for tile in self.tiles})}

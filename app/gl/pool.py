@@ -21,7 +21,7 @@ class Pool:
         self._device, self.parity = device, 0
         self._textures: dict[str, list[moderngl.Texture]] = {}
         self._buffers: dict[str, moderngl.Buffer] = {}
-        self._targets: dict[tuple[str, int], moderngl.Framebuffer] = {}
+        self._targets: dict[tuple[tuple[str, ...], int], moderngl.Framebuffer] = {}
         self._depths: dict[str, moderngl.Texture] = {}
         for name, resource in plan.resources.items():
             if isinstance(resource, Buf):
@@ -48,11 +48,11 @@ class Pool:
     def holds_texture(self, name: str) -> bool:
         return name.removesuffix(PREVIOUS) in self._textures
 
-    def target(self, bound: BoundPass, with_depth: bool) -> moderngl.Framebuffer:
-        """The framebuffer of all textures that ``bound`` writes; its depth buffer is its own."""
-        key = (bound.name, self.parity)
+    def target(self, bound: BoundPass, names: tuple[str, ...], with_depth: bool) -> moderngl.Framebuffer:
+        """The framebuffer of textures ``names``; the depth buffer belongs to the pass."""
+        key = (names, self.parity)
         if key not in self._targets:
-            colors = [self.texture(w) for w in bound.writes if self.holds_texture(w)]
+            colors = [self.texture(w) for w in names]
             depth = None
             if with_depth:
                 depth = self._depths.setdefault(bound.name, self._device.depth_texture(colors[0].size))
@@ -88,9 +88,11 @@ class Resources:
         self._check(name, (*self._bound.reads, *self._bound.writes))
         return self._pool.buffer(name)
 
-    def target(self, with_depth: bool = False) -> moderngl.Framebuffer:
-        """The framebuffer of everything the pass writes, bound for drawing."""
-        target = self._pool.target(self._bound, with_depth)
+    def target(self, *names: str, with_depth: bool = False) -> moderngl.Framebuffer:
+        """The framebuffer of ``names``, or of everything the pass writes, bound for drawing."""
+        for name in names:
+            self._check(name, self._bound.writes)
+        target = self._pool.target(self._bound, names or self._bound.writes, with_depth)
         target.use()
         return target
 

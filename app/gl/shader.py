@@ -13,7 +13,7 @@ import numpy as np
 from app.errors import ShaderError
 from app.paths import shader_dir
 
-VERSION = "#version 430 core"
+VERSION = "#version 450 core"
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 _UNIFORM = re.compile(r"\buniform\s+\w+\s+(\w+)")
 _LOG_PLACE = re.compile(r"\b(\d+)([:(])(\d+)")

@@ -42,7 +42,7 @@ class Timer:
 
     def extend(self, name: str, cpu_ms: float) -> None:
         """Add to the newest measurement of ``name``, if there is one."""
-        if self._cpu[name]:
+        if self._cpu.get(name):
             self._cpu[name][-1] += cpu_ms
 
     def report(self) -> dict[str, dict[str, dict[str, float]]]:

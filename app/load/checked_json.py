@@ -17,7 +17,8 @@ from jsonschema.exceptions import ValidationError
 from app.errors import SceneError
 
 SCHEMA = "scene.schema.json"
-_KINDS = {"object": "an object", "array": "a list", "number": "a number", "string": "a text", "boolean": "true or false"}
+_KINDS = {"object": "an object", "array": "a list", "number": "a number", "string": "a text",
+          "boolean": "true or false"}
 
 
 def read_checked(path: Path, definition: str = "") -> Any:
@@ -36,9 +37,9 @@ def read_checked(path: Path, definition: str = "") -> Any:
         content = json.loads(text, parse_float=_finite, parse_int=_finite, parse_constant=_finite)
     except (ValueError, RecursionError) as error:
         raise SceneError(f"not a JSON file ({error})", path, "expected valid JSON with finite numbers") from error
-    errors = sorted(_validator(definition).iter_errors(content), key=lambda e: (-_is_stray_key(e), len(e.absolute_path)))
+    errors = list(_validator(definition).iter_errors(content))
     if errors:
-        raise _explain(errors[0], path)
+        raise _explain(next((e for e in errors if e.validator == "additionalProperties"), errors[0]), path)
     return content
 
 
@@ -68,10 +69,6 @@ def _finite(text: str) -> float:
     if not math.isfinite(value):
         raise ValueError(f"{text[:20]} is not a finite number")
     return value
-
-
-def _is_stray_key(error: ValidationError) -> bool:
-    return error.validator == "additionalProperties"
 
 
 def _explain(error: ValidationError, path: Path) -> SceneError:

@@ -24,6 +24,8 @@ class Draft:
     groups : dict of str to list of int
         Indices into ``instances`` of everything that one name of the file moves: an object, or a
         node with all that hangs below it.
+    dropped, flattened : int
+        Triangles left out, and normals replaced, because they were broken.
     """
 
     where: str
@@ -34,6 +36,8 @@ class Draft:
     cameras: dict[str, CameraPath] = field(default_factory=dict)
     groups: dict[str, list[int]] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
+    dropped: int = 0
+    flattened: int = 0
     _offsets: dict[int, F64] = field(default_factory=dict)
 
     def notice(self, text: str) -> None:
@@ -57,10 +61,8 @@ class Draft:
             raise SceneError(f"a triangle of {name!r} names a vertex that is not there", self.where,
                              "expected indices below the vertex count")
         cleaned = clean(surface)
-        if cleaned.dropped:
-            self.notice(f"{name!r}: {cleaned.dropped} triangles without area or with non-finite corners are left out")
-        if cleaned.flattened:
-            self.notice(f"{name!r}: {cleaned.flattened} broken normals, face normals are used there")
+        self.dropped += cleaned.dropped
+        self.flattened += cleaned.flattened
         if not len(cleaned.surface.triangles):
             return None
         kept = cleaned.surface
@@ -92,6 +94,13 @@ class Draft:
     def scale_emission(self, factor: float) -> None:
         """Multiply every material's emission."""
         self.materials = [replace(m, emission=color(np.multiply(m.emission, factor))) for m in self.materials]
+
+    def notice_repairs(self) -> None:
+        """Say what was broken in the meshes."""
+        if self.dropped:
+            self.notice(f"{self.dropped} triangles without area or with non-finite corners are left out")
+        if self.flattened:
+            self.notice(f"{self.flattened} normals are broken: face normals are used there")
 
     def drop_unused(self) -> None:
         """Forget meshes that are nowhere placed and materials that no mesh has."""

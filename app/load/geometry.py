@@ -43,9 +43,9 @@ class Cleaned:
 def clean(surface: Surface) -> Cleaned:
     """Drop triangles that can't be drawn and vertices that nobody uses; make normals unit length or zero."""
     triangles = surface.triangles
-    usable = np.isfinite(surface.positions).all(axis=1)[triangles].all(axis=1)
-    usable[usable] = np.any(face_vectors(surface.positions, triangles[usable]) != 0.0, axis=1)
-    kept = triangles[usable]
+    finite = np.asarray(np.isfinite(surface.positions).all(axis=1))
+    kept = triangles[finite[triangles].all(axis=1)]
+    kept = kept[face_vectors(surface.positions, kept).any(axis=1)]
 
     used = np.zeros(len(surface.positions), bool)
     used[kept] = True
@@ -84,7 +84,7 @@ def _unit(normals: F64 | None, count: int) -> tuple[F64, int]:
         return np.zeros((count, 3)), 0
     with np.errstate(invalid="ignore", over="ignore"):
         length = np.linalg.norm(normals, axis=1)
-    fine = np.isfinite(length) & (length > _SHORTEST_NORMAL)
+    fine: NDArray[np.bool_] = np.isfinite(length) & (length > _SHORTEST_NORMAL)
     unit = np.zeros((count, 3))
     unit[fine] = normals[fine] / length[fine, None]
     return unit, int((~fine).sum())

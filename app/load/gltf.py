@@ -57,7 +57,7 @@ class _Reader:
         else:
             children = {c for n in nodes for c in n.get("children", [])}
             roots = [i for i in range(len(nodes)) if i not in children]
-        waiting = [(i, np.eye(4), ()) for i in reversed(roots)]
+        waiting: list[tuple[int, F64, tuple[str, ...]]] = [(i, np.eye(4), ()) for i in reversed(roots)]
         seen: set[int] = set()
         while waiting:
             index, parent, above = waiting.pop()

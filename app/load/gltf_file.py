@@ -42,7 +42,7 @@ class GltfFile:
         """The bytes of a buffer view."""
         view = self.json["bufferViews"][index]
         start = view.get("byteOffset", 0)
-        data = self.buffers[view["buffer"]][start:start + view["byteLength"]]
+        data: bytes = self.buffers[view["buffer"]][start:start + view["byteLength"]]
         if len(data) != view["byteLength"]:
             raise ValueError(f"buffer view {index} reaches past the end of its buffer")
         return data

@@ -37,7 +37,7 @@ class Materials:
         if albedo_map is None:
             uv_set = emission_set
         elif emission_map is not None and emission_set != uv_set:
-            self._draft.notice(f"material {name!r}: its emission texture is drawn with the colour texture's coordinates")
+            self._draft.notice(f"material {name!r}: its emission texture takes the colour texture's coordinates")
         metallic, roughness = self._metal(name, pbr)
         tint = mean_color(albedo_map.pixels) if albedo_map is not None else np.ones(3)
         glossy = metallic > 0 or ("roughnessFactor" in pbr and roughness < _GLOSSY_BELOW)
@@ -111,4 +111,4 @@ def uv_transform(spec: dict[str, Any]) -> F64:
     (du, dv), (su, sv) = spec.get("offset", (0, 0)), spec.get("scale", (1, 1))
     cos, sin = np.cos(spec.get("rotation", 0.0)), np.sin(spec.get("rotation", 0.0))
     downwards = np.array([[su * cos, sv * sin, du], [-su * sin, sv * cos, dv], [0.0, 0.0, 1.0]])
-    return _V_FLIP @ downwards @ _V_FLIP
+    return np.asarray(_V_FLIP @ downwards @ _V_FLIP)

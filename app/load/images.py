@@ -44,7 +44,7 @@ def decode_image(data: bytes, where: object) -> NDArray[np.uint8]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            image = Image.open(io.BytesIO(data))
+            image: Image.Image = Image.open(io.BytesIO(data))
             if image.mode.startswith("I"):
                 image = Image.fromarray((np.asarray(image, np.float64) / 257).round().clip(0, 255).astype(np.uint8))
             return np.asarray(image.convert("RGBA"))
@@ -55,7 +55,7 @@ def decode_image(data: bytes, where: object) -> NDArray[np.uint8]:
 
 def to_linear(pixels: NDArray[np.uint8]) -> F64:
     """sRGB-encoded bytes to linear values."""
-    return _SRGB_TO_LINEAR[pixels]
+    return np.asarray(_SRGB_TO_LINEAR[pixels])
 
 
 def mean_color(pixels: NDArray[np.uint8] | NDArray[np.float32]) -> F64:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -50,7 +51,7 @@ def build_motion(keys: Sequence[MotionKey], center: F64) -> Motion:
     """World-space matrices that move an object about ``center``, the middle of its box at rest, shape (3,)."""
     about_axis = any(k.about_axis for k in keys)
     steps = [keys[0]]
-    for a, b in zip(keys, keys[1:], strict=False):
+    for a, b in pairwise(keys):
         degrees = math.degrees(float(np.abs(b.turn - a.turn).sum()))
         count = min(max(1, math.ceil(degrees / _STEP_DEG)), _MOST_STEPS)
         steps += [_between(a, b, i / count) for i in range(1, count + 1)]

@@ -37,7 +37,9 @@ def read_obj(path: Path, draft: Draft) -> None:
         text = "\n".join(_absolute(text))
 
     indices: dict[str, int] = {}
-    loaded = load_obj(io.StringIO(text), resolver=_PartNames(len(parts)))
+    # A made-up MTL file makes trimesh keep the numbers of the parts as material names.
+    numbers = "\n".join(f"newmtl {i}" for i in range(len(parts)))
+    loaded = load_obj(io.StringIO(text), resolver={"parts": numbers})
     for geometry in loaded.get("geometry", {}).values():
         name, material = parts[int(geometry["visual"].material.name)]
         if material not in indices:
@@ -46,16 +48,6 @@ def read_obj(path: Path, draft: Draft) -> None:
         mesh = draft.add_mesh(name, _surface(geometry), indices[material])
         if mesh is not None:
             draft.place(name, mesh, np.eye(4))
-
-
-class _PartNames:
-    """Stands in for the MTL file, so that trimesh keeps the numbers of the parts as material names."""
-
-    def __init__(self, count: int) -> None:
-        self._count = count
-
-    def __getitem__(self, name: str) -> str:
-        return "\n".join(f"newmtl {i}" for i in range(self._count))
 
 
 def _tidy(text: str) -> str:

@@ -25,29 +25,41 @@ def read_ply(path: Path, draft: Draft) -> None:
     loaded = load_ply(io.BytesIO(data), skip_materials=True)
     if loaded.get("faces") is None:
         return
-    positions = np.asarray(loaded["vertices"], np.float64)
-    triangles = np.asarray(loaded["faces"], np.int64)
-    if triangles.shape[1] == 4:
-        triangles = triangles[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
-        loaded["face_colors"] = None if loaded.get("face_colors") is None else loaded["face_colors"].repeat(2, axis=0)
-    normals, colors = loaded.get("vertex_normals"), loaded.get("vertex_colors")
-    uvs = loaded["visual"].uv if "visual" in loaded else None
-    if normals is None or len(normals) != len(positions):
-        normals = smooth_normals(positions, triangles)
-    if colors is None and loaded.get("face_colors") is not None:
-        positions, normals, uvs = (None if a is None else np.asarray(a)[triangles.ravel()]
-                                   for a in (positions, normals, uvs))
-        colors = np.repeat(np.asarray(loaded["face_colors"]), 3, axis=0)
-        triangles = np.arange(len(triangles) * 3).reshape(-1, 3)
-
-    texture = _texture(path, data, draft)
-    has_colors = colors is not None and len(colors) == len(positions)
-    tinted = has_colors or (texture is not None and uvs is not None)
+    surface = _surface(loaded)
+    texture = _texture(path, data, draft) if surface.uvs is not None else None
+    tinted = surface.colors is not None or texture is not None
     draft.materials.append(Material(name=path.stem, albedo=_WHITE if tinted else Material().albedo, albedo_map=texture))
-    surface = Surface(positions, triangles, np.asarray(normals, np.float64), uvs, _linear(colors) if has_colors else None)
     mesh = draft.add_mesh(path.stem, surface, 0)
     if mesh is not None:
         draft.place(path.stem, mesh, np.eye(4))
+
+
+def _surface(loaded: dict[str, Any]) -> Surface:
+    """What trimesh read, as triangles with normals."""
+    positions, faces = np.asarray(loaded["vertices"], np.float64), np.asarray(loaded["faces"], np.int64)
+    face_colors = _linear(loaded.get("face_colors"), len(faces))
+    if faces.shape[1] == 4:
+        faces = faces[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
+        face_colors = None if face_colors is None else face_colors.repeat(2, axis=0)
+    normals = loaded.get("vertex_normals")
+    if normals is None or len(normals) != len(positions):
+        normals = smooth_normals(positions, faces)
+    uvs = loaded["visual"].uv if "visual" in loaded else None
+    colors = _linear(loaded.get("vertex_colors"), len(positions))
+    surface = Surface(positions, faces, np.asarray(normals, np.float64), uvs, colors)
+    return surface if colors is not None or face_colors is None else _taken_apart(surface, face_colors)
+
+
+def _taken_apart(surface: Surface, face_colors: F64) -> Surface:
+    """Every triangle with its own corners, so that each can have its own colour."""
+    corners = surface.triangles.ravel()
+    return Surface(
+        positions=surface.positions[corners],
+        triangles=np.arange(len(corners)).reshape(-1, 3),
+        normals=None if surface.normals is None else surface.normals[corners],
+        uvs=None if surface.uvs is None else surface.uvs[corners],
+        colors=face_colors.repeat(3, axis=0),
+    )
 
 
 def _texture(path: Path, data: bytes, draft: Draft) -> Texture | None:
@@ -62,11 +74,13 @@ def _texture(path: Path, data: bytes, draft: Draft) -> Texture | None:
     return Texture(read_image(file))
 
 
-def _linear(colors: Any) -> F64:
-    """PLY colours as linear RGBA, shape (V, 4): bytes are sRGB, floats are linear."""
-    colors = np.asarray(colors)
-    if colors.dtype.kind == "f":
-        rgb, alpha = colors[:, :3].astype(np.float64), colors[:, 3:].astype(np.float64)
+def _linear(colors: Any, count: int) -> F64 | None:
+    """PLY colours as linear RGBA, shape (count, 4): bytes are sRGB, floats are linear."""
+    if colors is None or len(colors) != count:
+        return None
+    values = np.asarray(colors)
+    if values.dtype.kind == "f":
+        rgb, alpha = values[:, :3].astype(np.float64), values[:, 3:].astype(np.float64)
     else:
-        rgb, alpha = to_linear(colors[:, :3].clip(0, 255).astype(np.uint8)), colors[:, 3:] / 255
-    return np.concatenate([rgb, alpha if alpha.shape[1] else np.ones((len(rgb), 1))], axis=1)
+        rgb, alpha = to_linear(values[:, :3].clip(0, 255).astype(np.uint8)), values[:, 3:] / 255
+    return np.concatenate([rgb, alpha if alpha.shape[1] else np.ones((count, 1))], axis=1)

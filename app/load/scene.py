@@ -91,7 +91,9 @@ def _read(path: Path) -> Draft:
         raise SceneError("the scene does not fit into memory", path, "expected a smaller or a sound file") from error
     except Exception as error:
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:120]
-        raise SceneError(f"the scene file is corrupt ({reason})", path, f"expected a valid {path.suffix} file") from error
+        raise SceneError(f"the scene file is corrupt ({reason})", path,
+                         f"expected a valid {path.suffix} file") from error
+    draft.notice_repairs()
     if not draft.instances:
         hints = f" ({'; '.join(draft.notices)})" if draft.notices else ""
         raise SceneError(f"no triangle to draw{hints}", path, "expected at least one triangle with an area")
@@ -115,15 +117,16 @@ def _choose(asked: str | None, default: str | None, known: list[str], what: str,
 
 
 def _add_motions(draft: Draft, sidecar: Sidecar) -> None:
+    where = sidecar.path or Path()
     for name, keys in sidecar.objects.items():
         if name not in draft.groups:
-            raise SceneError(f"no object {name!r}", at(sidecar.path or Path(), "objects", name),
+            raise SceneError(f"no object {name!r}", at(where, "objects", name),
                              did_you_mean(name, list(draft.groups)))
         moved = tuple(draft.instances[i] for i in draft.groups[name])
         motion = build_motion(keys, bounds_of(tuple(draft.meshes), moved).mean(axis=0))
         for i in draft.groups[name]:
             if draft.instances[i].motion is not None:
-                raise SceneError(f"{draft.instances[i].name!r} is moved twice", at(sidecar.path or Path(), "objects", name),
+                raise SceneError(f"{draft.instances[i].name!r} is moved twice", at(where, "objects", name),
                                  "expected one motion for each object")
             draft.instances[i] = replace(draft.instances[i], motion=motion)
 

@@ -77,7 +77,8 @@ def _camera_path(spec: dict[str, Any], path: Path, *keys: object) -> CameraPath:
 
 
 def _camera(spec: dict[str, Any], path: Path, *keys: object) -> Camera:
-    camera = Camera(**{k: vector(v) if isinstance(v, list) else v for k, v in spec.items() if k != "time"})
+    values: dict[str, Any] = {k: vector(v) if isinstance(v, list) else v for k, v in spec.items() if k != "time"}
+    camera = Camera(**values)
     forward = np.subtract(camera.target, camera.eye)
     if not np.any(forward):
         raise SceneError("eye and target are the same point", at(path, *keys), "expected two different points")

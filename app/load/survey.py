@@ -12,14 +12,26 @@ from app.load.geometry import face_vectors
 from app.scene import F64, Instance, Mesh, bounds_of
 
 _VOXELS = 64
+_STEP = 0.7
 _SAMPLES_PER_FACE = 8.0
 _MOST_SAMPLES = 4e6
-_LATTICE = (9, 7, 9)
-_RAYS = 96
+_LATTICE = (8, 6, 8)
 _MOST_TRIANGLES = 262_144
 _BACK_FACING = 0.3
 _WALLED_IN = 0.78
-_ROOM_SHARE = 0.1
+_MOSTLY_WALLED = 0.55
+_ROOM_SHARE = 0.3
+
+
+def _sphere(count: int) -> F64:
+    """Evenly spread unit vectors, shape (count, 3)."""
+    k = np.arange(count) + 0.5
+    y, turn = 1 - 2 * k / count, k * np.pi * (3 - np.sqrt(5))
+    ring = np.sqrt(1 - y * y)
+    return np.stack([ring * np.cos(turn), y, ring * np.sin(turn)], axis=1)
+
+
+RAYS = _sphere(64)
 
 
 class Survey:
@@ -44,7 +56,7 @@ class Survey:
         self.voxel = max(float(size.max()) / _VOXELS, 1e-30)
         self._origin = self.bounds[0] - self.voxel
         self._shape = tuple((np.ceil(size / self.voxel).astype(int) + 2).tolist())
-        count = np.zeros(int(np.prod(self._shape)))
+        count: F64 = np.zeros(int(np.prod(self._shape)))
         normal = np.zeros((len(count), 3))
         areas = sum(_area(meshes[i.mesh], i) for i in instances)
         density = min(_SAMPLES_PER_FACE / self.voxel**2, _MOST_SAMPLES / max(areas, 1e-300))
@@ -77,7 +89,7 @@ class Survey:
         alive = np.arange(len(origins))
         reach = np.linalg.norm(self.bounds[1] - self.bounds[0]) + np.linalg.norm(
             origins - self.bounds.mean(axis=0), axis=1).max(initial=0.0)
-        for way in np.arange(1.5, reach / self.voxel + 1.0, 0.5) * self.voxel:
+        for way in np.arange(1.5, reach / self.voxel + 1.0, _STEP) * self.voxel:
             points = origins[alive] + directions[alive] * way
             inside = self._inside(points)
             hit = np.zeros(len(alive), bool)
@@ -101,25 +113,25 @@ class Survey:
         return points[~self._solid[self._cell(points)]]
 
     @cached_property
-    def room_points(self) -> F64:
-        """Free points with walls nearly all around, shape (N, 3); none when the scene is an object."""
-        points = self.free_points
-        if not len(points):
-            return points
-        distance, back = self.around(points)
-        walled = (np.isfinite(distance) & ~back).mean(axis=1) >= _WALLED_IN
-        return points[walled] if walled.mean() >= _ROOM_SHARE else points[:0]
+    def walled(self) -> F64:
+        """Share of the directions around each free point in which there is the front of a surface, shape (N,)."""
+        distance, back = self.around(self.free_points)
+        return (np.isfinite(distance) & ~back).mean(axis=1)
 
-    @property
+    @cached_property
     def is_room(self) -> bool:
         """Whether the scene is to be seen from the inside."""
-        return len(self.room_points) > 0
+        return len(self.walled) > 0 and float((self.walled >= _WALLED_IN).mean()) >= _ROOM_SHARE
+
+    @property
+    def room_points(self) -> F64:
+        """Free points inside a room, openings included, shape (N, 3)."""
+        return self.free_points[self.walled >= _MOSTLY_WALLED]
 
     def around(self, points: F64) -> tuple[F64, NDArray[np.bool_]]:
-        """Free distance and hits from behind in all directions of a sphere, each of shape (N, rays)."""
-        directions = _sphere(_RAYS)
-        distance, back = self.cast(np.repeat(points, _RAYS, axis=0), np.tile(directions, (len(points), 1)))
-        return distance.reshape(-1, _RAYS), back.reshape(-1, _RAYS)
+        """Free distance and hits from behind along ``RAYS`` from points (N, 3), each of shape (N, rays)."""
+        distance, back = self.cast(np.repeat(points, len(RAYS), axis=0), np.tile(RAYS, (len(points), 1)))
+        return distance.reshape(-1, len(RAYS)), back.reshape(-1, len(RAYS))
 
     def clearance(self, point: F64) -> float:
         """Distance to the nearest surface from a point, shape (3,); infinite when there is none around."""
@@ -136,8 +148,8 @@ class Survey:
 
 def _area(mesh: Mesh, instance: Instance) -> float:
     scale = abs(float(np.linalg.det(instance.transform_at(0.0)[:3, :3]))) ** (2 / 3)
-    faces = face_vectors(mesh.positions, mesh.triangles)
-    return float(np.linalg.norm(faces, axis=1).sum(dtype=np.float64)) / 2 * scale
+    faces = face_vectors(mesh.positions.astype(np.float64), mesh.triangles)
+    return float(np.linalg.norm(faces, axis=1).sum()) / 2 * scale
 
 
 def _sample(mesh: Mesh, instance: Instance, density: float, random: np.random.Generator) -> list[tuple[F64, F64]]:
@@ -162,13 +174,6 @@ def _sample(mesh: Mesh, instance: Instance, density: float, random: np.random.Ge
 def _outward(mesh: Mesh, triangles: NDArray[np.uint32], matrix: F64) -> F64:
     """−1 where winding in the world and the vertex normals (or, without them, the file's winding) disagree."""
     mirrored = -1.0 if np.linalg.det(matrix[:3, :3]) < 0 else 1.0
-    agreement = np.sum(face_vectors(mesh.positions, triangles) * mesh.normals[triangles].sum(axis=1), axis=1)
+    faces = face_vectors(mesh.positions.astype(np.float64), triangles)
+    agreement = np.sum(faces * mesh.normals[triangles].sum(axis=1), axis=1)
     return np.where(agreement < 0, -mirrored, mirrored)
-
-
-def _sphere(count: int) -> F64:
-    """Evenly spread unit vectors, shape (count, 3)."""
-    k = np.arange(count) + 0.5
-    y, turn = 1 - 2 * k / count, k * np.pi * (3 - np.sqrt(5))
-    ring = np.sqrt(1 - y * y)
-    return np.stack([ring * np.cos(turn), y, ring * np.sin(turn)], axis=1)

@@ -37,4 +37,4 @@ def axis_angle_matrix(rotation_vector: F64) -> F64:
 def euler_matrix(angles: F64) -> F64:
     """Rotation, shape (3, 3), by radians about x, then y, then z."""
     x, y, z = (axis_angle_matrix(a * e) for a, e in zip(angles, np.eye(3), strict=True))
-    return z @ y @ x
+    return np.asarray(z @ y @ x)

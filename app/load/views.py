@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from app.load.draft import vector
-from app.load.survey import Survey
+from app.load.survey import RAYS, Survey
 from app.scene import F64, Camera, DirectionalLight, Light, PointLight, Scene
 
 AUTO = "auto"
@@ -77,20 +77,20 @@ def automatic_light(survey: Survey, camera: Camera) -> tuple[Light, str]:
 
 
 def _room_camera(survey: Survey) -> Camera:
-    """The eye is far from walls, at half height or a little below, and looks along the longest free way."""
+    """The eye is far from walls, below half height, and looks where most of the room lies before it."""
     points = survey.room_points
     turns = np.arange(_AZIMUTHS) * (2 * math.pi / _AZIMUTHS)
-    directions = np.stack([np.cos(turns), np.zeros(_AZIMUTHS), np.sin(turns)], axis=1)
-    ahead, _ = survey.cast(np.repeat(points, _AZIMUTHS, axis=0), np.tile(directions, (len(points), 1)))
-    ahead = np.where(np.isfinite(ahead), ahead, 0.0).reshape(-1, _AZIMUTHS)
-    comfortable = 0.06 * float((survey.bounds[1] - survey.bounds[0]).max())
-    room = np.minimum(survey.around(points)[0].min(axis=1), comfortable)
-    height = np.clip(1.0 - 2.0 * np.abs(_relative_height(survey, points) - 0.45), 0.1, 1.0)
+    ways = np.stack([np.cos(turns), np.zeros(_AZIMUTHS), np.sin(turns)], axis=1)
+    distance, _ = survey.around(points)
+    in_view = np.maximum(RAYS @ ways.T - math.cos(math.radians(_ROOM_FOV / 2 + 10)), 0.0)
+    ahead = np.where(np.isfinite(distance), distance, 0.0) @ (in_view / in_view.sum(axis=0))
+    comfortable = 0.12 * float((survey.bounds[1] - survey.bounds[0]).max())
+    room = np.minimum(distance.min(axis=1), comfortable)
+    height = np.clip(1.0 - 2.0 * np.abs(_relative_height(survey, points) - 0.4), 0.1, 1.0)
     score = ahead * (room * height)[:, None]
     place, way = np.unravel_index(int(np.argmax(score)), score.shape)
-    eye = points[place]
-    target = eye + (directions[way] - 0.08 * _UP) * ahead[place, way] * 0.6
-    return Camera(vector(eye), vector(target), fov_y_deg=_ROOM_FOV)
+    target = points[place] + (ways[way] - 0.08 * _UP) * ahead[place, way]
+    return Camera(vector(points[place]), vector(target), fov_y_deg=_ROOM_FOV)
 
 
 def _ceiling_lamp(survey: Survey, camera: Camera) -> PointLight:

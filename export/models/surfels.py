@@ -7,6 +7,7 @@ float32 throughout: d² = |p|² + |q|² − 2 p·q cancels.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import Tensor, nn
@@ -15,27 +16,55 @@ from torch.nn import functional
 from app.channels import CHANNELS, CUBE, SCREEN
 from app.contract import ModelContract, TensorSpec
 
-FACE = 32  # texels along the edge of a cube face
-CELL = 4  # texels along the edge of the cell that becomes one surfel
-SCREEN_ROWS, SCREEN_COLUMNS = 48, 64  # texels taken from the screen grid, whatever its size
+FACE, FACE_CELL = 24, 4  # texels along the edge of a cube face, and of a cell on it
+SCREEN_ROWS, SCREEN_COLUMNS, SCREEN_CELL = 48, 64, 4  # texels taken from the screen grid, whatever its size
+CANDIDATES = 3  # along the edge of a cell: texels that are tried as the middle of its largest surface
+SURFELS = 512  # at most
+BLOCK = 256  # surfels per block, so that a block's matrices stay in the cache
 BOUNCES = 8
+LIFT = 0.5  # in widths of a texel, towards the camera
 GRAZING = 0.05  # smallest cosine: beyond it a texel's area says nothing
-FLATNESS = 0.15  # a texel belongs to a cell's surface within this fraction of the cell's width
+FLATNESS = 0.15  # a texel lies on a surface within this fraction of the cell's width ...
+PARALLEL = 0.8  # ... if their normals have this cosine
 
 
 def _contract(name: str, bounces: str, channels: tuple[str, ...]) -> ModelContract:
     return ModelContract(
         name=name, paper="geometry-term gather and radiosity over surfels, without training",
         inputs={"screen": TensorSpec(channels), "cube": TensorSpec((*channels, "on_screen"), CUBE, FACE)},
-        outputs={"indirect": TensorSpec(("indirect.rgb",), SCREEN)},
+        outputs={"indirect": TensorSpec(("indirect.rgb",))},
         scale=1 / 16, exposure="mean-radiance", bounces=bounces, scene_extent=40.0, cube_axes="world",
         trained_on="nothing", licence="MIT")
+
+
+@dataclass(frozen=True)
+class Surfels:
+    """Disks that send light.
+
+    Attributes
+    ----------
+    position, normal, radiance, albedo : Tensor, float32, shape (S, 3)
+    area : Tensor, float32, shape (S, 1)
+    share : Tensor, float32, shape (S, 1)
+        Of the cell that the surfel was taken from; 0 for none at all.
+    """
+
+    position: Tensor
+    normal: Tensor
+    radiance: Tensor
+    albedo: Tensor
+    area: Tensor
+    share: Tensor
+
+    def rows(self, which: Tensor | slice) -> Surfels:
+        """Some of them."""
+        return Surfels(*(getattr(self, f.name)[which] for f in fields(self)))
 
 
 class Gather(nn.Module):
     """One bounce: each pixel sums radiance × form factor over all surfels, without visibility.
 
-    Up to 576 surfels: 192 from the screen and 384 from those parts of the cube that the screen does not show.
+    The surfels come from the screen and from those parts of the cube that the screen does not show.
 
     Inputs (see ``contract``)
     -------------------------
@@ -54,61 +83,69 @@ class Gather(nn.Module):
     def forward(self, screen: Tensor, cube: Tensor) -> Tensor:
         screen = _finite(screen, self.contract.inputs["screen"])
         cube = _finite(cube, self.contract.inputs["cube"])
-        texels = functional.interpolate(screen, (SCREEN_ROWS, SCREEN_COLUMNS), mode="nearest")
-        surfels = [self._surfels(self._named("screen", _cells(texels)), self._kept_total(screen, texels)),
-                   self._surfels(self._named("cube", _cells(cube[0].transpose(0, 1))), 1.0)]
-        s = {key: torch.cat([part[key] for part in surfels]) for key in surfels[0]}
+        q = self._named(screen[0].flatten(1))
+        # A texel is lit a little in front of its surface, or the gaps between disks would show along edges.
+        position, normal = (q["position"] * (1 - LIFT * q["solid_angle"].sqrt())).t(), q["normal"].t()
+        surfels = _largest([self._surfels(self._screen_texels(screen), SCREEN_CELL),
+                            self._surfels(self._cube_texels(cube[0]), FACE_CELL)])
+        # Around the middle of the surfels, so that products of coordinates stay small.
+        origin = (surfels.position * surfels.area).sum(0) / surfels.area.sum().clamp(min=1e-12)
+        surfels = replace(surfels, position=surfels.position - origin)
+        light = _receive(position - origin, normal, surfels, self.outgoing(surfels))
+        light = light.t() * (q["solid_angle"] > 0)
+        return light.reshape(1, 3, screen.shape[2], screen.shape[3])
 
-        q = self._named("screen", screen[0].flatten(1).t())
-        # Around the middle of what is seen, so that products of coordinates stay small.
-        weight = s["solid_angle"]
-        origin = (s["position"] * weight).sum(0) / weight.sum().clamp(min=1e-12)
-        s["position"] = s["position"] - origin
-        light = _receive(q["position"] - origin, q["normal"], s, self.outgoing(s))
-        light = light * (q["solid_angle"] > 0)
-        return light.t().reshape(1, 3, screen.shape[2], screen.shape[3])
-
-    def outgoing(self, s: dict[str, Tensor]) -> Tensor:
+    def outgoing(self, surfels: Surfels) -> Tensor:
         """Radiance [S, 3] that the surfels send."""
-        return s["radiance"]
+        return surfels.radiance
 
-    def _named(self, tensor: str, rows: Tensor) -> dict[str, Tensor]:
-        """Last-axis columns by quantity: position, normal, radiance, solid_angle …"""
-        return {name.split(".")[0]: rows[..., at] for name, at in self.contract.inputs[tensor].rows()}
+    def _screen_texels(self, screen: Tensor) -> Tensor:
+        """Image [C, H, W] of picked texels, which get the solid angle of all."""
+        texels = functional.interpolate(screen, (SCREEN_ROWS, SCREEN_COLUMNS), mode="nearest")[0]
+        omega = self._named(texels)["solid_angle"]
+        kept = self._named(screen[0])["solid_angle"].sum() / omega.sum().clamp(min=1e-12)
+        return torch.cat([texels[:-1], omega * kept])
 
-    def _kept_total(self, screen: Tensor, texels: Tensor) -> Tensor:
-        """Factor that gives the picked texels the solid angle of all."""
-        at = dict(self.contract.inputs["screen"].rows())["solid_angle"]
-        return screen[:, at].sum() / texels[:, at].sum().clamp(min=1e-12)
+    def _cube_texels(self, cube: Tensor) -> Tensor:
+        """Image [C, H, W] of the faces above each other, without what the screen shows already."""
+        texels = cube.flatten(1, 2)
+        return torch.cat([texels[:-2], texels[-2:-1] * (1 - texels[-1:])])
 
-    def _surfels(self, t: dict[str, Tensor], share: Tensor | float) -> dict[str, Tensor]:
-        """One surfel from each cell of texels [cells, T, ·]: the surface that fills most of the cell.
+    def _named(self, texels: Tensor) -> dict[str, Tensor]:
+        """Tensor channels along the first axis by quantity: position, normal, radiance, solid_angle …"""
+        return {name.split(".")[0]: texels[at] for name, at in self.contract.inputs["screen"].rows()}
 
-        Geometry and radiance are means over the texels of that surface alone; its area, r² Ω / cos θ summed, is
-        extended to the solid angle of the whole cell.
+    def _surfels(self, texels: Tensor, cell: int) -> Surfels:
+        """Two surfels from each square cell of an image [C, H, W]: one for each of its two largest surfaces.
+
+        Geometry and radiance are means over the texels of one surface alone; its area, r² Ω / cos θ summed, is
+        extended so that a cell's surfels fill the cell's whole solid angle.
         """
-        p, n = t["position"], t["normal"]
-        omega = t["solid_angle"] * share
-        if "on_screen" in t:
-            omega = omega * (1 - t["on_screen"])
-        r2 = (p * p).sum(-1, keepdim=True)
-        plane = (n * p).sum(-1, keepdim=True)
-        width = (r2 * omega.sum(1, keepdim=True)).sqrt()
-        same = ((n @ p.transpose(1, 2) - plane).abs() <= FLATNESS * width) & (n @ n.transpose(1, 2) > 0.8)
-        same = same.to(p.dtype)
-        fullest = (same @ omega).argmax(1, keepdim=True)
-        member = same.gather(1, fullest.expand(-1, 1, same.shape[2])).transpose(1, 2)
-        seen = member * omega
-        area = seen * r2 / (-plane * r2.clamp(min=1e-12).rsqrt()).clamp(min=GRAZING)
-        total = area.sum(1)
-        of = area / total.unsqueeze(1).clamp(min=1e-12)
-        solid_angle = omega.sum(1)
-        mean = {key: (of * value).sum(1) for key, value in t.items() if key not in ("solid_angle", "on_screen")}
-        mean["normal"] = functional.normalize(mean["normal"], dim=1)
-        area = total * solid_angle / seen.sum(1).clamp(min=1e-12)
+        cells = _cells(texels, cell)
+        t = self._named(cells.transpose(0, 1))
+        p, n, omega = (t[key].transpose(0, 1) for key in ("position", "normal", "solid_angle"))
+        r2 = (p * p).sum(1, keepdim=True)
+        plane = (n * p).sum(1, keepdim=True)
+        whole = omega.sum(2, keepdim=True)
+        width = (r2 * whole).sqrt()
+        tried = _tried(cell)
+        to = n[:, :, tried].transpose(1, 2)
+        off = (to @ p - plane[:, :, tried].transpose(1, 2)).abs()
+        same = ((off <= FLATNESS * width[:, :, tried].transpose(1, 2)) & (to @ n > PARALLEL)).to(p.dtype)
+        first = _fullest(same, omega) * omega
+        rest = omega - first
+        second = _fullest(same, rest) * rest
+        share = whole / (first + second).sum(2, keepdim=True).clamp(min=1e-12)
+        seen = torch.cat([first, second], 1) * share
+        area = seen * (r2 / (-plane * r2.clamp(min=1e-12).rsqrt()).clamp(min=GRAZING))
+        total = area.sum(2, keepdim=True)
+        mean = ((area @ cells.transpose(1, 2)) / total.clamp(min=1e-12)).flatten(0, 1)
+        s = {key: value.t() for key, value in self._named(mean.t()).items()}
         # A disk wider than its distance is no longer a small piece of surface.
-        farthest = math.pi * (mean["position"] * mean["position"]).sum(1, keepdim=True)
-        return mean | {"solid_angle": solid_angle, "area": torch.minimum(area, farthest)}
+        area = torch.minimum(total.flatten(0, 1), math.pi * (s["position"] * s["position"]).sum(1, keepdim=True))
+        return Surfels(s["position"], functional.normalize(s["normal"], dim=1), s["radiance"],
+                       s.get("albedo", s["radiance"]), area,
+                       (seen.sum(2, keepdim=True) / whole.clamp(min=1e-12)).flatten(0, 1))
 
 
 class Radiosity(Gather):
@@ -117,23 +154,27 @@ class Radiosity(Gather):
     contract = _contract("radiosity", "multi", ("position.view.xyz", "normal.view.xyz", "albedo.rgb", "radiance.rgb",
                                                 "solid_angle"))
 
-    def outgoing(self, s: dict[str, Tensor]) -> Tensor:
-        factors = _form_factors(s["position"], s["normal"], s)
+    def outgoing(self, surfels: Surfels) -> Tensor:
+        factors = _form_factors(surfels.position, surfels.normal, surfels)
         # Rows of at most 1: energy can't grow.
-        spread = s["albedo"] / factors.sum(1, keepdim=True).clamp(min=1)
-        light = s["radiance"]
+        spread = surfels.albedo / factors.sum(1, keepdim=True).clamp(min=1)
+        light = surfels.radiance
         for _ in range(BOUNCES):
-            light = s["radiance"] + spread * (factors @ light)
+            light = surfels.radiance + spread * (factors @ light)
         return light
 
 
-def _receive(p: Tensor, n: Tensor, s: dict[str, Tensor], light: Tensor) -> Tensor:
+def _receive(p: Tensor, n: Tensor, surfels: Surfels, light: Tensor) -> Tensor:
     """Radiance / albedo [Q, 3] at points ``p`` with normals ``n``; their form factors sum to 1 at most."""
-    sums = _form_factors(p, n, s) @ torch.cat([light, torch.ones_like(light[:, :1])], 1)
+    light = torch.cat([light, torch.ones_like(light[:, :1])], 1)
+    sums = torch.zeros_like(p[:, :1])
+    for at in range(0, SURFELS, BLOCK):
+        rows = slice(at, at + BLOCK)
+        sums = sums + _form_factors(p, n, surfels.rows(rows)) @ light[rows]
     return sums[:, :3] / sums[:, 3:].clamp(min=1)
 
 
-def _form_factors(p: Tensor, n: Tensor, s: dict[str, Tensor]) -> Tensor:
+def _form_factors(p: Tensor, n: Tensor, surfels: Surfels) -> Tensor:
     """Form factors [Q, S] from points to surfels taken as disks, unoccluded.
 
     The exact factor of a disk that lies wholly above the receiver's horizon. With R its radius, d the distance,
@@ -145,28 +186,51 @@ def _form_factors(p: Tensor, n: Tensor, s: dict[str, Tensor]) -> Tensor:
 
     Far away it is a h A / (π d⁴), the geometry term; nearby it is bounded, where the geometry term is not.
     """
-    q, m, r2 = s["position"], s["normal"], s["area"].t() / math.pi
+    q, m, r2 = surfels.position, surfels.normal, surfels.area.t() / math.pi
     r = r2.sqrt()
-    a = torch.addmm(-(n * p).sum(1, keepdim=True), n, q.t())
-    hr = torch.relu(torch.addmm(-(q * m).sum(1) * r, p, (m * r.t()).t())) * 2
+    # Each is one matrix product with an offset: r·a, 2·r·h and d² − r².
+    ra = torch.addmm(-(n * p).sum(1, keepdim=True) * r, n, q.t() * r)
+    hr = torch.relu(torch.addmm(-2 * (q * m).sum(1) * r, p, 2 * m.t() * r))
     e = torch.addmm((q * q).sum(1) - r2, torch.cat([p, (p * p).sum(1, keepdim=True)], 1),
-                    torch.cat([-2 * q, torch.ones_like(q[:, :1])], 1).t())
-    c = n @ (m * r.t()).t()
-    root = torch.sqrt(e * e + hr * hr)
+                    torch.cat([-2 * q.t(), torch.ones_like(r)]))
+    # Keeps the root apart from |e|: rounding grows with the coordinates and with the disk.
+    apart = (1e-3 * r2 + 1e-5 * (q * q).sum(1) + 1e-4).square()
+    root = torch.sqrt(e * e + (hr * hr + apart))
     near = root + e
-    lateral = a - c * hr / (near + 1e-4)
-    return (hr * r * lateral / (root * (near + 2 * r2) + 1e-6)).clamp(0, 1)
+    lateral = ra - (n @ (m.t() * r2)) * hr / near
+    return (hr * lateral / (root * (near + 2 * r2))).clamp(0, 1)
 
 
-def _cells(texels: Tensor) -> Tensor:
-    """Images [B, C, H, W] as cells [B·H/4·W/4, 16, C]."""
-    b, c, h, w = texels.shape
-    cells = texels.reshape(b, c, h // CELL, CELL, w // CELL, CELL).permute(0, 2, 4, 3, 5, 1)
-    return cells.reshape(-1, CELL * CELL, c)
+def _fullest(same: Tensor, omega: Tensor) -> Tensor:
+    """Texels [N, 1, T], 0 or 1, of that surface of each cell which fills the largest solid angle.
+
+    ``same`` [N, K, T] says which texels lie on the surface through each of K tried ones.
+    """
+    rows = (same @ omega.transpose(1, 2)).argmax(1, keepdim=True)
+    return same.gather(1, rows.expand(-1, 1, same.shape[2]))
+
+
+def _largest(parts: list[Surfels]) -> Surfels:
+    """Those that fill most of their cells, so that a cell's second surface goes first."""
+    every = Surfels(*(torch.cat([getattr(part, f.name) for part in parts]) for f in fields(Surfels)))
+    return every.rows(every.share[:, 0].topk(SURFELS).indices)
+
+
+def _cells(texels: Tensor, cell: int) -> Tensor:
+    """An image [C, H, W] as cells [N, C, cell²]."""
+    c, h, w = texels.shape
+    cells = texels.reshape(c, h // cell, cell, w // cell, cell).permute(1, 3, 0, 2, 4)
+    return cells.reshape(-1, c, cell * cell)
+
+
+def _tried(cell: int) -> list[int]:
+    """Texels of a cell, evenly spread, that are tried as the middle of a surface."""
+    at = [(2 * i + 1) * cell // (2 * CANDIDATES) for i in range(CANDIDATES)]
+    return [row * cell + column for row in at for column in at]
 
 
 def _finite(x: Tensor, spec: TensorSpec) -> Tensor:
     """NaN becomes 0, everything else is clamped to its channel's range."""
     ranges = torch.tensor([CHANNELS[n].range for n in spec.channels for _ in range(CHANNELS[n].components)])
-    low, high = ranges.t().reshape(2, 1, -1, *[1] * (x.dim() - 2))
-    return torch.minimum(torch.maximum(torch.where(torch.isnan(x), torch.zeros_like(x), x), low), high)
+    low, high = ranges.t().reshape(2, 1, -1, *[1] * (x.dim() - 2)).to(x.dtype)
+    return torch.minimum(torch.maximum(x.masked_fill(torch.isnan(x), 0.0), low), high)

@@ -35,6 +35,7 @@ class FakeRenderer:
 
     def __init__(self, scene: object, settings: Settings, model: Path | None) -> None:
         self.scene, self.settings, self.model = scene, settings, model
+        self.missing = ("motion",) if "motion" in settings.outputs else ()
         self.calls: list[tuple[str, Camera, float]] = []
         self.device = {"gl_renderer": "fake GL", "gl_version": "4.5", "provider": "FakeProvider"}
         names = ("gbuffer", "direct", *(["taa"] if settings.taa else []))
@@ -61,7 +62,8 @@ class FakeRenderer:
 
     def timing(self) -> dict[str, object]:
         clocks = {"cpu_ms": {"median": 1.5, "p95": 2.0}, "gpu_ms": {"median": 0.25, "p95": 0.5}}
-        return {"frame": clocks, "passes": {p.name: {**clocks, "non_finite": 0} for p in self.plan.passes}}
+        passes = {p.name: {**clocks, "non_finite": 0} for p in self.plan.passes}
+        return {"frame": {"cpu_ms": clocks["cpu_ms"], "gpu_ms": {}}, "passes": {**passes, "copy": clocks}}
 
 
 @pytest.fixture
@@ -115,7 +117,9 @@ def test_frames_advance_by_a_thirtieth_and_settling_stays_at_the_first(invoke, t
 
 
 def test_aovs_are_layers_and_the_first_one_is_the_picture(invoke, tmp_path: Path) -> None:
-    assert invoke("--size", "4x2", "--aov", "normal,depth,motion").exit_code == 0
+    result = invoke("--size", "4x2", "--aov", "normal,depth,motion")
+    assert result.exit_code == 0, result.output
+    assert "note: motion is all zero" in result.stderr
     layers = read_exr(tmp_path / "out" / "0000.exr")
     assert {name: a.shape for name, a in layers.items()} == {
         "normal": (2, 4, 3), "depth": (2, 4, 1), "motion": (2, 4, 2)}
@@ -162,6 +166,7 @@ def test_verbose_tells_what_runs(invoke) -> None:
     (["--model", "missing.onnx"], "missing.onnx"),
     (["missing.obj"], "missing.obj"),
     (["one.obj", "two.obj"], "two.obj"),
+    (["--scene-json", "alone.json"], "--scene-json"),
 ])
 def test_user_errors_are_one_line(invoke, tmp_path: Path, args: list[str], said: str) -> None:
     assert said in failed(invoke(*args))

@@ -1,0 +1,15 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="session")
+def scenes() -> Path:
+    """The folder of real scenes, which is no part of the repository."""
+    folder = Path(os.environ.get("AFTERGLOW_SCENES", Path(__file__).parents[2] / "shared" / "scenes"))
+    if not folder.is_dir():
+        pytest.skip(f"no real scenes at {folder} (set AFTERGLOW_SCENES)")
+    return folder

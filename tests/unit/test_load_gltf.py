@@ -1,0 +1,250 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from app.errors import SceneError
+from app.load import load_scene
+from app.scene import DirectionalLight, PointLight, SpotLight
+from tests.unit.load_helpers import TRIANGLE, Gltf, world
+
+
+def load(gltf, folder):
+    return load_scene(gltf.save(folder))
+
+
+def test_nested_transforms_and_mirroring(tmp_path):
+    gltf = Gltf()
+    gltf.json["nodes"] = [{"children": [1], "translation": [10, 0, 0], "rotation": [0, 0, np.sqrt(0.5), np.sqrt(0.5)]},
+                          {"mesh": 0, "scale": [-2, 1, 1], "name": "mirrored"}]
+    scene = load(gltf, tmp_path)
+    (instance,) = scene.instances
+    assert instance.name == "mirrored"
+    assert np.linalg.det(instance.transform[:3, :3]) < 0
+    np.testing.assert_allclose(world(scene, instance)[0], [[10, 0, 0], [10, -2, 0], [9, 0, 0]], atol=1e-6)
+
+
+def test_default_material_is_white(tmp_path):
+    (material,) = load(Gltf(), tmp_path).materials
+    assert material.albedo == (1.0, 1.0, 1.0) and not material.shiny and not material.double_sided
+
+
+def test_colour_metal_and_roughness(tmp_path):
+    gltf = Gltf()
+    gltf.material(pbrMetallicRoughness={"baseColorFactor": [0.123456, 0.5, 1, 1], "metallicFactor": 0.5,
+                                        "roughnessFactor": 0.3}, doubleSided=True)
+    (material,) = load(gltf, tmp_path).materials
+    np.testing.assert_allclose(material.albedo, [0.061728, 0.25, 0.5])
+    np.testing.assert_allclose(material.specular, [0.081728, 0.27, 0.52])
+    assert material.roughness == 0.3 and material.double_sided
+
+
+@pytest.mark.parametrize(("pbr", "shiny"), [
+    ({"metallicFactor": 0, "roughnessFactor": 0.5}, True),
+    ({"metallicFactor": 0, "roughnessFactor": 1.0}, False),
+    ({"metallicFactor": 0}, False),
+    ({}, False),
+])
+def test_plain_surfaces_shine_only_when_smooth(tmp_path, pbr, shiny):
+    gltf = Gltf()
+    gltf.material(pbrMetallicRoughness=pbr)
+    assert load(gltf, tmp_path).materials[0].shiny is shiny
+
+
+def test_emission_is_factor_times_strength(tmp_path):
+    gltf = Gltf()
+    gltf.material(emissiveFactor=[1, 0.5, 0.25],
+                  extensions={"KHR_materials_emissive_strength": {"emissiveStrength": 40}})
+    assert load(gltf, tmp_path).materials[0].emission == (40, 20, 10)
+
+
+def test_alpha_modes(tmp_path):
+    see_through = np.full((2, 2, 4), 255)
+    see_through[0, 0, 3] = 0
+    for spec, cutoff in (({"alphaMode": "MASK", "alphaCutoff": 0.25}, 0.25), ({"alphaMode": "MASK"}, 0.5),
+                         ({"alphaMode": "BLEND"}, 0.5), ({}, None)):
+        gltf = Gltf()
+        gltf.material(pbrMetallicRoughness={"baseColorTexture": {"index": gltf.texture(see_through)}}, **spec)
+        scene = load(gltf, tmp_path)
+        assert scene.materials[0].alpha_cutoff == cutoff
+        assert any("blending" in n for n in scene.notices) == (spec.get("alphaMode") == "BLEND")
+
+
+def test_wrapping_and_second_uv_set_by_transform(tmp_path):
+    gltf = Gltf()
+    info = {"index": gltf.texture(np.zeros((2, 2, 3)), wrapS=33071, wrapT=10497),
+            "extensions": {"KHR_texture_transform": {"offset": [0.25, 0.5], "texCoord": 1}}}
+    gltf.material(pbrMetallicRoughness={"baseColorTexture": info})
+    gltf.primitive["attributes"] |= {"TEXCOORD_0": gltf.array(np.zeros((3, 2), np.float32)),
+                                     "TEXCOORD_1": gltf.array(np.array([[0, 0], [1, 0], [0, 0.25]], np.float32))}
+    scene = load(gltf, tmp_path)
+    texture = scene.materials[0].albedo_map
+    assert texture.repeat == (False, True)
+    np.testing.assert_allclose(scene.meshes[0].uvs, [[0, 1], [1, 1], [0, 0.75]])
+    # Upwards v: moving down by half in glTF's v is moving by minus a half.
+    np.testing.assert_allclose(texture.transform @ [0, 1, 1], [0.25, 0.5, 1])
+
+
+@pytest.mark.parametrize(("values", "more"), [
+    (np.array([[1, 0, 0.5]] * 3, np.float32), {}),
+    (np.array([[65535, 0, 32768, 65535]] * 3, np.uint16), {"normalized": True}),
+    (np.array([[255, 0, 128]] * 3, np.uint8), {"normalized": True}),
+])
+def test_vertex_colours_are_linear_rgba(tmp_path, values, more):
+    gltf = Gltf()
+    gltf.primitive["attributes"]["COLOR_0"] = gltf.array(values, **more)
+    np.testing.assert_allclose(load(gltf, tmp_path).meshes[0].colors, [[1, 0, 0.5, 1]] * 3, atol=0.003)
+
+
+def test_sparse_and_interleaved_accessors(tmp_path):
+    gltf = Gltf()
+    rows = gltf.view(np.array([2], np.uint16).tobytes())
+    values = gltf.view(np.array([[0, 7, 0]], np.float32).tobytes())
+    gltf.json["accessors"][0]["sparse"] = {"count": 1, "indices": {"bufferView": rows, "componentType": 5123},
+                                           "values": {"bufferView": values}}
+    assert load(gltf, tmp_path).bounds[1, 1] == pytest.approx(7)
+
+    gltf = Gltf()
+    mixed = np.concatenate([TRIANGLE, np.tile([[0, 0, 1]], (3, 1))], axis=1).astype(np.float32)
+    view = gltf.view(mixed.tobytes())
+    gltf.json["bufferViews"][view]["byteStride"] = 24
+    gltf.json["accessors"] += [
+        {"bufferView": view, "componentType": 5126, "count": 3, "type": "VEC3"},
+        {"bufferView": view, "byteOffset": 12, "componentType": 5126, "count": 3, "type": "VEC3"}]
+    gltf.primitive["attributes"] = {"POSITION": 1, "NORMAL": 2}
+    scene = load(gltf, tmp_path)
+    np.testing.assert_array_equal(scene.meshes[0].normals, [[0, 0, 1]] * 3)
+    np.testing.assert_allclose(world(scene, scene.instances[0])[0], TRIANGLE)
+
+
+@pytest.mark.parametrize(("mode", "triangles"), [(5, [[0, 1, 2], [2, 1, 3]]), (6, [[0, 1, 2], [0, 2, 3]])])
+def test_strips_and_fans_keep_their_winding(tmp_path, mode, triangles):
+    gltf = Gltf()
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
+    points = corners if mode == 6 else corners[[0, 1, 3, 2]]
+    gltf.primitive.update(mode=mode, attributes={"POSITION": gltf.array(points)})
+    scene = load(gltf, tmp_path)
+    shape = world(scene, scene.instances[0])
+    normals = np.cross(shape[:, 1] - shape[:, 0], shape[:, 2] - shape[:, 0])
+    np.testing.assert_allclose(normals, [[0, 0, 1], [0, 0, 1]], atol=1e-6)
+    assert len(scene.meshes[0].triangles) == len(triangles)
+
+
+def test_instancing_places_one_mesh_many_times(tmp_path):
+    gltf = Gltf()
+    gltf.json["nodes"][0] |= {"translation": [0, 0, 5], "extensions": {"EXT_mesh_gpu_instancing": {"attributes": {
+        "TRANSLATION": gltf.array(np.array([[0, 0, 0], [3, 0, 0]], np.float32)),
+        "ROTATION": gltf.array(np.array([[0, 0, 0, 127], [0, 0, 127, 0]], np.int8), normalized=True)}}}}
+    scene = load(gltf, tmp_path)
+    assert len(scene.meshes) == 1 and len(scene.instances) == 2
+    np.testing.assert_allclose(world(scene, scene.instances[1])[0], [[3, 0, 5], [2, 0, 5], [3, -1, 5]], atol=1e-6)
+
+
+def test_one_mesh_under_two_nodes_is_shared(tmp_path):
+    gltf = Gltf()
+    gltf.json["nodes"].append({"mesh": 0, "translation": [4, 0, 0]})
+    gltf.json["scenes"][0]["nodes"] = [0, 1]
+    scene = load(gltf, tmp_path)
+    assert len(scene.meshes) == 1 and len(scene.instances) == 2
+
+
+def test_cameras_and_lights_take_their_nodes_place(tmp_path):
+    gltf = Gltf()
+    turned = [0, np.sqrt(0.5), 0, np.sqrt(0.5)]  # a quarter about y: −z becomes −x
+    gltf.json["cameras"] = [{"type": "perspective", "perspective": {"yfov": 0.5, "znear": 0.1}},
+                            {"type": "orthographic", "orthographic": {}}]
+    gltf.json["extensions"] = {"KHR_lights_punctual": {"lights": [
+        {"type": "point", "intensity": 5, "color": [1, 0.5, 0], "range": 3},
+        {"type": "spot", "intensity": 2, "spot": {"innerConeAngle": 0.1, "outerConeAngle": 0.2}},
+        {"type": "directional", "intensity": 3}]}}
+    gltf.json["nodes"] += [
+        {"camera": 0, "name": "eye", "translation": [1, 2, 3], "rotation": turned}, {"camera": 1},
+        *({"translation": [1, 2, 3], "rotation": turned, "extensions": {"KHR_lights_punctual": {"light": i}}}
+          for i in range(3))]
+    gltf.json["scenes"][0]["nodes"] = list(range(6))
+    scene = load(gltf, tmp_path)
+    camera = scene.cameras[scene.default_camera].at(0)
+    np.testing.assert_allclose(np.subtract(camera.target, camera.eye), [-1, 0, 0], atol=1e-12)
+    assert camera.eye == (1, 2, 3) and camera.fov_y_deg == pytest.approx(np.degrees(0.5))
+    point, spot, sun = scene.lights
+    assert point == PointLight((1, 2, 3), (5, 2.5, 0))
+    assert isinstance(spot, SpotLight) and spot.outer_deg == pytest.approx(np.degrees(0.2))
+    assert isinstance(sun, DirectionalLight) and sun.irradiance == (3, 3, 3)
+    np.testing.assert_allclose([spot.direction, sun.direction], [[-1, 0, 0]] * 2, atol=1e-12)
+    assert any("orthographic" in n for n in scene.notices) and any("range" in n for n in scene.notices)
+
+
+def test_points_and_lines_are_skipped_with_a_notice(tmp_path):
+    gltf = Gltf()
+    gltf.json["meshes"][0]["primitives"] += [{"attributes": {"POSITION": 0}, "mode": m} for m in (0, 1, 3)]
+    scene = load(gltf, tmp_path)
+    assert scene.triangles == 1
+    assert any("point clouds" in n for n in scene.notices)
+
+
+def _cycle(gltf):
+    gltf.json["nodes"][0]["children"] = [0]
+
+
+def _short_buffer(gltf):
+    gltf.json["accessors"][0]["count"] = 4
+
+
+def _huge_count(gltf):
+    gltf.json["accessors"][0] = {"componentType": 5126, "count": 10**12, "type": "VEC3"}
+
+
+def _bad_index(gltf):
+    gltf.primitive["indices"] = gltf.array(np.array([0, 1, 9], np.uint16))
+
+
+def _no_such_mesh(gltf):
+    gltf.json["nodes"][0]["mesh"] = 3
+
+
+def _wrong_types(gltf):
+    gltf.json["nodes"] = "nonsense"
+
+
+def _corrupt_image(gltf):
+    gltf.material(pbrMetallicRoughness={"baseColorTexture": {"index": gltf.texture(b"no image")}})
+
+
+def _missing_buffer(gltf):
+    gltf.json["buffers"][0]["uri"] = "gone.bin"
+
+
+def _old_version(gltf):
+    gltf.json["asset"]["version"] = "1.0"
+
+
+@pytest.mark.parametrize("damage", [_cycle, _short_buffer, _huge_count, _bad_index, _no_such_mesh, _wrong_types,
+                                    _corrupt_image, _missing_buffer, _old_version])
+def test_damaged_files_are_scene_errors(tmp_path, damage):
+    gltf = Gltf()
+    damage(gltf)
+    with pytest.raises(SceneError) as caught:
+        load(gltf, tmp_path)
+    assert "\n" not in str(caught.value) and str(tmp_path) in str(caught.value)
+
+
+def test_only_points_is_a_scene_error(tmp_path):
+    gltf = Gltf()
+    gltf.primitive["mode"] = 0
+    with pytest.raises(SceneError, match="no triangle"):
+        load(gltf, tmp_path)
+
+
+def test_every_truncation_of_a_glb_is_a_scene_error(tmp_path):
+    text = json.dumps(Gltf().json).encode()
+    text += b" " * (-len(text) % 4)
+    glb = (b"glTF" + np.array([2, 20 + len(text), len(text), 0x4E4F534A], "<u4").tobytes() + text)
+    path = tmp_path / "scene.glb"
+    path.write_bytes(glb)
+    assert load_scene(path).triangles == 1
+    for length in range(0, len(glb), 97):
+        path.write_bytes(glb[:length])
+        with pytest.raises(SceneError):
+            load_scene(path)

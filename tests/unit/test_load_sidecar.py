@@ -1,0 +1,194 @@
+from __future__ import annotations
+
+import json
+
+import jsonschema
+import numpy as np
+import pytest
+
+from app.errors import SceneError
+from app.load import load_camera, load_scene
+from app.load.checked_json import SCHEMA
+from app.scene import DirectionalLight, PointLight, RectLight, SpotLight
+from tests.unit.load_helpers import QUAD, world, write_obj
+
+EYE = {"eye": [0, 0, 5], "target": [0, 0, 0]}
+POINT = {"type": "point", "position": [0, 1, 0], "intensity": [1, 2, 3]}
+
+
+def lit(*lights, **more):
+    return {"lightings": {"only": {"lights": list(lights), **more}}}
+
+
+@pytest.fixture
+def load(tmp_path):
+    def load(content, **options):
+        path = write_obj(tmp_path, "o quad\nusemtl a\n" + QUAD + "f 1 2 3 4\n", "newmtl a\nKe 2 2 2\n")
+        path.with_suffix(".json").write_text(content if isinstance(content, str) else json.dumps(content))
+        return load_scene(path, **options)
+
+    return load
+
+
+def test_schema_is_a_valid_schema():
+    from importlib import resources
+
+    schema = json.loads(resources.files("app.data").joinpath(SCHEMA).read_text("utf-8"))
+    jsonschema.Draft202012Validator.check_schema(schema)
+
+
+def test_every_light(load):
+    scene = load(lit(
+        POINT, POINT | {"type": "sphere", "radius": 0.5},
+        {"type": "spot", "position": [0, 1, 0], "target": [0, -1, 0], "intensity": [1, 1, 1], "inner_deg": 10,
+         "outer_deg": 20, "radius": 0.1},
+        {"type": "spot", "position": [0, 1, 0], "direction": [0, 0, 9], "intensity": [1, 1, 1], "inner_deg": 10,
+         "outer_deg": 10},
+        {"type": "directional", "direction": [0, -2, 0], "irradiance": [4, 4, 4], "angular_radius_deg": 0.27},
+        {"type": "rectangle", "center": [0, 3, 0], "edge_u": [2, 0, 0], "edge_v": [0, 0, 1], "radiance": [9, 9, 9],
+         "two_sided": True}, emission=0))
+    assert scene.lights == (
+        PointLight((0, 1, 0), (1, 2, 3)), PointLight((0, 1, 0), (1, 2, 3), 0.5),
+        SpotLight((0, 1, 0), (0, -1, 0), (1, 1, 1), 10, 20, 0.1), SpotLight((0, 1, 0), (0, 0, 1), (1, 1, 1), 10, 10),
+        DirectionalLight((0, -1, 0), (4, 4, 4), 0.27),
+        RectLight((0, 3, 0), (2, 0, 0), (0, 0, 1), (9, 9, 9), True))
+
+
+def test_emission_factor_scales_and_switches_off(load):
+    dark, dim = load(lit(POINT, emission=0)), load(lit(emission=0.5))
+    assert not dark.materials[0].emits and len(dark.lights) == 1
+    assert dim.materials[0].emission == (1, 1, 1) and dim.materials[0].analytic
+    assert dim.lights[0].radiance == (1, 1, 1)
+
+
+def test_defaults_and_choices(load):
+    content = {"cameras": {"a": EYE, "b": EYE}, "default": {"camera": "b", "lighting": "two"},
+               "lightings": {"one": {"lights": [POINT]}, "two": {"lights": []}}}
+    scene = load(content)
+    assert (scene.default_camera, scene.lighting) == ("b", "two")
+    assert load(content, lighting="one").lighting == "one"
+    with pytest.raises(SceneError, match="one, two"):
+        load(content, lighting="three")
+    del content["default"]
+    assert (load(content).default_camera, load(content).lighting) == ("a", "one")
+
+
+def test_key_framed_camera_interpolates(load):
+    keys = [{"time": 0, **EYE}, {"time": 2, "eye": [4, 0, 5], "target": [0, 0, 0], "fov_y_deg": 65}]
+    path = load({"cameras": {"fly": {"keys": keys}}}).cameras["fly"]
+    assert path.moves and path.at(1).eye == (2, 0, 5) and path.at(1).fov_y_deg == 55
+
+
+def test_objects_move_about_their_own_centre(load):
+    scene = load({"objects": {"quad": {"keys": [
+        {"time": 0}, {"time": 1, "translate": [0, 0, 3], "rotate_deg": [0, 0, 360], "scale": 2}]}}})
+    (instance,) = scene.instances
+    corners = scene.meshes[0].positions
+
+    def at(time):
+        matrix = instance.transform_at(time)
+        return corners @ matrix[:3, :3].T + matrix[:3, 3]
+
+    np.testing.assert_allclose(at(0).mean(axis=0), [0.5, 0.5, 0], atol=1e-6)
+    np.testing.assert_allclose(at(1).mean(axis=0), [0.5, 0.5, 3], atol=1e-6)
+    np.testing.assert_allclose(np.ptp(at(1), axis=0), [2, 2, 0], atol=1e-6)
+    # Half-way round it is upside down and has kept its size: matrices alone would have collapsed it.
+    np.testing.assert_allclose(np.linalg.norm(at(0.25) - at(0.25).mean(axis=0), axis=1), 1.25 * np.sqrt(0.5), rtol=1e-3)
+    assert any("moves" in n for n in scene.notices), "a moving emitter is no analytic light"
+
+
+def test_axis_and_angle(load):
+    scene = load({"objects": {"quad": {"keys": [
+        {"time": 0}, {"time": 1, "rotate_deg": {"axis": [0, 3, 0], "angle_deg": 90}}]}}})
+    turned = scene.instances[0].transform_at(1)
+    np.testing.assert_allclose(turned[:3, :3] @ [1, 0, 0], [0, 0, -1], atol=1e-9)
+
+
+BAD_CAMERAS = [
+    ({"eye": [0, 0, 5], "target": [0, 0, 0], "fov_y": 3}, "cameras.main.fov_y", "did you mean 'fov_y_deg'"),
+    ({"eye": [0, 0, 5]}, "cameras.main", "target"),
+    (EYE | {"fov_y_deg": 180}, "cameras.main.fov_y_deg", "less than 180"),
+    (EYE | {"eye": [0, 0]}, "cameras.main.eye", "at least 3"),
+    (EYE | {"eye": [0, 0, "x"]}, r"cameras.main.eye\[2\]", "a number"),
+    (EYE | {"eye": [0, 0, 0]}, "cameras.main", "different points"),
+    (EYE | {"up": [0, 0, 1]}, "cameras.main.up", "across the view"),
+    ({"keys": [{"time": 1, **EYE}, {"time": 1, **EYE}]}, r"cameras.main.keys\[1\].time", "increasing"),
+    ({"keys": []}, "cameras.main.keys", "at least 1"),
+]
+
+
+@pytest.mark.parametrize(("camera", "where", "expected"), BAD_CAMERAS)
+def test_camera_mistakes_name_the_key(load, camera, where, expected):
+    with pytest.raises(SceneError, match=rf"scene\.json: {where}.*{expected}"):
+        load({"cameras": {"main": camera}})
+
+
+SPOT = {"type": "spot", "position": [0, 0, 0], "direction": [0, 1, 0], "intensity": [1, 1, 1], "inner_deg": 30,
+        "outer_deg": 40}
+RECTANGLE = {"type": "rectangle", "center": [0, 0, 0], "edge_u": [1, 0, 0], "edge_v": [0, 1, 0], "radiance": [1, 1, 1]}
+BAD_LIGHTS = [
+    (POINT | {"type": "pont"}, "type", "did you mean 'point'"),
+    (POINT | {"radius": -1}, "radius", "at least 0"),
+    (POINT | {"intensity": [1, -1, 1]}, r"intensity\[1\]", "at least 0"),
+    (POINT | {"type": "sphere"}, "", "radius"),
+    (SPOT | {"outer_deg": 20}, "outer_deg", "at least inner_deg"),
+    (SPOT | {"outer": 20}, "outer", "did you mean 'outer_deg'"),
+    (SPOT | {"target": [0, 1, 0]}, "", "exactly one"),
+    (SPOT | {"direction": [0, 0, 0]}, "direction", "not zero"),
+    (RECTANGLE | {"edge_v": [1, 1, 0]}, "", "right angle"),
+]
+
+
+@pytest.mark.parametrize(("light", "key", "expected"), BAD_LIGHTS)
+def test_light_mistakes_name_the_key(load, light, key, expected):
+    dot = r"\." if key else ""
+    with pytest.raises(SceneError, match=rf"lightings\.only\.lights\[1\]{dot}{key}.*{expected}"):
+        load(lit(POINT, light))
+
+
+@pytest.mark.parametrize(("content", "match"), [
+    ("{", "not a JSON file"), ("[]", "an object"), ('{"cameras": NaN}', "finite"), ("[" * 100_000, "not a JSON file"),
+    ('{"lightings": {"a": {"lights": [], "emission": 1e999}}}', "finite"),
+    ({"camera": {}}, "did you mean 'cameras'"), ({"default": {"camera": "x"}}, "default.camera"),
+    ({"objects": {"qud": {"keys": [{"time": 0}]}}}, r"objects\.qud.*did you mean 'quad'"),
+    ({"objects": {"quad": {"keys": [{"time": 0, "rotate_deg": {"axis": [0, 1, 0]}}]}}}, "rotate_deg.*angle_deg"),
+    ({"objects": {"quad": {"keys": [{"time": 0, "scale": 0}]}}}, "scale.*more than 0"),
+])
+def test_other_mistakes(load, content, match):
+    with pytest.raises(SceneError, match=match) as caught:
+        load(content)
+    assert "scene.json" in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_json_from_elsewhere(load, tmp_path):
+    other = tmp_path / "other.json"
+    other.write_text(json.dumps({"cameras": {"else": EYE}}))
+    assert load({}, scene_json=other).default_camera == "else"
+    with pytest.raises(SceneError, match=r"gone\.json"):
+        load({}, scene_json=tmp_path / "gone.json")
+
+
+def test_camera_file(tmp_path):
+    file = tmp_path / "camera.json"
+    file.write_text(json.dumps(EYE | {"fov_y_deg": 30}))
+    assert load_camera(file).at(7).fov_y_deg == 30
+    file.write_text(json.dumps(EYE | {"fov": 30}))
+    with pytest.raises(SceneError, match=r"camera\.json: fov.*fov_y_deg"):
+        load_camera(file)
+
+
+def test_a_name_in_the_hierarchy_moves_all_below_it(tmp_path):
+    from tests.unit.load_helpers import Gltf
+
+    gltf = Gltf()
+    gltf.json["nodes"] = [{"name": "parent", "children": [1, 2]},
+                          {"name": "left", "mesh": 0, "translation": [-3, 0, 0]},
+                          {"name": "right", "mesh": 0, "translation": [3, 0, 0]}]
+    path = gltf.save(tmp_path)
+    path.with_suffix(".json").write_text(json.dumps(
+        {"objects": {"parent": {"keys": [{"time": 0, "rotate_deg": [0, 180, 0]}]}}}))
+    scene = load_scene(path)
+    left = next(i for i in scene.instances if i.name == "left")
+    still = world(scene, left).reshape(-1, 3)
+    moved = still @ left.motion.transforms[0][:3, :3].T + left.motion.transforms[0][:3, 3]
+    assert still[:, 0].max() < 0 < moved[:, 0].min()
