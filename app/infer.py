@@ -128,20 +128,23 @@ class Network:
         return {**self.contract.inputs, **self.contract.outputs}
 
     def _expose(self, views: Mapping[str, F32]) -> float:
-        """Divide the radiance in ``views`` by its mean over surfaces; that mean, or 1 without the option."""
+        """Mask the sky and divide the radiance in ``views`` by its mean; that mean, or 1 without the option."""
         if self.contract.exposure == "none":
             return 1.0
-        radiance, values = [], []
+        radiance, texels = [], 0
         for t, spec in self.contract.inputs.items():
             rows = dict(spec.rows())
             found = [views[t][r] for name, r in rows.items() if CHANNELS[name].radiance]
             guide = next((views[t][rows[name]] for name in _SURFACE if name in rows), None)
-            surface = ... if guide is None else (guide != 0).any(axis=0)
+            surface = np.ones(views[t].shape[1:], bool) if guide is None else (guide != 0).any(axis=0)
+            for r in found:
+                np.multiply(r, surface, out=r)
+                texels += np.count_nonzero(surface) * len(r)
             radiance += found
-            values += [r[:, surface].ravel() for r in found]
-        mean = _robust_mean(np.concatenate(values)) if values else 1.0
+        mean = _robust_mean(radiance, texels) if radiance else 1.0
         for r in radiance:
-            np.minimum(r * np.float32(1.0 / max(mean, FLOOR)), CHANNELS["radiance.rgb"].range[1], out=r)
+            np.multiply(r, np.float32(1.0 / max(mean, FLOOR)), out=r)
+            np.minimum(r, CHANNELS["radiance.rgb"].range[1], out=r)
         return mean
 
     def _grid(self, spec: TensorSpec, screen: tuple[int, ...]) -> tuple[int, ...]:
@@ -200,13 +203,12 @@ def _sanitise(values: F32, background: F32, low: F32, high: F32, out: F32 | None
     return out
 
 
-def _robust_mean(values: F32) -> float:
-    """The m for which m = mean(min(x, 32 m)): one bright texel can't darken the rest. 0 for no values."""
-    if not values.size:
-        return 0.0
-    mean = float(values.mean(dtype=np.float64))
+def _robust_mean(radiance: list[F32], count: int) -> float:
+    """The m for which m = sum(min(x, 32 m)) / count: one bright texel can't darken the rest. 0 for no texels."""
+    mean = sum(float(r.sum(dtype=np.float64)) for r in radiance) / max(count, 1)
     for _ in range(8):
-        clamped = float(np.minimum(values, np.float32(FIREFLY * mean)).mean(dtype=np.float64))
+        cap = np.float32(FIREFLY * mean)
+        clamped = sum(float(np.minimum(r, cap).sum(dtype=np.float64)) for r in radiance) / max(count, 1)
         if clamped >= mean * (1 - 1e-3):
             return clamped
         mean = clamped

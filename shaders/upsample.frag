@@ -6,6 +6,7 @@
 
 const float PLANE_SIGMA = 0.02;  // of the receiver's depth
 const float ENOUGH = 0.05;       // weight below which a wider ring is searched
+const int RING = 4;              // low-resolution texels along the edge of the wider ring
 const float FLOOR = 1e-6;
 
 uniform sampler2D indirect_low;
@@ -53,13 +54,11 @@ void main()
     vec2 f = at - vec2(base);
     vec4 sum = tap(base, (1.0 - f.x) * (1.0 - f.y), r) + tap(base + ivec2(1, 0), f.x * (1.0 - f.y), r)
         + tap(base + ivec2(0, 1), (1.0 - f.x) * f.y, r) + tap(base + ivec2(1, 1), f.x * f.y, r);
-    if (sum.a < ENOUGH) {
-        for (int y = -1; y <= 2; ++y) {
-            for (int x = -1; x <= 2; ++x) {
-                vec2 away = vec2(x, y) - f;
-                sum += tap(base + ivec2(x, y), 0.1 * exp(-0.5 * dot(away, away)), r);
-            }
-        }
+    int wider = sum.a < ENOUGH ? RING * RING : 0;  // a loop, because software rasterisers never skip an if
+    for (int k = 0; k < wider; ++k) {
+        ivec2 offset = ivec2(k % RING, k / RING) - 1;
+        vec2 away = vec2(offset) - f;
+        sum += tap(base + offset, 0.1 * exp(-0.5 * dot(away, away)), r);
     }
     if (sum.a > 0.0) out_indirect.rgb = sanitize_radiance(sum.rgb / sum.a);
 }

@@ -154,11 +154,14 @@ class _Reader:
         if "perspective" not in spec:
             self._draft.notice(f"camera {name!r} is orthographic: left out")
             return
+        fov = math.degrees(float(spec["perspective"]["yfov"]))
+        if not 0 < fov < 180:
+            self._draft.notice(f"camera {name!r} has a field of view of {fov:g} degrees: left out")
+            return
         forward, up = _direction(world, (0, 0, -1)), _direction(world, (0, 1, 0))
         eye = world[:3, 3]
         self._draft.cameras[name] = CameraPath.still(Camera(
-            eye=vector(eye), target=vector(eye + forward), up=vector(up),
-            fov_y_deg=math.degrees(float(spec["perspective"]["yfov"]))))
+            eye=vector(eye), target=vector(eye + forward), up=vector(up), fov_y_deg=fov))
 
     def _light(self, spec: dict[str, Any], world: F64) -> Light:
         power = color(np.asarray(spec.get("color", (1, 1, 1)), np.float64) * spec.get("intensity", 1.0))
@@ -169,8 +172,9 @@ class _Reader:
             return DirectionalLight(direction, power)
         if spec["type"] == "spot":
             cone = spec.get("spot", {})
-            return SpotLight(position, direction, power, inner_deg=math.degrees(cone.get("innerConeAngle", 0.0)),
-                             outer_deg=math.degrees(cone.get("outerConeAngle", math.pi / 4)))
+            outer = min(max(math.degrees(cone.get("outerConeAngle", math.pi / 4)), 0.0), 90.0)
+            inner = min(max(math.degrees(cone.get("innerConeAngle", 0.0)), 0.0), outer)
+            return SpotLight(position, direction, power, inner, outer)
         if spec["type"] == "point":
             return PointLight(position, power)
         raise ValueError(f"unknown light type {spec['type']!r}")

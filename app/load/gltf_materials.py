@@ -31,7 +31,7 @@ class Materials:
         """A material and the uv set that its textures use."""
         name = spec.get("name", f"material {index}")
         pbr = spec.get("pbrMetallicRoughness", {})
-        base = np.clip(np.asarray(pbr.get("baseColorFactor", (1, 1, 1, 1)), np.float64), 0, 1)
+        base = np.clip(np.nan_to_num(np.asarray(pbr.get("baseColorFactor", (1, 1, 1, 1)), np.float64)), 0, 1)
         albedo_map, uv_set = self._texture(pbr.get("baseColorTexture"))
         emission_map, emission_set = self._texture(spec.get("emissiveTexture"))
         if albedo_map is None:

@@ -56,19 +56,20 @@ def orbit(scene: Scene, base: Camera, frames: int) -> list[Camera]:
 def automatic_camera(survey: Survey) -> tuple[Camera, str]:
     """A camera for a surveyed scene, and a line that says which."""
     if survey.is_room:
-        return _room_camera(survey), "no camera given: the room is seen from the inside, along its longest free way"
+        camera = _room_camera(survey)
+        return camera, f"no camera given: the room is seen from the inside, from {_place(camera.eye)}"
     center, size = survey.bounds.mean(axis=0), survey.bounds[1] - survey.bounds[0]
     radius = max(float(np.linalg.norm(size)) / 2, 1e-30)
     distance = radius / math.sin(math.radians(_OBJECT_FOV) / 2)
-    eye = center + _unit(_OBJECT_VIEW) * distance
-    return (Camera(vector(eye), vector(center), fov_y_deg=_OBJECT_FOV),
-            "no camera given: the object is seen from outside, three quarters round")
+    camera = Camera(vector(center + _unit(_OBJECT_VIEW) * distance), vector(center), fov_y_deg=_OBJECT_FOV)
+    return camera, f"no camera given: the object is seen from outside, from {_place(camera.eye)}"
 
 
 def automatic_light(survey: Survey, camera: Camera) -> tuple[Light, str]:
     """A light for a surveyed scene as ``camera`` sees it, and a line that says which."""
     if survey.is_room:
-        return _ceiling_lamp(survey, camera), "no light given: a lamp hangs below the middle of the ceiling"
+        lamp = _ceiling_lamp(survey, camera)
+        return lamp, f"no light given: a lamp hangs below the ceiling, at {_place(lamp.position)}"
     forward = _unit(np.subtract(camera.target, camera.eye))
     right = _unit(np.cross(forward, camera.up))
     direction = _unit(0.6 * right - 1.0 * np.asarray(camera.up) + 0.5 * forward)
@@ -120,6 +121,10 @@ def _relative_height(survey: Survey, points: F64) -> F64:
     up = np.minimum(up, survey.bounds[1, 1] - points[:, 1])
     down = np.minimum(down, points[:, 1] - survey.bounds[0, 1])
     return np.asarray(down / np.maximum(up + down, 1e-30))
+
+
+def _place(point: tuple[float, float, float]) -> str:
+    return "({:.4g}, {:.4g}, {:.4g})".format(*point)
 
 
 def _turned(arm: F64, axis: F64, angle: float) -> F64:

@@ -16,7 +16,7 @@ from torch.nn import functional
 from app.channels import CHANNELS, CUBE, SCREEN
 from app.contract import ModelContract, TensorSpec
 
-FACE, FACE_CELL = 24, 4  # texels along the edge of a cube face, and of a cell on it
+FACE, FACE_CELL = 48, 8  # texels along the edge of a cube face, and of a cell on it
 SCREEN_ROWS, SCREEN_COLUMNS, SCREEN_CELL = 48, 64, 4  # texels taken from the screen grid, whatever its size
 CANDIDATES = 3  # along the edge of a cell: texels that are tried as the middle of its largest surface
 SURFELS = 512  # at most
