@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from app.channels import CUBE
+from app.errors import SettingsError
 from app.gl.lights import LightSet
 from app.graph import Pass, Plan, compile_graph
 from app.infer import Network
@@ -26,21 +27,37 @@ AOVS: dict[str, str] = {
     "emission": "emitted radiance, W/(sr m²)",
     "lit": "the composite before temporal anti-aliasing, W/(sr m²)",
 }
-RADIANCE = frozenset({"direct", "specular", "indirect", "emission", "lit"})  # scaled by LightSet.scale on the GPU
+RADIANCE = frozenset({"final", "direct", "specular", "indirect", "emission", "lit"})  # scaled by LightSet.scale on the GPU
 
 
 @dataclass(frozen=True)
 class Frame:
-    """All passes that scene, settings and network allow, and why others are absent."""
+    """All passes that scene, settings and network allow, and why others are absent.
+
+    ``finished`` names the resource that the picture ends in: ``taa``, or ``lit`` without it.
+    """
 
     passes: tuple[Pass, ...]
     absent: Mapping[str, str]
+    finished: str
 
-    def writes(self, name: str) -> bool:
-        return any(name in p.writes for p in self.passes)
+    def resource(self, output: str) -> str | None:
+        """The resource that holds ``output``; None where the scene can't have it.
 
-    def compile(self, outputs: tuple[str, ...]) -> Plan:
-        return compile_graph(self.passes, outputs, self.absent)
+        Raises
+        ------
+        SettingsError
+            For a name that is no output.
+        """
+        if output not in AOVS:
+            raise SettingsError(f"unknown output {output!r}", "--aov", "expected some of " + ", ".join(AOVS))
+        name = self.finished if output == "final" else output
+        return name if any(name in p.writes for p in self.passes) else None
+
+    def compile(self, outputs: Iterable[str]) -> Plan:
+        """The plan that delivers ``outputs``, and the display image with ``final``."""
+        wanted = [r for o in outputs if (r := self.resource(o)) is not None]
+        return compile_graph(self.passes, [*wanted, "display"] if "final" in outputs else wanted, self.absent)
 
 
 def build_frame(scene: Scene, settings: Settings, lights: LightSet, model: Network | None) -> Frame:
@@ -62,15 +79,16 @@ def build_frame(scene: Scene, settings: Settings, lights: LightSet, model: Netwo
     if model is not None:
         passes += _indirect(scene, settings, lights, model, absent)
     else:
-        absent |= {p: "no network was chosen" for p in ("surround", "surround_direct", "downsample", "network",
-                                                        "upsample")}
+        absent |= dict.fromkeys(("surround", "surround_direct", "downsample", "network", "upsample"),
+                                "no network was chosen")
     passes.append(composite.declare(has_indirect=model is not None))
     if settings.taa:
         passes.append(taa.declare())
     else:
         absent["taa"] = "switched off by --no-taa"
-    passes.append(output.declare("taa" if settings.taa else "lit"))
-    return Frame(tuple(passes), absent)
+    finished = "taa" if settings.taa else "lit"
+    passes.append(output.declare(finished))
+    return Frame(tuple(passes), absent, finished)
 
 
 def _indirect(scene: Scene, settings: Settings, lights: LightSet, model: Network,
@@ -85,7 +103,7 @@ def _indirect(scene: Scene, settings: Settings, lights: LightSet, model: Network
         passes += [gbuffer.declare_surround(scene, face, camera_axes),
                    direct.declare_surround(lights, face, camera_axes)]
     if not faces:
-        absent |= {p: "the network reads no cube" for p in ("surround", "surround_direct")}
+        absent |= dict.fromkeys(("surround", "surround_direct"), "the network reads no cube")
     passes += [downsample.declare(contract, t, settings.size, scene.longest_edge) for t in contract.inputs]
     tensors = {t: downsample.tensor_name(t) for t in contract.inputs}
     shapes = {t: downsample.tensor_shape(spec, grid) for t, spec in contract.inputs.items()}

@@ -139,7 +139,7 @@ class Network:
             surface = np.ones(views[t].shape[1:], bool) if guide is None else (guide != 0).any(axis=0)
             for r in found:
                 np.multiply(r, surface, out=r)
-                texels += np.count_nonzero(surface) * len(r)
+                texels += int(np.count_nonzero(surface)) * len(r)
             radiance += found
         mean = _robust_mean(radiance, texels) if radiance else 1.0
         for r in radiance:
@@ -205,10 +205,10 @@ def _sanitise(values: F32, background: F32, low: F32, high: F32, out: F32 | None
 
 def _robust_mean(radiance: list[F32], count: int) -> float:
     """The m for which m = sum(min(x, 32 m)) / count: one bright texel can't darken the rest. 0 for no texels."""
-    mean = sum(float(r.sum(dtype=np.float64)) for r in radiance) / max(count, 1)
-    for _ in range(8):
+    mean = sum(float(r.sum()) for r in radiance) / max(count, 1)
+    for _ in range(64):
         cap = np.float32(FIREFLY * mean)
-        clamped = sum(float(np.minimum(r, cap).sum(dtype=np.float64)) for r in radiance) / max(count, 1)
+        clamped = sum(float(np.minimum(r, cap).sum()) for r in radiance) / max(count, 1)
         if clamped >= mean * (1 - 1e-3):
             return clamped
         mean = clamped

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.contract import read_contract
-from app.errors import SettingsError
-from app.frame import AOVS, RADIANCE, build_frame
+from app.frame import RADIANCE, build_frame
 from app.gl.context import Device
 from app.gl.frame_state import CameraBlock, FrameState
 from app.gl.geometry import GpuScene
@@ -30,6 +29,7 @@ NEAR = 1e-4           # of the scene's longest edge
 JITTER_PERIOD = 64    # frames after which the sub-pixel offsets repeat
 GOLDEN = 0.61803398875
 COMPONENTS = {"depth": 1, "motion": 2}
+DTYPES: dict[str, type] = {"f1": np.uint8, "f2": np.float16, "f4": np.float32}
 
 Image = NDArray[Any]
 Execute = Callable[[FrameState, Resources], None]
@@ -67,8 +67,9 @@ class Renderer:
         self._lights = LightSet(self._gl, scene)
         self._camera = CameraBlock(self._gl)
         frame = build_frame(scene, settings, self._lights, self._network)
-        self.missing = tuple(o for o in settings.outputs if not frame.writes(o))
-        self.plan = frame.compile(_wanted(settings.outputs, self.missing))
+        self._sources = {o: frame.resource(o) for o in settings.outputs}
+        self.missing = tuple(o for o, source in self._sources.items() if source is None)
+        self.plan = frame.compile(settings.outputs)
         self._pool = Pool(self._gl, self.plan, settings.size)
         self._executors: list[tuple[BoundPass, Execute, Resources]] = [
             (b, b.spec.make(self._gl, b), Resources(self._pool, b)) for b in self.plan.passes if b.spec.make]
@@ -199,16 +200,17 @@ class Renderer:
     def _read(self, name: str, camera: Camera) -> Image:
         w, h = self.settings.size
         channels = COMPONENTS.get(name, 3)
-        if name in self.missing:
+        source = self._sources[name]
+        if source is None:
             return np.zeros((h, w, channels), np.float32)
-        image: Image = self._pixels(name)
+        image = self._pixels(source)
         if name == "position":
             seen = image[..., 3:] > 0
-            return np.where(seen, image[..., :3] + np.asarray(camera.eye, np.float32), 0.0).astype(np.float32)
+            return np.where(seen, image[..., :3] + np.asarray(camera.eye, np.float32), np.float32(0))
         image = image[..., :channels]
-        if name in RADIANCE:
-            image = image / np.float32(self._lights.scale)
-        return np.ascontiguousarray(image)
+        if name in RADIANCE and self._lights.scale != 1:
+            image = image * np.float32(1 / self._lights.scale)
+        return image
 
     def _pixels(self, name: str, newest: bool = False) -> Image:
         resource = self.plan.resources[name]
@@ -216,9 +218,9 @@ class Renderer:
             return np.frombuffer(self._pool.buffer(name).read(), np.float32).reshape(resource.shape)
         newest_copy = newest and name in self.plan.history
         texture = self._pool.texture(name + "@prev" if newest_copy else name)
-        kind = {"f1": np.uint8, "f2": np.float16, "f4": np.float32}[resource.dtype]
+        kind = DTYPES[resource.dtype]
         image = np.frombuffer(texture.read(alignment=1), kind).reshape(texture.height, texture.width, -1)[::-1]
-        return image if kind is np.uint8 else image.astype(np.float32)
+        return image.astype(np.float32) if kind is np.float16 else image
 
     def _apply_overrides(self, bound: BoundPass) -> None:
         for name in set(bound.writes) & set(self._overrides):
@@ -227,7 +229,7 @@ class Renderer:
                 self._pool.buffer(name).write(np.broadcast_to(value, resource.shape).astype(np.float32).tobytes())
                 continue
             texture = self._pool.texture(name)
-            kind = {"f1": np.uint8, "f2": np.float16, "f4": np.float32}[resource.dtype]
+            kind = DTYPES[resource.dtype]
             shape = (texture.height, texture.width, texture.components)
             with np.errstate(invalid="ignore", over="ignore"):
                 texture.write(np.broadcast_to(value, shape)[::-1].astype(kind).tobytes(), alignment=1)
@@ -253,11 +255,3 @@ class _Yardstick:
         self._source.use(0)
         self._program.set(source=0)
         self._device.draw_fullscreen(self._program)
-
-
-def _wanted(outputs: tuple[str, ...], missing: tuple[str, ...]) -> tuple[str, ...]:
-    for name in outputs:
-        if name not in AOVS:
-            raise SettingsError(f"unknown output {name!r}", "--aov", "expected some of " + ", ".join(AOVS))
-    found = [o for o in outputs if o not in missing]
-    return tuple(found + ["display"] if "final" in found else found)

@@ -3,6 +3,7 @@
 // neighbourhood in YCoCg (Salvi 2016, "An Excursion in Temporal Supersampling").
 #include "numbers.glsl"
 #include "camera.glsl"
+#include "quad.glsl"
 
 const float CLIP_GAMMA = 1.25;      // standard deviations
 const float MOVING_FRAMES = 12.0;   // history length while something moves through the texel
@@ -35,7 +36,8 @@ vec3 current(ivec2 t)
     return sanitize_radiance(texelFetch(lit, t, 0).rgb);
 }
 
-// Catmull-Rom in five bilinear fetches (Jimenez 2016, "Filmic SMAA"); its negative lobes are clamped.
+// Catmull-Rom as one bilinear fetch of the middle four texels and the four beside them, corners left out
+// (after Jimenez 2016, "Filmic SMAA"); its negative lobes are clamped.
 vec3 catmull_rom(vec2 at)
 {
     vec2 centre = floor(at - 0.5) + 0.5;
@@ -43,14 +45,16 @@ vec3 catmull_rom(vec2 at)
     vec2 w0 = f * (-0.5 + f * (1.0 - 0.5 * f));
     vec2 w1 = 1.0 + f * f * (-2.5 + 1.5 * f);
     vec2 w3 = f * f * (-0.5 + 0.5 * f);
-    vec2 w2 = 1.0 - w0 - w1 - w3;
-    vec2 w12 = w1 + w2;
-    vec2 low = (centre - 1.0) * image.zw, middle = (centre + w2 / w12) * image.zw, high = (centre + 2.0) * image.zw;
-    vec4 sum = vec4(texture(taa_prev, middle).rgb, 1.0) * (w12.x * w12.y)
-        + vec4(texture(taa_prev, vec2(middle.x, low.y)).rgb, 1.0) * (w12.x * w0.y)
-        + vec4(texture(taa_prev, vec2(middle.x, high.y)).rgb, 1.0) * (w12.x * w3.y)
-        + vec4(texture(taa_prev, vec2(low.x, middle.y)).rgb, 1.0) * (w0.x * w12.y)
-        + vec4(texture(taa_prev, vec2(high.x, middle.y)).rgb, 1.0) * (w3.x * w12.y);
+    vec2 w12 = 1.0 - w0 - w3;
+    vec2 middle = centre + (w12 - w1) / w12;
+    ivec2 c = ivec2(middle), last = ivec2(image.xy) - 1;
+    ivec2 low = max(ivec2(centre) - 1, 0), high = min(ivec2(centre) + 2, last);
+    c = clamp(c, ivec2(0), last);
+    vec4 sum = vec4(textureLod(taa_prev, middle * image.zw, 0.0).rgb, 1.0) * (w12.x * w12.y)
+        + vec4(texelFetch(taa_prev, ivec2(c.x, low.y), 0).rgb, 1.0) * (w12.x * w0.y)
+        + vec4(texelFetch(taa_prev, ivec2(c.x, high.y), 0).rgb, 1.0) * (w12.x * w3.y)
+        + vec4(texelFetch(taa_prev, ivec2(low.x, c.y), 0).rgb, 1.0) * (w0.x * w12.y)
+        + vec4(texelFetch(taa_prev, ivec2(high.x, c.y), 0).rgb, 1.0) * (w3.x * w12.y);
     return max(sum.rgb / sum.a, 0.0);
 }
 
@@ -61,19 +65,31 @@ float clip_share(vec3 offset, vec3 half_size)
     return 1.0 / max(1.0, max(ratio.x, max(ratio.y, ratio.z)));
 }
 
-// The motion of the nearest surface among the texel and its neighbours, so that edges move with what is before.
-vec3 nearest_motion(ivec2 t, float d)
+// Mean and mean square of the 3x3 neighbourhood in YCoCg. Each texel of a quad fetches its own corner of the
+// quad's 4x4 surroundings, and they hand each other what is theirs.
+void neighbourhood(ivec2 t, ivec2 outward, vec3 own, out vec3 mean, out vec3 square)
 {
-    ivec2 last = ivec2(image.xy) - 1, best = t;
-    for (int i = 0; i < 4; ++i) {
-        ivec2 n = clamp(t + ivec2((i & 1) * 2 - 1, (i >> 1) * 2 - 1), ivec2(0), last);
-        float other = texelFetch(depth, n, 0).r;
-        if (is_surface(other) && (other < d || !is_surface(d))) {
-            d = other;
-            best = n;
-        }
-    }
-    return texelFetch(motion, best, 0).xyz;
+    vec3 beside = ycocg(current(t + ivec2(outward.x, 0)));
+    vec3 above = ycocg(current(t + ivec2(0, outward.y)));
+    vec3 corner = ycocg(current(t + outward));
+    vec3 row = own + beside + quad_swap_x(own), row2 = own * own + beside * beside + quad_swap_x(own * own);
+    mean = row + above + corner + quad_swap_x(above) + quad_swap_y(row);
+    square = row2 + above * above + corner * corner + quad_swap_x(above * above) + quad_swap_y(row2);
+    mean /= 9.0;
+    square /= 9.0;
+}
+
+// The motion of the nearest surface in and around the quad, so that edges move with what is before them.
+vec2 nearest_motion(ivec2 t, ivec2 outward, float d)
+{
+    float other = texelFetch(depth, t + outward, 0).r;
+    bool closer = is_surface(other) && (other < d || !is_surface(d));
+    vec3 best = vec3(vec2(t + (closer ? outward : ivec2(0))), closer ? other : is_surface(d) ? d : FAR);
+    vec3 swapped = quad_swap_x(best);
+    best = swapped.z < best.z ? swapped : best;
+    swapped = quad_swap_y(best);
+    best = swapped.z < best.z ? swapped : best;
+    return texelFetch(motion, ivec2(best.xy + 0.5), 0).xy;
 }
 
 // Whether the surface at t was visible one frame ago where it came from.
@@ -87,39 +103,29 @@ bool was_visible(vec2 at, float expected)
 
 void main()
 {
-    ivec2 t = ivec2(gl_FragCoord.xy);
+    ivec2 last = ivec2(image.xy) - 1, t = min(ivec2(gl_FragCoord.xy), last);
+    ivec2 outward = clamp(t - ivec2(quad_side()), ivec2(0), last) - t;
     vec3 now = current(t);
-    out_taa = vec4(now, 1.0);
-    if (!history_valid) return;
-
     float d = texelFetch(depth, t, 0).r;
     vec3 own = texelFetch(motion, t, 0).xyz;
-    vec3 moved = nearest_motion(t, d);
-    vec2 shift = vec2(moved.x, -moved.y);
-    if (!(is_finite(shift.x) && is_finite(shift.y))) return;
+    vec2 shift = nearest_motion(t, outward, d) * vec2(1.0, -1.0);
+    vec3 mean, square;
+    neighbourhood(t, outward, ycocg(now), mean, square);
+    vec3 deviation = sqrt(max(square - mean * mean, 0.0));
+
+    shift = is_finite(shift.x + shift.y) ? shift : vec2(1e9);
     vec2 at = gl_FragCoord.xy - shift;
     bool still = dot(shift, shift) < STILL_PIXELS * STILL_PIXELS;
-
-    vec3 mean = vec3(0.0), square = vec3(0.0);
-    ivec2 last = ivec2(image.xy) - 1;
-    for (int i = 0; i < 9; ++i) {
-        ivec2 n = clamp(t + ivec2(i % 3 - 1, i / 3 - 1), ivec2(0), last);
-        vec3 c = ycocg(current(n));
-        mean += c;
-        square += c * c;
-    }
-    mean /= 9.0;
-    vec3 deviation = sqrt(max(square / 9.0 - mean * mean, 0.0));
-
     vec4 nearest = texelFetch(taa_prev, clamp(ivec2(at), ivec2(0), last), 0);
-    vec3 history = still ? nearest.rgb : catmull_rom(at);
+    vec3 history = nearest.rgb;
+    history = still ? history : catmull_rom(at);
     bool healthy = is_finite(history.r + history.g + history.b) && nearest.a >= 1.0;
-    float before = is_surface(d) ? own.z : 0.0;
-    if (!healthy || !was_visible(gl_FragCoord.xy - vec2(own.x, -own.y), before)) return;
+    vec2 origin = gl_FragCoord.xy - own.xy * vec2(1.0, -1.0);
+    bool keep = history_valid && healthy && was_visible(origin, is_surface(d) ? own.z : 0.0);
 
     vec3 offset = ycocg(history) - mean;
     float share = clip_share(offset, CLIP_GAMMA * deviation);
     history = max(rgb(mean + offset * share), 0.0);
-    float frames = min(nearest.a * mix(0.25, 1.0, share) + 1.0, still ? STILL_FRAMES : MOVING_FRAMES);
-    out_taa = vec4(min(mix(history, now, 1.0 / frames), HALF_MAX), frames);
+    float frames = keep ? min(nearest.a * mix(0.25, 1.0, share) + 1.0, still ? STILL_FRAMES : MOVING_FRAMES) : 1.0;
+    out_taa = vec4(keep ? min(mix(history, now, 1.0 / frames), HALF_MAX) : now, frames);
 }

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.channels import CHANNELS, CUBE, SCREEN
+from app.channels import SCREEN
 from app.contract import ModelContract
 
 F64 = NDArray[np.float64]
+Arrays = dict[str, NDArray[np.float32]]
 
 # forward and image-up of the faces front, back, left, right, up, down
 FACES = (((0, 0, -1), (0, 1, 0)), ((0, 0, 1), (0, 1, 0)), ((-1, 0, 0), (0, 1, 0)),
@@ -19,7 +20,7 @@ FACES = (((0, 0, -1), (0, 1, 0)), ((0, 0, 1), (0, 1, 0)), ((-1, 0, 0), (0, 1, 0)
 
 @dataclass(frozen=True)
 class Quad:
-    """The rectangle ``corner`` + s ``u`` + t ``v``, s and t in [0, 1], of one colour on both sides."""
+    """The rectangle ``corner`` + s ``u`` + t ``v``, s and t in [0, 1], of one grey on both sides."""
 
     corner: tuple[float, float, float]
     u: tuple[float, float, float]
@@ -44,6 +45,14 @@ class View:
         return np.stack([right, np.cross(right, forward), -forward])
 
 
+@dataclass(frozen=True)
+class Lamp:
+    """A point light, W/sr; it casts no shadows."""
+
+    position: tuple[float, float, float]
+    intensity: float
+
+
 def box(size: tuple[float, float, float], radiance: float = 0.0, albedo: float = 0.5,
         low: tuple[float, float, float] = (0, 0, 0)) -> list[Quad]:
     """Six rectangles; a room from the inside, a block from the outside."""
@@ -56,14 +65,16 @@ def box(size: tuple[float, float, float], radiance: float = 0.0, albedo: float =
     return quads
 
 
-def tensors(contract: ModelContract, quads: list[Quad], view: View) -> dict[str, NDArray[np.float32]]:
+def tensors(contract: ModelContract, quads: list[Quad], view: View, lamp: Lamp | None = None) -> Arrays:
     """The network's inputs, [C, h, w] and [C, 6, n, n]."""
     grids = {}
     for name, spec in contract.inputs.items():
-        channels = _screen(quads, view) if spec.grid == SCREEN else _cube(quads, view, spec.size)
+        if spec.grid == SCREEN:
+            channels = _shade(quads, view, *_screen_rays(view), lamp)
+        else:
+            assert contract.cube_axes == "world" and spec.size
+            channels = _cube(quads, view, spec.size, lamp)
         grids[name] = np.concatenate([channels[c] for c in spec.channels]).astype(np.float32)
-        assert len(grids[name]) == sum(CHANNELS[c].components for c in spec.channels)
-        assert spec.grid in (SCREEN, CUBE)
     return grids
 
 
@@ -74,17 +85,17 @@ def screen_points(quads: list[Quad], view: View) -> tuple[F64, F64, NDArray[np.i
     return np.asarray(view.eye) + distance[..., None] * rays, normals, number
 
 
-def _screen(quads: list[Quad], view: View) -> dict[str, F64]:
-    rays, solid_angle = _screen_rays(view)
-    return _shade(quads, view, rays, solid_angle)
+def solid_angles(view: View) -> F64:
+    """Of the screen's texels [h, w]."""
+    return _screen_rays(view)[1]
 
 
-def _cube(quads: list[Quad], view: View, n: int) -> dict[str, F64]:
+def _cube(quads: list[Quad], view: View, n: int, lamp: Lamp | None) -> dict[str, F64]:
     at = (2 * (np.arange(n) + 0.5) / n) - 1
     rays = np.stack([np.asarray(f, float) + at[None, :, None] * np.cross(f, up) - at[:, None, None] * np.asarray(up)
                      for f, up in FACES])
     length = np.linalg.norm(rays, axis=-1)
-    channels = _shade(quads, view, rays / length[..., None], (2 / n) ** 2 / length ** 3)
+    channels = _shade(quads, view, rays / length[..., None], (2 / n) ** 2 / length ** 3, lamp)
     x, y, z = np.moveaxis(rays @ view.axes().T, -1, 0)
     t = np.tan(np.radians(view.fov_y_deg) / 2)
     inside = (z < 0) & (np.abs(x) <= -z * t * view.size[0] / view.size[1]) & (np.abs(y) <= -z * t)
@@ -101,7 +112,7 @@ def _screen_rays(view: View) -> tuple[F64, F64]:
     return (rays / length[..., None]) @ view.axes(), (2 * t / h) ** 2 / length ** 3
 
 
-def _shade(quads: list[Quad], view: View, rays: F64, solid_angle: F64) -> dict[str, F64]:
+def _shade(quads: list[Quad], view: View, rays: F64, solid_angle: F64, lamp: Lamp | None) -> dict[str, F64]:
     distance, number, normals = _cast(quads, view, rays)
     hit = number >= 0
 
@@ -109,10 +120,15 @@ def _shade(quads: list[Quad], view: View, rays: F64, solid_angle: F64) -> dict[s
         return np.repeat(np.where(hit, np.array([getattr(q, key) for q in quads])[number], 0.0)[None], 3, axis=0)
 
     positions = np.where(hit[..., None], distance[..., None] * rays, 0.0) @ view.axes().T
+    albedo, radiance = of_quad("albedo"), of_quad("radiance")
+    if lamp is not None:
+        to = np.asarray(lamp.position) - np.asarray(view.eye) - distance[..., None] * rays
+        d2 = np.maximum((to * to).sum(-1), 1e-12)
+        radiance = radiance + albedo / np.pi * lamp.intensity * np.maximum((to * normals).sum(-1), 0) / d2 ** 1.5
     return {"position.view.xyz": np.moveaxis(positions, -1, 0),
             "normal.view.xyz": np.moveaxis(normals @ view.axes().T, -1, 0),
             "normal.world.xyz": np.moveaxis(normals, -1, 0),
-            "albedo.rgb": of_quad("albedo"), "radiance.rgb": of_quad("radiance"), "direct.rgb": of_quad("radiance"),
+            "albedo.rgb": albedo, "radiance.rgb": radiance, "direct.rgb": radiance,
             "solid_angle": np.where(hit, solid_angle, 0.0)[None]}
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.gl.context import Device
-from app.math3d import cube_rotations, look_rotation, normalize, orthographic, perspective
+from app.math3d import look_rotation, normalize, orthographic, perspective
 from app.scene import DirectionalLight, Light, PointLight, RectLight, Scene, SpotLight
 
 F64 = NDArray[np.float64]
@@ -74,6 +74,8 @@ class LightSet:
         found: dict[str, object] = {f"HAS_{names[k]}_LIGHT": 1 for k in sorted(kinds, key=lambda k: k.__name__)}
         if self.soft:
             found["HAS_SOFT_LIGHT"] = 1
+            if any(_size_of(light) <= 0 for light in self.lights):
+                found["HAS_HARD_LIGHT"] = 1
         maps = {SINGLE_MAP: "SINGLE", CUBE_MAP: "CUBE", PARALLEL_MAP: "PARALLEL"}
         found |= {f"HAS_{maps[kind]}_MAP": 1 for kind in sorted({tile.kind for tile in self.tiles})}
         return {"LIGHT_COUNT": len(self.lights), **found}
@@ -137,9 +139,9 @@ class LightSet:
             assert isinstance(light, SpotLight)
             rotation, tan_half = _spot_frame(light)
             return [ShadowFace((x, y, n, n), origin, perspective(tan_half, near, far) @ _rotate(rotation), None)]
-        return [ShadowFace((x + n * (i % 3), y + n * (i // 3), n, n), origin,
-                           perspective(1.0, near, far) @ _rotate(rotation), None)
-                for i, rotation in enumerate(cube_rotations())]
+        return [ShadowFace((x + n * axis, y + n * row, n, n), origin,
+                           perspective(1.0, near, far) @ _axis_view(axis, sign), None)
+                for axis in range(3) for row, sign in enumerate((-1.0, 1.0))]
 
 
 @dataclass(frozen=True)
@@ -225,6 +227,14 @@ def _size_of(light: Light) -> float:
 def _spot_frame(light: SpotLight) -> tuple[F64, float]:
     rotation = look_rotation(np.asarray(light.direction, np.float64), np.array([0.0, 1.0, 0.0]))
     return rotation, math.tan(math.radians(min(light.outer_deg + SPOT_MARGIN_DEG, 80.0)))
+
+
+def _axis_view(axis: int, sign: float) -> F64:
+    """View along ``sign`` × world ``axis`` whose right and up are the two axes after it; possibly mirrored."""
+    rows = np.zeros((4, 4))
+    rows[0, (axis + 1) % 3] = rows[1, (axis + 2) % 3] = rows[3, 3] = 1.0
+    rows[2, axis] = -sign
+    return rows
 
 
 def _rotate(rotation: F64) -> F64:

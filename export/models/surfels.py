@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from app.channels import CHANNELS, CUBE, SCREEN
+from app.channels import CHANNELS, CUBE
 from app.contract import ModelContract, TensorSpec
 
 FACE, FACE_CELL = 48, 8  # texels along the edge of a cube face, and of a cell on it
@@ -22,6 +22,7 @@ CANDIDATES = 3  # along the edge of a cell: texels that are tried as the middle 
 SURFELS = 512  # at most
 BLOCK = 256  # surfels per block, so that a block's matrices stay in the cache
 BOUNCES = 8
+LONGEST = 0.95  # largest ratio of one bounce to the one before
 LIFT = 0.5  # in widths of a texel, towards the camera
 GRAZING = 0.05  # smallest cosine: beyond it a texel's area says nothing
 FLATNESS = 0.15  # a texel lies on a surface within this fraction of the cell's width ...
@@ -66,21 +67,28 @@ class Gather(nn.Module):
 
     The surfels come from the screen and from those parts of the cube that the screen does not show.
 
-    Inputs (see ``contract``)
-    -------------------------
-    screen : Tensor, float32, shape (1, C, h, w)
-        The points to be lit; they send light too.
-    cube : Tensor, float32, shape (1, C + 1, 6, n, n)
-
-    Returns
-    -------
-    Tensor, float32, shape (1, 3, h, w)
-        Indirect radiance / albedo; 0 in the sky. Never more than the largest radiance of a surfel.
+    Attributes
+    ----------
+    contract : ModelContract
+        What it reads and writes; the exported file carries it.
     """
 
     contract = _contract("gather", "single", ("position.view.xyz", "normal.view.xyz", "radiance.rgb", "solid_angle"))
 
     def forward(self, screen: Tensor, cube: Tensor) -> Tensor:
+        """Light the points on the screen.
+
+        Parameters
+        ----------
+        screen : Tensor, float32, shape (1, C, h, w)
+            The points to be lit; they send light too. View space, scaled to ``contract.scene_extent``.
+        cube : Tensor, float32, shape (1, C + 1, 6, FACE, FACE)
+
+        Returns
+        -------
+        Tensor, float32, shape (1, 3, h, w)
+            Indirect radiance / albedo; 0 in the sky. Never more than the largest radiance of a surfel.
+        """
         screen = _finite(screen, self.contract.inputs["screen"])
         cube = _finite(cube, self.contract.inputs["cube"])
         q = self._named(screen[0].flatten(1))
@@ -135,33 +143,47 @@ class Gather(nn.Module):
         first = _fullest(same, omega) * omega
         rest = omega - first
         second = _fullest(same, rest) * rest
-        share = whole / (first + second).sum(2, keepdim=True).clamp(min=1e-12)
-        seen = torch.cat([first, second], 1) * share
+        filled = whole / (first + second).sum(2, keepdim=True).clamp(min=1e-12)
+        seen = torch.cat([first, second], 1) * filled
         area = seen * (r2 / (-plane * r2.clamp(min=1e-12).rsqrt()).clamp(min=GRAZING))
         total = area.sum(2, keepdim=True)
         mean = ((area @ cells.transpose(1, 2)) / total.clamp(min=1e-12)).flatten(0, 1)
         s = {key: value.t() for key, value in self._named(mean.t()).items()}
         # A disk wider than its distance is no longer a small piece of surface.
         area = torch.minimum(total.flatten(0, 1), math.pi * (s["position"] * s["position"]).sum(1, keepdim=True))
-        return Surfels(s["position"], functional.normalize(s["normal"], dim=1), s["radiance"],
-                       s.get("albedo", s["radiance"]), area,
-                       (seen.sum(2, keepdim=True) / whole.clamp(min=1e-12)).flatten(0, 1))
+        share = (seen.sum(2, keepdim=True) / whole.clamp(min=1e-12)).flatten(0, 1)
+        albedo = s.get("albedo", torch.zeros_like(s["radiance"]))  # one bounce needs none
+        return Surfels(s["position"], functional.normalize(s["normal"], dim=1), s["radiance"], albedo, area, share)
 
 
 class Radiosity(Gather):
-    """Many bounces: the surfels light each other eight times before the pixels gather."""
+    """Many bounces: the surfels light each other before the pixels gather.
+
+    Eight bounces are followed; the rest is the tail of the geometric series that they have become by then.
+    """
 
     contract = _contract("radiosity", "multi", ("position.view.xyz", "normal.view.xyz", "albedo.rgb", "radiance.rgb",
                                                 "solid_angle"))
 
     def outgoing(self, surfels: Surfels) -> Tensor:
+        """Radiance [S, 3] that the surfels send after all bounces."""
         factors = _form_factors(surfels.position, surfels.normal, surfels)
-        # Rows of at most 1: energy can't grow.
-        spread = surfels.albedo / factors.sum(1, keepdim=True).clamp(min=1)
-        light = surfels.radiance
+        # Energy can't grow: no surfel receives more than all directions hold, nor all together more than was sent.
+        factors = factors / factors.sum(1, keepdim=True).clamp(min=1)
+        light = bounce = surfels.radiance
         for _ in range(BOUNCES):
-            light = surfels.radiance + spread * (factors @ light)
-        return light
+            sent = _flux(surfels, bounce)
+            received = factors @ bounce
+            bounce = surfels.albedo * received * (sent / _flux(surfels, received)).clamp(max=1)
+            light = light + bounce
+            ratio = _flux(surfels, bounce) / sent
+        ratio = ratio.clamp(max=LONGEST)
+        return light + bounce * ratio / (1 - ratio)
+
+
+def _flux(surfels: Surfels, light: Tensor) -> Tensor:
+    """Area × radiance, summed over the surfels, never 0; shape (3,)."""
+    return (surfels.area * light).sum(0).clamp(min=1e-12)
 
 
 def _receive(p: Tensor, n: Tensor, surfels: Surfels, light: Tensor) -> Tensor:
@@ -179,8 +201,8 @@ def _form_factors(p: Tensor, n: Tensor, surfels: Surfels) -> Tensor:
 
     The exact factor of a disk that lies wholly above the receiver's horizon. With R its radius, d the distance,
     a = n·(q − p) and h = m·(p − q) the heights of each above the other's plane, c = n·m, and
-    S² = (d² + R²)² − 4 R² (d² − h²), the components along and across the disk's axis (Howell's catalogue
-    of configuration factors, B-12 and B-15) add up to
+    S² = (d² + R²)² − 4 R² (d² − h²), the factors of a parallel and of a perpendicular element (Howell, A Catalog
+    of Radiation Heat Transfer Configuration Factors, element to disk) are the components of a vector, which give
 
         F = R² h (2 a − 4 c h R² / (S + d² − R²)) / (S (S + d² + R²)).
 

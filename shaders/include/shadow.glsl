@@ -1,8 +1,9 @@
 // Soft shadows by percentage closer soft shadows: blocker search, penumbra estimate, filtered lookup
-// (Fernando 2005), with two changes. A tap is a point on the light projected through the mean blocker, so
-// spheres, rectangles and parallel light share one code. And a tap compares its texel with the receiver's
-// plane at the texel's own centre, so flat receivers need no bias however wide the kernel.
+// (Fernando 2005), with three changes. A tap is a point on the light projected through the mean blocker, so spheres
+// and rectangles share one code. It compares its texel with the receiver's plane in the tap's direction, so flat
+// receivers need no more bias for wide kernels. And the four texels of a quad search together.
 #include "lights.glsl"
+#include "quad.glsl"
 #include "shadow_tile.glsl"
 
 const int NO_MAP = 0;
@@ -10,9 +11,10 @@ const int SINGLE_MAP = 1;
 const int CUBE_MAP = 2;
 const int PARALLEL_MAP = 3;
 
-const int TAPS = 4;                    // per texel, of the search and of the filter's first look; a quad shares them
-const int PENUMBRA_TAPS = 12;          // more of the filter inside penumbrae
-const float HARD_KERNEL = 1.0;         // kernels with a smaller radius, in texels, are filtered bilinearly
+const int TAPS = 2;                    // of a texel's search, and of its look for an edge; a quad shares them
+const int PENUMBRA_TAPS = 14;          // of the filter
+const float HARD_KERNEL = 1.0;         // smallest radius of the filter, in texels
+const float LONGEST_THROW = 0.5;       // of the map: blockers of parallel light farther away are not searched
 const float NEAREST_BLOCKER = 0.15;    // blockers nearer to the light than this share of the way are not searched
 const float NORMAL_OFFSET = 1.5;       // texels
 const float DISTANCE_BIAS = 5e-4;      // relative
@@ -24,25 +26,11 @@ uniform sampler2D shadow_bounds;
 #endif
 uniform float noise_phase;  // turns the sampling pattern, from the seed
 
-// Fixed per texel, so that still pictures stay still (Jimenez 2014, interleaved gradient noise).
-float texel_noise(vec2 pixel)
+// Fixed per quad of texels, so that still pictures stay still (Jimenez 2014, interleaved gradient noise).
+float quad_noise()
 {
+    vec2 pixel = floor(gl_FragCoord.xy * 0.5);
     return fract(52.9829189 * fract(dot(pixel, vec2(0.06711056, 0.00583715))) + noise_phase);
-}
-
-// Sum over the 2x2 texels that are shaded together. Not for use where they may part ways.
-float quad_sum(float x)
-{
-    vec2 side = 1.0 - 2.0 * mod(floor(gl_FragCoord.xy), 2.0);
-    x += x + dFdxFine(x) * side.x;
-    return x + x + dFdyFine(x) * side.y;
-}
-
-// Index 0 to 3 of the texel in its quad.
-float quad_lane()
-{
-    vec2 odd = mod(floor(gl_FragCoord.xy), 2.0);
-    return odd.x + 2.0 * odd.y;
 }
 
 // Points on the light by Roberts' R2 sequence, whose every stretch is well spread.
@@ -73,288 +61,293 @@ vec2 next_point(inout Pattern s, bool square)
 }
 
 #ifdef HAS_SOFT_LIGHT
-// The four texels of a quad search together, so they need one noise value.
-Pattern search_pattern()
+// A texel's stretch of the points that its quad shares, count for each.
+Pattern quad_pattern(int count, float noise)
 {
-    return pattern_from(quad_lane() * float(TAPS), texel_noise(floor(gl_FragCoord.xy * 0.5) * 2.0));
+    return pattern_from(quad_lane() * float(count), noise);
 }
 
-// How many taps more a texel takes whose quad's first ones saw both light and shadow.
-int penumbra_taps(bool soft, float passed)
+// The i-th point of a texel's look for a shadow's edge. The quad's eight are six around the rim, which every
+// straight edge that takes more than a fortieth of the disc must part, and two inside.
+vec2 rim_point(int i, bool square, float noise)
 {
-    float taken = quad_sum(soft ? float(TAPS) : 0.0), seen = quad_sum(soft ? passed : 0.0);
-    return soft && seen > 0.0 && seen < taken ? PENUMBRA_TAPS : 0;
+    float k = quad_lane() * float(TAPS) + float(i);
+    float angle = 2.0 * PI * (noise + (k < 6.0 ? k / 6.0 : 0.25 + 0.5 * (k - 6.0)));
+    vec2 at = vec2(cos(angle), sin(angle));
+#ifdef HAS_RECT_LIGHT
+    if (square) at /= max(abs(at.x), abs(at.y));
+#endif
+    return at * (k < 6.0 ? 1.1 : 0.4);
 }
 
-// Visibility from the taps that passed; where a whole quad lies on one plane in a penumbra, blended with its mean.
-float soft_visibility(float passed, int more, vec3 p, vec3 n)
+// Visibility where the filter ran; where a whole quad lies on one plane in a penumbra, blended with its mean.
+float filtered_visibility(float passed, int taps, vec3 p, vec3 n)
 {
-    float lit = passed / float(TAPS + more);
+    float lit = passed / float(PENUMBRA_TAPS);
     vec3 dx = dFdxFine(p), dy = dFdyFine(p);
     bool flat_here = abs(dot(n, dx)) < 0.1 * length(dx) && abs(dot(n, dy)) < 0.1 * length(dy);
-    float together = quad_sum(flat_here && more > 0 ? 1.0 : 0.0);
+    float together = quad_sum(flat_here && taps > 0 ? 1.0 : 0.0);
     return mix(lit, 0.25 * quad_sum(lit), together == 4.0 ? QUAD_BLEND : 0.0);
 }
 #endif
 
 #if defined(HAS_CUBE_MAP) || defined(HAS_SINGLE_MAP)
-// Where a direction falls on a light's map: u and v in [-1, 1] on the square at corner, whose texels lie in
-// directions forward + u right + v up.
-struct MapPoint {
-    vec2 uv;
-    vec2 corner;
-    vec3 normal;   // the receiver's normal in the square's coordinates (right, up, forward)
-    float square;  // squared length of right and up
-};
-
-// Without branches, since software rasterisers walk through both sides of each.
-MapPoint map_point(Light light, vec3 q, vec3 n)
+// Texel of a light's map in direction q from the light, as a fraction of its squares, and the square's corner in
+// texels. Without branches, since software rasterisers walk through both sides of each.
+vec2 map_fraction(Light light, vec3 q, out vec2 corner)
 {
-#ifdef HAS_SINGLE_MAP
-    vec3 x = light.frame_x.xyz, y = light.frame_y.xyz, z = light.frame_z.xyz;
-    float square = 1.0 / dot(x, x);
-    MapPoint single = MapPoint(clamp(vec2(dot(x, q), dot(y, q)) / max(dot(z, q), 1e-30), -1.0, 1.0), light.tile.xy,
-                               vec3(dot(x, n) * square, dot(y, n) * square, dot(z, n)), square);
-#ifndef HAS_CUBE_MAP
-    return single;
-#endif
-#endif
+    vec2 fraction;
 #ifdef HAS_CUBE_MAP
+    // Columns of squares are the axes x, y, z; rows their negative and positive ends (see lights.py).
     vec3 a = abs(q);
     bool along_z = a.z >= max(a.x, a.y);
-    bool along_x = !along_z && a.x >= a.y;
-    float major = along_z ? q.z : along_x ? q.x : q.y;
-    float s = major < 0.0 ? -1.0 : 1.0;
-    float index = along_z ? 0.5 + 0.5 * s : along_x ? 2.5 + 0.5 * s : 4.5 - 0.5 * s;
-    vec2 uv = vec2(along_z ? -s * q.x : along_x ? s * q.z : q.x, along_z || along_x ? q.y : s * q.z) / abs(major);
-    vec3 turned = vec3(along_z ? -s * n.x : along_x ? s * n.z : n.x, along_z || along_x ? n.y : s * n.z,
-                       s * (along_z ? n.z : along_x ? n.x : n.y));
-    vec2 place = index < 3.0 ? vec2(index, 0.0) : vec2(index - 3.0, 1.0);
-    MapPoint cube = MapPoint(uv, light.tile.xy + light.tile.z * place, turned, 1.0);
-#ifndef HAS_SINGLE_MAP
-    return cube;
+    bool along_x = a.x >= a.y;
+    vec3 turned = along_z ? q : along_x ? q.yzx : q.zxy;
+    corner = light.tile.xy + light.tile.z * vec2(along_z ? 2.0 : along_x ? 0.0 : 1.0, turned.z < 0.0 ? 0.0 : 1.0);
+    fraction = turned.xy * (0.5 / abs(turned.z)) + 0.5;
+#endif
+#ifdef HAS_SINGLE_MAP
+    vec3 f = vec3(dot(light.frame_x.xyz, q), dot(light.frame_y.xyz, q), dot(light.frame_z.xyz, q));
+    vec2 single = f.xy * (0.5 / max(f.z, 1e-30)) + 0.5;
+#ifdef HAS_CUBE_MAP
+    bool is_single = int(light.tile.w) == SINGLE_MAP;
+    corner = is_single ? light.tile.xy : corner;
+    fraction = is_single ? single : fraction;
+#else
+    corner = light.tile.xy;
+    fraction = single;
 #endif
 #endif
-#if defined(HAS_CUBE_MAP) && defined(HAS_SINGLE_MAP)
-    return int(light.tile.w) == SINGLE_MAP ? single : cube;
-#endif
+    return fraction;
 }
 
-// A receiver as its light sees it.
+// A receiver as its light sees it: relative to the light, moved off its surface by the normal offset.
 struct Receiver {
+    vec3 p;
+    vec3 n;
     float reach;   // distance from the light, less the bias
     float offset;  // distance of its plane from the light, less the bias
-    float size;    // texels along a square of the map
 };
 
-// Whether a distance stored in direction d lies before the receiver: nearer than the receiver itself (a wall
-// behind it is no blocker) and before its plane (its own surface is none either). length_d belongs to d.
-bool before_receiver(Receiver r, float stored, float slope, float length_d)
+// Whether a distance stored in direction q lies before the receiver: nearer than the receiver itself (a wall
+// behind it is no blocker) and before its plane (its own surface is none either).
+bool before_receiver(Receiver r, vec3 q, float stored, float offset)
 {
-    return stored < r.reach && -slope * stored < r.offset * length_d;
+    return stored < r.reach && -dot(r.n, q) * stored < offset * length(q);
 }
 
-bool texel_blocks(Receiver r, MapPoint m, vec2 texel)
+bool texel_blocks(Light light, Receiver r, vec3 q)
 {
-    texel = clamp(texel, 0.0, r.size - 1.0);
-    float stored = texelFetch(shadow, ivec2(m.corner + texel), 0).r;
-    vec2 d = (texel + 0.5) / r.size * 2.0 - 1.0;
-    return before_receiver(r, stored, dot(m.normal, vec3(d, 1.0)), sqrt(1.0 + m.square * dot(d, d)));
+    vec2 corner;
+    vec2 texel = clamp(map_fraction(light, q, corner) * light.tile.z, 0.0, light.tile.z - 1.0);
+    return before_receiver(r, q, texelFetch(shadow, ivec2(corner) + ivec2(texel), 0).r, r.offset);
 }
-
-// Four neighbouring texels compared, then interpolated: the smoothest hard shadow a map can give.
-float hard_visibility(Receiver r, MapPoint m)
-{
-    vec2 at = (m.uv * 0.5 + 0.5) * r.size - 0.5;
-    vec2 base = clamp(floor(at), 0.0, r.size - 2.0);
-    vec2 f = clamp(at - base, 0.0, 1.0);
-    vec4 lit = vec4(texel_blocks(r, m, base) ? 0.0 : 1.0, texel_blocks(r, m, base + vec2(1.0, 0.0)) ? 0.0 : 1.0,
-                    texel_blocks(r, m, base + vec2(0.0, 1.0)) ? 0.0 : 1.0,
-                    texel_blocks(r, m, base + vec2(1.0, 1.0)) ? 0.0 : 1.0);
-    return mix(mix(lit.x, lit.y, f.x), mix(lit.z, lit.w, f.x), f.y);
-}
-
-#ifdef HAS_SOFT_LIGHT
-// The smallest distance in the tile around a direction if it lies before the whole tile's part of the
-// receiver's plane, else 0; and whether the largest one does too.
-float blocker_distance(Receiver r, MapPoint m, out bool all_block)
-{
-    float tiles = r.size / float(TILE);
-    vec2 tile = clamp(floor((m.uv * 0.5 + 0.5) * tiles), 0.0, tiles - 1.0);
-    vec2 bounds = texelFetch(shadow_bounds, ivec2(m.corner / float(TILE) + tile), 0).rg;
-    vec2 d = (tile + 0.5) / tiles * 2.0 - 1.0;
-    float steepest = dot(m.normal, vec3(d, 1.0)) - (abs(m.normal.x) + abs(m.normal.y)) / tiles;
-    float shortest = sqrt(1.0 + m.square * dot(d, d)) - 1.5 / tiles;
-    all_block = before_receiver(r, bounds.y, steepest, shortest);
-    return before_receiver(r, bounds.x, steepest, shortest) ? bounds.x : 0.0;
-}
-#endif
 
 #ifdef HAS_SOFT_LIGHT
 // The light as seen from a receiver, projected to a share of the way from the light to the receiver.
 struct Disc {
-    vec3 p;
     vec3 axis_u;
     vec3 axis_v;
     float share;
-    bool square;
 };
 
-vec3 next_tap(Disc disc, inout Pattern pattern)
+vec3 tap(Receiver r, Disc disc, vec2 s)
 {
-    vec2 s = next_point(pattern, disc.square);
-    return disc.p * disc.share + (disc.axis_u * s.x + disc.axis_v * s.y) * (1.0 - disc.share);
+    return r.p * disc.share + (disc.axis_u * s.x + disc.axis_v * s.y) * (1.0 - disc.share);
 }
 
-float passed_taps(Light light, Receiver r, Disc disc, vec3 n, inout Pattern pattern, int taps)
+// Smallest and largest distance in the tile of the map around direction q, as far as they lie before the part of
+// the receiver's plane that the tile may show: x is 0 where nothing blocks, y is 0 where not everything does.
+vec2 blocker_bounds(Light light, Receiver r, vec3 q)
 {
+    float tiles = light.tile.z / float(TILE);
+    vec2 corner;
+    vec2 tile = clamp(map_fraction(light, q, corner) * tiles, 0.0, tiles - 1.0);
+    vec2 bounds = texelFetch(shadow_bounds, ivec2(corner / float(TILE)) + ivec2(tile), 0).rg;
+    float offset = r.offset - r.reach * 2.0 / tiles;
+    return vec2(before_receiver(r, q, bounds.x, offset) ? bounds.x : 0.0,
+                before_receiver(r, q, bounds.y, offset) ? bounds.y : 0.0);
+}
+
+// Share of a light with a size that the receiver sees.
+float soft_radial_visibility(Light light, Receiver r, float noise, bool wanted)
+{
+#ifdef HAS_RECT_LIGHT
+    bool square = int(light.color.w) == RECT;
+#else
+    const bool square = false;
+#endif
+    float reach = length(r.p);
+    vec3 side = abs(r.p.y) < 0.9 * reach ? vec3(r.p.z, 0.0, -r.p.x) : vec3(0.0, -r.p.z, r.p.y);
+    float radius = square ? sqrt(max(dot(light.u.xyz, light.u.xyz), dot(light.v.xyz, light.v.xyz))) : light.position.w;
+    vec3 axis_u = side * (radius * inversesqrt(max(dot(side, side), 1e-30)));
+    Disc disc = Disc(axis_u, cross(axis_u, r.p) / reach, max(NEAREST_BLOCKER, min(2.0 * radius / reach, 0.9)));
+#ifdef HAS_RECT_LIGHT
+    if (square) {
+        disc.axis_u = light.u.xyz;
+        disc.axis_v = light.v.xyz;
+    }
+#endif
+    Pattern pattern = quad_pattern(TAPS, noise);
+    vec2 sum = vec2(0.0);
+    float hits = 0.0, misses = 0.0;
+    for (int i = 0; i < TAPS; ++i) {
+        vec2 found = blocker_bounds(light, r, tap(r, disc, next_point(pattern, square)));
+        sum.x += found.x;
+        hits += found.x > 0.0 ? 1.0 : 0.0;
+        misses += found.y > 0.0 ? 0.0 : 1.0;
+    }
+    hits = quad_sum(hits);
+    bool umbra = quad_sum(misses) == 0.0;
+    float blocker = quad_sum(sum.x) / max(hits, 1.0) / reach;
+    float smallest = radius / (radius + HARD_KERNEL * 2.0 / light.tile.z * reach);
+    disc.share = hits > 0.0 ? clamp(blocker, 1e-3, smallest) : smallest;
+
+    float seen = 0.0;
+    for (int i = 0; i < TAPS; ++i) seen += texel_blocks(light, r, tap(r, disc, rim_point(i, square, noise))) ? 0.0 : 1.0;
+    seen = quad_sum(seen);
+    bool penumbra = !umbra && seen > 0.0 && seen < 4.0 * float(TAPS);
+    int taps = wanted && penumbra ? PENUMBRA_TAPS : 0;
+    pattern = quad_pattern(PENUMBRA_TAPS, noise);
     float passed = 0.0;
     for (int i = 0; i < taps; ++i) {
-        MapPoint m = map_point(light, next_tap(disc, pattern), n);
-        passed += texel_blocks(r, m, floor((m.uv * 0.5 + 0.5) * r.size)) ? 0.0 : 1.0;
+        passed += texel_blocks(light, r, tap(r, disc, next_point(pattern, square))) ? 0.0 : 1.0;
     }
-    return passed;
+    float filtered = filtered_visibility(passed, taps, r.p, r.n);
+    return penumbra ? filtered : umbra || seen == 0.0 ? 0.0 : 1.0;
 }
 #endif
 
-// Share of a point, sphere, spot or rectangle light that relative point p with face normal n sees. Where the
-// answer is not wanted, loops don't run: software rasterisers skip a loop that no texel of a group enters.
+// Share of a light without a size: four neighbouring texels compared, then interpolated.
+float hard_radial_visibility(Light light, Receiver r)
+{
+    vec2 corner;
+    vec2 at = map_fraction(light, r.p, corner) * light.tile.z - 0.5;
+    vec2 base = clamp(floor(at), 0.0, light.tile.z - 2.0);
+    vec2 f = clamp(at - base, 0.0, 1.0);
+    ivec2 texel = ivec2(corner + base);
+    vec4 stored = vec4(texelFetch(shadow, texel, 0).r, texelFetch(shadow, texel + ivec2(1, 0), 0).r,
+                       texelFetch(shadow, texel + ivec2(0, 1), 0).r, texelFetch(shadow, texel + ivec2(1, 1), 0).r);
+    vec4 lit = vec4(greaterThanEqual(stored, vec4(r.reach)));
+    return mix(mix(lit.x, lit.y, f.x), mix(lit.z, lit.w, f.x), f.y);
+}
+
+// Share of a point, sphere, spot or rectangle light that relative point p with face normal n sees.
 float radial_visibility(Light light, vec3 p, vec3 n, float noise, bool wanted)
 {
     p -= light.position.xyz;
     p += n * (NORMAL_OFFSET * 2.0 / light.tile.z * length(p));
-    float reach = length(p);
-    Receiver r = Receiver(reach * (1.0 - DISTANCE_BIAS), -dot(n, p) * (1.0 - DISTANCE_BIAS), light.tile.z);
-    float lit = hard_visibility(r, map_point(light, p, n));
+    Receiver r = Receiver(p, n, length(p) * (1.0 - DISTANCE_BIAS), -dot(n, p) * (1.0 - DISTANCE_BIAS));
 #ifdef HAS_SOFT_LIGHT
-#ifdef HAS_RECT_LIGHT
-    bool square = int(light.color.w) == RECT;
-    float radius = square ? max(length(light.u.xyz), length(light.v.xyz)) : light.position.w;
+#ifdef HAS_HARD_LIGHT
+    bool has_size = int(light.color.w) == RECT || light.position.w > 0.0;
+    if (!has_size) return hard_radial_visibility(light, r);
+#endif
+    return soft_radial_visibility(light, r, noise, wanted);
 #else
-    const bool square = false;
-    float radius = light.position.w;
+    return hard_radial_visibility(light, r);
 #endif
-    vec3 side = abs(p.y) < 0.9 * reach ? vec3(p.z, 0.0, -p.x) : vec3(0.0, -p.z, p.y);
-    vec3 axis_u = side * (radius * inversesqrt(max(dot(side, side), 1e-30)));
-    vec3 axis_v = cross(axis_u, p) / reach;
-#ifdef HAS_RECT_LIGHT
-    axis_u = square ? light.u.xyz : axis_u;
-    axis_v = square ? light.v.xyz : axis_v;
-#endif
-
-    Disc disc = Disc(p, axis_u, axis_v, max(NEAREST_BLOCKER, min(2.0 * radius / reach, 0.9)), square);
-    Pattern search = search_pattern();
-    float sum = 0.0, hits = 0.0, misses = 0.0;
-    int taps = wanted && radius > 0.0 ? TAPS : 0;
-    for (int i = 0; i < taps; ++i) {
-        bool all_block;
-        float found = blocker_distance(r, map_point(light, next_tap(disc, search), n), all_block);
-        sum += found;
-        hits += found > 0.0 ? 1.0 : 0.0;
-        misses += all_block ? 0.0 : 1.0;
-    }
-    hits = quad_sum(hits);
-    disc.share = clamp(quad_sum(sum) / max(hits, 1.0) / reach, 1e-3, 1.0);
-    float kernel = radius / reach * (1.0 - disc.share) / disc.share * 0.5 * r.size;
-    bool umbra = quad_sum(misses) == 0.0;
-    lit = taps > 0 && umbra ? 0.0 : lit;
-    bool soft = taps > 0 && hits > 0.0 && !umbra && kernel > HARD_KERNEL;
-    Pattern filtering = pattern_from(0.0, noise);
-    float passed = passed_taps(light, r, disc, n, filtering, soft ? TAPS : 0);
-    int more = penumbra_taps(soft, passed);
-    passed += passed_taps(light, r, disc, n, filtering, more);
-    float filtered = soft_visibility(passed, more, p, n);
-    lit = soft ? filtered : lit;
-#endif
-    return lit;
 }
 #endif
 
 #ifdef HAS_PARALLEL_MAP
-// A receiver in the map of parallel light: its plane is depth + dot(gradient, offset in [-1, 1]).
+// A receiver in the map of parallel light: the depth of its plane is depth + dot(gradient, offset of the map).
 struct ParallelReceiver {
-    vec2 uv;
+    vec2 fraction;  // of the map
     float depth;
     vec2 gradient;
 };
 
-bool parallel_blocks(Light light, ParallelReceiver r, vec2 texel)
+// Whether a depth stored at a fraction of the map lies before the receiver and its plane.
+bool before_parallel_receiver(ParallelReceiver r, vec2 at, float stored, float margin)
 {
-    texel = clamp(texel, vec2(0.0), vec2(light.tile.z - 1.0));
-    float stored = texelFetch(shadow, ivec2(light.tile.xy + texel), 0).r;
-    vec2 offset = (texel + 0.5) / light.tile.z * 2.0 - 1.0 - r.uv;
-    return stored < r.depth + min(dot(r.gradient, offset), 0.0);
+    return stored < r.depth + min(dot(r.gradient, at - r.fraction) - margin, 0.0);
+}
+
+bool parallel_texel_blocks(Light light, ParallelReceiver r, vec2 at)
+{
+    vec2 texel = clamp(at * light.tile.z, 0.0, light.tile.z - 1.0);
+    return before_parallel_receiver(r, at, texelFetch(shadow, ivec2(light.tile.xy + texel), 0).r, 0.0);
 }
 
 #ifdef HAS_SOFT_LIGHT
-// As blocker_distance, for parallel light; -1 where nothing blocks.
-float parallel_blocker(Light light, ParallelReceiver r, vec2 uv, out bool all_block)
+// As blocker_bounds, but -1 where nothing blocks: depths start at 0.
+vec2 parallel_blocker_bounds(Light light, ParallelReceiver r, vec2 at)
 {
     float tiles = light.tile.z / float(TILE);
-    vec2 tile = clamp(floor((uv * 0.5 + 0.5) * tiles), 0.0, tiles - 1.0);
-    vec2 bounds = texelFetch(shadow_bounds, ivec2(light.tile.xy / float(TILE) + tile), 0).rg;
-    vec2 offset = (tile + 0.5) / tiles * 2.0 - 1.0 - r.uv;
-    float stop = r.depth + min(dot(r.gradient, offset) - (abs(r.gradient.x) + abs(r.gradient.y)) / tiles, 0.0);
-    all_block = bounds.y < stop;
-    return bounds.x < stop ? bounds.x : -1.0;
+    vec2 tile = clamp(at * tiles, 0.0, tiles - 1.0);
+    vec2 bounds = texelFetch(shadow_bounds, ivec2(light.tile.xy / float(TILE)) + ivec2(tile), 0).rg;
+    float margin = (abs(r.gradient.x) + abs(r.gradient.y)) / tiles;
+    return vec2(before_parallel_receiver(r, at, bounds.x, margin) ? bounds.x : -1.0,
+                before_parallel_receiver(r, at, bounds.y, margin) ? bounds.y : -1.0);
+}
+
+float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, float noise, bool wanted)
+{
+    float spread = 0.5 * light.position.w / light.u.x;  // growth of the kernel, in map fractions per unit of depth
+    float width = spread * min(r.depth, LONGEST_THROW * light.u.x);
+    Pattern pattern = quad_pattern(TAPS, noise);
+    float sum = 0.0, hits = 0.0, misses = 0.0;
+    for (int i = 0; i < TAPS; ++i) {
+        vec2 found = parallel_blocker_bounds(light, r, r.fraction + next_point(pattern, false) * width);
+        sum += max(found.x, 0.0);
+        hits += found.x >= 0.0 ? 1.0 : 0.0;
+        misses += found.y >= 0.0 ? 0.0 : 1.0;
+    }
+    hits = quad_sum(hits);
+    bool umbra = quad_sum(misses) == 0.0;
+    float blocker = quad_sum(sum) / max(hits, 1.0);
+    width = max(hits > 0.0 ? spread * (r.depth - blocker) : 0.0, HARD_KERNEL / light.tile.z);
+
+    float seen = 0.0;
+    for (int i = 0; i < TAPS; ++i) {
+        seen += parallel_texel_blocks(light, r, r.fraction + rim_point(i, false, noise) * width) ? 0.0 : 1.0;
+    }
+    seen = quad_sum(seen);
+    bool penumbra = !umbra && seen > 0.0 && seen < 4.0 * float(TAPS);
+    int taps = wanted && penumbra ? PENUMBRA_TAPS : 0;
+    pattern = quad_pattern(PENUMBRA_TAPS, noise);
+    float passed = 0.0;
+    for (int i = 0; i < taps; ++i) {
+        passed += parallel_texel_blocks(light, r, r.fraction + next_point(pattern, false) * width) ? 0.0 : 1.0;
+    }
+    float filtered = filtered_visibility(passed, taps, p, n);
+    return penumbra ? filtered : umbra || seen == 0.0 ? 0.0 : 1.0;
 }
 #endif
 
-#ifdef HAS_SOFT_LIGHT
-float parallel_passed_taps(Light light, ParallelReceiver r, float kernel, inout Pattern pattern, int taps)
+float hard_parallel_visibility(Light light, ParallelReceiver r)
 {
-    float passed = 0.0;
-    for (int i = 0; i < taps; ++i) {
-        vec2 tap = r.uv + next_point(pattern, false) * kernel;
-        passed += parallel_blocks(light, r, floor((tap * 0.5 + 0.5) * light.tile.z)) ? 0.0 : 1.0;
-    }
-    return passed;
+    vec2 at = r.fraction * light.tile.z - 0.5;
+    vec2 base = clamp(floor(at), 0.0, light.tile.z - 2.0);
+    vec2 f = clamp(at - base, 0.0, 1.0);
+    ivec2 texel = ivec2(light.tile.xy + base);
+    vec4 stored = vec4(texelFetch(shadow, texel, 0).r, texelFetch(shadow, texel + ivec2(1, 0), 0).r,
+                       texelFetch(shadow, texel + ivec2(0, 1), 0).r, texelFetch(shadow, texel + ivec2(1, 1), 0).r);
+    vec4 lit = vec4(greaterThanEqual(stored, vec4(r.depth)));
+    return mix(mix(lit.x, lit.y, f.x), mix(lit.z, lit.w, f.x), f.y);
 }
-#endif
 
 // Share of a directional light's disc that relative point p with face normal n sees.
 float parallel_visibility(Light light, vec3 p, vec3 n, float noise, bool wanted)
 {
-    float half_width = light.u.x, size = light.tile.z;
+    float half_width = light.u.x;
     float c = max(dot(n, light.position.xyz), 0.05);
-    p += n * (NORMAL_OFFSET * 2.0 / size * half_width);
+    vec3 moved = p + n * (NORMAL_OFFSET * 2.0 / light.tile.z * half_width);
     vec3 axis_x = light.frame_x.xyz, axis_y = light.frame_y.xyz;
     ParallelReceiver r;
-    r.uv = vec2(dot(axis_x, p) + light.frame_x.w, dot(axis_y, p) + light.frame_y.w) / half_width;
-    r.depth = dot(light.frame_z.xyz, p) + light.frame_z.w - DISTANCE_BIAS * half_width;
-    r.gradient = vec2(dot(n, axis_x), dot(n, axis_y)) / c * half_width;
-    vec2 at = (r.uv * 0.5 + 0.5) * size - 0.5;
-    vec2 base = floor(at), f = at - base;
-    vec4 four = vec4(parallel_blocks(light, r, base) ? 0.0 : 1.0, parallel_blocks(light, r, base + vec2(1.0, 0.0)) ? 0.0 : 1.0,
-                     parallel_blocks(light, r, base + vec2(0.0, 1.0)) ? 0.0 : 1.0,
-                     parallel_blocks(light, r, base + vec2(1.0, 1.0)) ? 0.0 : 1.0);
-    float lit = mix(mix(four.x, four.y, f.x), mix(four.z, four.w, f.x), f.y);
+    r.fraction = vec2(dot(axis_x, moved) + light.frame_x.w, dot(axis_y, moved) + light.frame_y.w) * (0.5 / half_width)
+        + 0.5;
+    r.depth = dot(light.frame_z.xyz, moved) + light.frame_z.w - DISTANCE_BIAS * half_width;
+    r.gradient = vec2(dot(n, axis_x), dot(n, axis_y)) * (2.0 * half_width / c);
 #ifdef HAS_SOFT_LIGHT
-    float spread = light.position.w / half_width;  // growth of the kernel in map units per unit of depth
-    float width = spread * min(r.depth, 0.5 * half_width);
-    Pattern search = search_pattern();
-    float sum = 0.0, hits = 0.0, misses = 0.0;
-    int taps = wanted && width * 0.5 * size > HARD_KERNEL ? TAPS : 0;
-    for (int i = 0; i < taps; ++i) {
-        bool all_block;
-        float found = parallel_blocker(light, r, r.uv + next_point(search, false) * width, all_block);
-        sum += max(found, 0.0);
-        hits += found >= 0.0 ? 1.0 : 0.0;
-        misses += all_block ? 0.0 : 1.0;
-    }
-    hits = quad_sum(hits);
-    float kernel = spread * max(r.depth - quad_sum(sum) / max(hits, 1.0), 0.0);
-    bool umbra = quad_sum(misses) == 0.0;
-    lit = taps > 0 && umbra ? 0.0 : lit;
-    bool soft = taps > 0 && hits > 0.0 && !umbra && kernel * 0.5 * size > HARD_KERNEL;
-    Pattern filtering = pattern_from(0.0, noise);
-    float passed = parallel_passed_taps(light, r, kernel, filtering, soft ? TAPS : 0);
-    int more = penumbra_taps(soft, passed);
-    passed += parallel_passed_taps(light, r, kernel, filtering, more);
-    float filtered = soft_visibility(passed, more, p, n);
-    lit = soft ? filtered : lit;
+#ifdef HAS_HARD_LIGHT
+    if (light.position.w <= 0.0) return hard_parallel_visibility(light, r);
 #endif
-    return lit;
+    return soft_parallel_visibility(light, r, p, n, noise, wanted);
+#else
+    return hard_parallel_visibility(light, r);
+#endif
 }
 #endif
 

@@ -1,0 +1,41 @@
+// Texels are shaded in quads of 2x2, which can hand each other values through fine derivatives. Not for use
+// where the texels of a quad may part ways.
+
+// +1 on the left (bottom) half of the quad, -1 on the right (top).
+vec2 quad_side()
+{
+    return 1.0 - 2.0 * mod(floor(gl_FragCoord.xy), 2.0);
+}
+
+// Index 0 to 3 of the texel in its quad.
+float quad_lane()
+{
+    vec2 side = quad_side();
+    return 1.5 - 0.5 * side.x - side.y;
+}
+
+float quad_swap_x(float x)
+{
+    return x + dFdxFine(x) * quad_side().x;
+}
+
+float quad_swap_y(float x)
+{
+    return x + dFdyFine(x) * quad_side().y;
+}
+
+vec3 quad_swap_x(vec3 x)
+{
+    return x + dFdxFine(x) * quad_side().x;
+}
+
+vec3 quad_swap_y(vec3 x)
+{
+    return x + dFdyFine(x) * quad_side().y;
+}
+
+float quad_sum(float x)
+{
+    x += quad_swap_x(x);
+    return x + quad_swap_y(x);
+}
