@@ -173,7 +173,7 @@ class Renderer:
                            (self.settings.seed * GOLDEN) % 1.0, self.settings.exposure, self._geometry, self._lights)
         self._lights.upload(view.eye)
         self._camera.upload(frame)
-        with self._timer.measure("frame", gpu=False):
+        with self._timer.frame():
             for bound, execute, resources in self._executors:
                 with self._timer.measure(bound.name):
                     execute(frame, resources)

@@ -32,7 +32,7 @@ void main()
         vec3 n = sanitize_normal(surface.xyz);
         vec3 face = octahedral_decode(vec2(surface.a, base.a));
         vec3 p = surface_ray(gl_FragCoord.xy) * d;
-        float noise = quad_noise();
+        QuadNoise noise = quad_noise();
         for (int i = 0; i < LIGHT_COUNT; ++i) {
             vec3 e = irradiance(lights[i], p, n);
             bool wanted = max(max(e.r, e.g), e.b) > 0.0;

@@ -37,8 +37,8 @@ vec3 current(ivec2 t)
 }
 
 // Catmull-Rom as one bilinear fetch of the middle four texels and the four beside them, corners left out
-// (after Jimenez 2016, "Filmic SMAA"); its negative lobes are clamped.
-vec3 catmull_rom(vec2 at)
+// (after Jimenez 2016, "Filmic SMAA"); its negative lobes are clamped. a: frames gathered.
+vec4 catmull_rom(vec2 at)
 {
     vec2 centre = floor(at - 0.5) + 0.5;
     vec2 f = at - centre;
@@ -50,12 +50,13 @@ vec3 catmull_rom(vec2 at)
     ivec2 c = ivec2(middle), last = ivec2(image.xy) - 1;
     ivec2 low = max(ivec2(centre) - 1, 0), high = min(ivec2(centre) + 2, last);
     c = clamp(c, ivec2(0), last);
-    vec4 sum = vec4(textureLod(taa_prev, middle * image.zw, 0.0).rgb, 1.0) * (w12.x * w12.y)
+    vec4 four = textureLod(taa_prev, middle * image.zw, 0.0);
+    vec4 sum = vec4(four.rgb, 1.0) * (w12.x * w12.y)
         + vec4(texelFetch(taa_prev, ivec2(c.x, low.y), 0).rgb, 1.0) * (w12.x * w0.y)
         + vec4(texelFetch(taa_prev, ivec2(c.x, high.y), 0).rgb, 1.0) * (w12.x * w3.y)
         + vec4(texelFetch(taa_prev, ivec2(low.x, c.y), 0).rgb, 1.0) * (w0.x * w12.y)
         + vec4(texelFetch(taa_prev, ivec2(high.x, c.y), 0).rgb, 1.0) * (w3.x * w12.y);
-    return max(sum.rgb / sum.a, 0.0);
+    return vec4(max(sum.rgb / sum.a, 0.0), four.a);
 }
 
 // Largest share of the way from the middle to c that stays in the box.
@@ -114,18 +115,16 @@ void main()
     vec3 deviation = sqrt(max(square - mean * mean, 0.0));
 
     shift = is_finite(shift.x + shift.y) ? shift : vec2(1e9);
-    vec2 at = gl_FragCoord.xy - shift;
     bool still = dot(shift, shift) < STILL_PIXELS * STILL_PIXELS;
-    vec4 nearest = texelFetch(taa_prev, clamp(ivec2(at), ivec2(0), last), 0);
-    vec3 history = nearest.rgb;
-    history = still ? history : catmull_rom(at);
-    bool healthy = is_finite(history.r + history.g + history.b) && nearest.a >= 1.0;
+    vec4 gathered = catmull_rom(gl_FragCoord.xy - (still ? vec2(0.0) : shift));
+    vec3 history = gathered.rgb;
+    bool healthy = is_finite(dot(gathered, vec4(1.0))) && gathered.a >= 1.0;
     vec2 origin = gl_FragCoord.xy - own.xy * vec2(1.0, -1.0);
     bool keep = history_valid && healthy && was_visible(origin, is_surface(d) ? own.z : 0.0);
 
     vec3 offset = ycocg(history) - mean;
     float share = clip_share(offset, CLIP_GAMMA * deviation);
     history = max(rgb(mean + offset * share), 0.0);
-    float frames = keep ? min(nearest.a * mix(0.25, 1.0, share) + 1.0, still ? STILL_FRAMES : MOVING_FRAMES) : 1.0;
+    float frames = keep ? min(gathered.a * mix(0.25, 1.0, share) + 1.0, still ? STILL_FRAMES : MOVING_FRAMES) : 1.0;
     out_taa = vec4(keep ? min(mix(history, now, 1.0 / frames), HALF_MAX) : now, frames);
 }

@@ -15,11 +15,17 @@ uniform vec2 ratio;  // full-resolution texels per low-resolution texel
 layout(location = 0) out vec4 out_indirect;
 
 struct Receiver {
-    vec3 normal;          // relative space
-    vec3 view_normal;     // camera space, as point is
-    vec3 point;
-    float inverse_sigma;  // of the distance from the plane
+    vec3 normal;  // relative space
+    vec3 slope;   // (x, y, 1) of an image position times this, times depth, is the distance along the normal
+    float here;   // that distance of the receiver itself
+    float inverse_sigma;
 };
+
+// Image position in [-1, 1] without jitter.
+vec3 image_position(vec2 pixel)
+{
+    return vec3(pixel * (2.0 * image.zw) - (1.0 + lens.zw), 1.0);
+}
 
 // rgb: weighted light, a: weight of one low-resolution texel.
 vec4 tap(ivec2 low, float closeness, Receiver r)
@@ -27,12 +33,11 @@ vec4 tap(ivec2 low, float closeness, Receiver r)
     low = clamp(low, ivec2(0), textureSize(indirect_low, 0) - 1);
     ivec2 full = representative(low, ratio);
     float d = texelFetch(depth, full, 0).r;
-    vec3 p = view_ray(vec2(full) + 0.5) * d;
-    float plane = dot(r.view_normal, p - r.point) * r.inverse_sigma;
+    float plane = (dot(r.slope, image_position(vec2(full) + 0.5)) * d - r.here) * r.inverse_sigma;
     float facing = max(dot(r.normal, texelFetch(normal, full, 0).xyz), 0.0);
-    float facing4 = facing * facing * facing * facing;
-    plane *= plane;
-    float alike = facing4 * facing4 / (1.0 + plane * plane) + FLOOR * (0.1 + facing) / (1.0 + plane);
+    facing *= facing;
+    facing *= facing;
+    float alike = (facing * facing + FLOOR) / (1.0 + plane * plane);
     float weight = is_surface(d) && is_finite(alike) ? closeness * alike : 0.0;
     return vec4(sanitize_radiance(texelFetch(indirect_low, low, 0).rgb), 1.0) * weight;
 }
@@ -42,7 +47,8 @@ void main()
     ivec2 texel = ivec2(gl_FragCoord.xy);
     float d = texelFetch(depth, texel, 0).r;
     vec3 n = sanitize_normal(texelFetch(normal, texel, 0).xyz);
-    Receiver r = Receiver(n, mat3(view_from_relative) * n, view_ray(gl_FragCoord.xy) * d, 1.0 / (PLANE_SIGMA * d));
+    vec3 slope = mat3(view_from_relative) * n * vec3(lens.xy, -1.0);
+    Receiver r = Receiver(n, slope, dot(slope, image_position(gl_FragCoord.xy)) * d, 1.0 / (PLANE_SIGMA * d));
     vec2 at = gl_FragCoord.xy / ratio - 0.5;
     ivec2 base = ivec2(floor(at));
     vec2 f = at - vec2(base);

@@ -11,7 +11,7 @@ import numpy as np
 
 from app.gl.context import Device
 
-MILLI = 1e3
+MILLI, NANO_PER_MILLI = 1e3, 1e6
 
 
 class Timer:
@@ -25,20 +25,33 @@ class Timer:
         self._device, self._wait = device, wait
         self._cpu: dict[str, list[float]] = defaultdict(list)
         self._gpu: dict[str, list[float]] = defaultdict(list)
+        self._gpu_sum = 0.0
+        if wait:
+            with device.ctx.query(time=True):  # a context's first query may count from its creation
+                pass
 
     @contextmanager
-    def measure(self, name: str, gpu: bool = True) -> Iterator[None]:
-        """Time the block under ``name``; blocks with ``gpu`` can't be nested (GL has one timer)."""
-        query = self._device.ctx.query(time=True) if self._wait and gpu else None
+    def measure(self, name: str) -> Iterator[None]:
+        """Time the block under ``name``; such blocks can't be nested, since GL has one timer."""
         start = time.perf_counter()
-        if query is None:
-            yield
-        else:
+        if self._wait:
+            query = self._device.ctx.query(time=True)
             with query:
                 yield
             self._device.ctx.finish()
-            self._gpu[name].append(query.elapsed / 1e6)
+            self._gpu[name].append(query.elapsed / NANO_PER_MILLI)
+            self._gpu_sum += self._gpu[name][-1]
+        else:
+            yield
         self._cpu[name].append((time.perf_counter() - start) * MILLI)
+
+    @contextmanager
+    def frame(self) -> Iterator[None]:
+        """Time a whole frame; its GPU time is the sum of the blocks measured inside."""
+        start, self._gpu_sum = time.perf_counter(), 0.0
+        yield
+        self._cpu["frame"].append((time.perf_counter() - start) * MILLI)
+        self._gpu["frame"].append(self._gpu_sum)
 
     def extend(self, name: str, cpu_ms: float) -> None:
         """Add to the newest measurement of ``name``, if there is one."""

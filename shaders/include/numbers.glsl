@@ -8,16 +8,15 @@ bool is_finite(float x)
     return !(isnan(x) || isinf(x));
 }
 
-// Finite, non-negative, representable in half precision; what is no number becomes 0.
+// Finite, non-negative, representable in half precision; NaN becomes 0. clamp() alone need not see NaN.
 vec3 sanitize_radiance(vec3 c)
 {
-    bvec3 good = bvec3(is_finite(c.r), is_finite(c.g), is_finite(c.b));
-    return clamp(mix(vec3(0.0), c, good), 0.0, HALF_MAX);
+    return mix(clamp(c, 0.0, HALF_MAX), vec3(0.0), isnan(c));
 }
 
 vec3 sanitize_albedo(vec3 c)
 {
-    return min(sanitize_radiance(c), 1.0);
+    return mix(clamp(c, 0.0, 1.0), vec3(0.0), isnan(c));
 }
 
 // Unit length, or 0 for what has no direction.

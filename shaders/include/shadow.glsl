@@ -26,25 +26,30 @@ uniform sampler2D shadow_bounds;
 #endif
 uniform float noise_phase;  // turns the sampling pattern, from the seed
 
-// Fixed per quad of texels, so that still pictures stay still (Jimenez 2014, interleaved gradient noise).
-float quad_noise()
+// Fixed per texel, so that still pictures stay still (Jimenez 2014, interleaved gradient noise).
+float texel_noise(vec2 pixel)
 {
-    vec2 pixel = floor(gl_FragCoord.xy * 0.5);
     return fract(52.9829189 * fract(dot(pixel, vec2(0.06711056, 0.00583715))) + noise_phase);
 }
 
-// Points on the light by Roberts' R2 sequence, whose every stretch is well spread.
+// The same for all texels of a quad, so that they share their points: noise, and where angles start.
+struct QuadNoise {
+    float value;
+    vec2 turn;
+};
+
+QuadNoise quad_noise()
+{
+    float noise = texel_noise(floor(gl_FragCoord.xy * 0.5));
+    return QuadNoise(noise, vec2(cos(2.0 * PI * noise), sin(2.0 * PI * noise)));
+}
+
+// Points on the light by Roberts' R2 sequence, whose every stretch is well spread. The angle turns with k.
 struct Pattern {
     float k;
     float noise;
     vec2 spiral;
 };
-
-Pattern pattern_from(float first, float noise)
-{
-    float angle = 2.0 * PI * fract(noise + 0.56984029 * first);
-    return Pattern(first, noise, vec2(cos(angle), sin(angle)));
-}
 
 // The next point: on the unit disc or, for rectangles, in the square [-1, 1]².
 vec2 next_point(inout Pattern s, bool square)
@@ -61,23 +66,31 @@ vec2 next_point(inout Pattern s, bool square)
 }
 
 #ifdef HAS_SOFT_LIGHT
-// A texel's stretch of the points that its quad shares, count for each.
-Pattern quad_pattern(int count, float noise)
+vec2 rotate(vec2 a, vec2 b)
 {
-    return pattern_from(quad_lane() * float(count), noise);
+    return vec2(a.x * b.x - a.y * b.y, a.x * b.y + a.y * b.x);
 }
 
-// The i-th point of a texel's look for a shadow's edge. The quad's eight are six around the rim, which every
-// straight edge that takes more than a fortieth of the disc must part, and two inside.
-vec2 rim_point(int i, bool square, float noise)
+// A texel's stretch of the points that its quad shares.
+Pattern quad_pattern(QuadNoise noise)
 {
-    float k = quad_lane() * float(TAPS) + float(i);
-    float angle = 2.0 * PI * (noise + (k < 6.0 ? k / 6.0 : 0.25 + 0.5 * (k - 6.0)));
-    vec2 at = vec2(cos(angle), sin(angle));
+    const vec2 STARTS[4] = vec2[4](vec2(1.00000000, 0.00000000), vec2(0.99025607, -0.13925845), vec2(0.96121417, -0.27580306), vec2(0.91344026, -0.40697285));
+    float lane = quad_lane();
+    vec2 start = lane < 2.0 ? (lane < 1.0 ? STARTS[0] : STARTS[1]) : (lane < 3.0 ? STARTS[2] : STARTS[3]);
+    return Pattern(lane * float(PENUMBRA_TAPS), noise.value, rotate(noise.turn, start));
+}
+
+// A texel's first point to look for a shadow's edge at; the second lies opposite. The quad's eight are six around
+// the rim, which every straight edge that takes more than a fortieth of the disc must part, and two inside.
+vec2 rim_point(bool square, QuadNoise noise)
+{
+    float lane = quad_lane();
+    vec2 at = rotate(noise.turn, lane < 1.0 ? vec2(1.0, 0.0) : lane > 2.0 ? vec2(0.0, 1.0)
+                                                              : vec2(1.5 - lane, 0.86602540));
 #ifdef HAS_RECT_LIGHT
     if (square) at /= max(abs(at.x), abs(at.y));
 #endif
-    return at * (k < 6.0 ? 1.1 : 0.4);
+    return at * (lane > 2.0 ? 0.4 : 1.1);
 }
 
 // Visibility where the filter ran; where a whole quad lies on one plane in a penumbra, blended with its mean.
@@ -170,7 +183,7 @@ vec2 blocker_bounds(Light light, Receiver r, vec3 q)
 }
 
 // Share of a light with a size that the receiver sees.
-float soft_radial_visibility(Light light, Receiver r, float noise, bool wanted)
+float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool wanted)
 {
 #ifdef HAS_RECT_LIGHT
     bool square = int(light.color.w) == RECT;
@@ -188,7 +201,7 @@ float soft_radial_visibility(Light light, Receiver r, float noise, bool wanted)
         disc.axis_v = light.v.xyz;
     }
 #endif
-    Pattern pattern = quad_pattern(TAPS, noise);
+    Pattern pattern = quad_pattern(noise);
     vec2 sum = vec2(0.0);
     float hits = 0.0, misses = 0.0;
     for (int i = 0; i < TAPS; ++i) {
@@ -204,11 +217,12 @@ float soft_radial_visibility(Light light, Receiver r, float noise, bool wanted)
     disc.share = hits > 0.0 ? clamp(blocker, 1e-3, smallest) : smallest;
 
     float seen = 0.0;
-    for (int i = 0; i < TAPS; ++i) seen += texel_blocks(light, r, tap(r, disc, rim_point(i, square, noise))) ? 0.0 : 1.0;
+    vec2 rim = rim_point(square, noise);
+    for (int i = 0; i < TAPS; ++i) seen += texel_blocks(light, r, tap(r, disc, i == 0 ? rim : -rim)) ? 0.0 : 1.0;
     seen = quad_sum(seen);
     bool penumbra = !umbra && seen > 0.0 && seen < 4.0 * float(TAPS);
     int taps = wanted && penumbra ? PENUMBRA_TAPS : 0;
-    pattern = quad_pattern(PENUMBRA_TAPS, noise);
+    pattern = quad_pattern(noise);
     float passed = 0.0;
     for (int i = 0; i < taps; ++i) {
         passed += texel_blocks(light, r, tap(r, disc, next_point(pattern, square))) ? 0.0 : 1.0;
@@ -233,7 +247,7 @@ float hard_radial_visibility(Light light, Receiver r)
 }
 
 // Share of a point, sphere, spot or rectangle light that relative point p with face normal n sees.
-float radial_visibility(Light light, vec3 p, vec3 n, float noise, bool wanted)
+float radial_visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wanted)
 {
     p -= light.position.xyz;
     p += n * (NORMAL_OFFSET * 2.0 / light.tile.z * length(p));
@@ -282,11 +296,11 @@ vec2 parallel_blocker_bounds(Light light, ParallelReceiver r, vec2 at)
                 before_parallel_receiver(r, at, bounds.y, margin) ? bounds.y : -1.0);
 }
 
-float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, float noise, bool wanted)
+float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, QuadNoise noise, bool wanted)
 {
     float spread = 0.5 * light.position.w / light.u.x;  // growth of the kernel, in map fractions per unit of depth
     float width = spread * min(r.depth, LONGEST_THROW * light.u.x);
-    Pattern pattern = quad_pattern(TAPS, noise);
+    Pattern pattern = quad_pattern(noise);
     float sum = 0.0, hits = 0.0, misses = 0.0;
     for (int i = 0; i < TAPS; ++i) {
         vec2 found = parallel_blocker_bounds(light, r, r.fraction + next_point(pattern, false) * width);
@@ -300,13 +314,14 @@ float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, 
     width = max(hits > 0.0 ? spread * (r.depth - blocker) : 0.0, HARD_KERNEL / light.tile.z);
 
     float seen = 0.0;
+    vec2 rim = rim_point(false, noise) * width;
     for (int i = 0; i < TAPS; ++i) {
-        seen += parallel_texel_blocks(light, r, r.fraction + rim_point(i, false, noise) * width) ? 0.0 : 1.0;
+        seen += parallel_texel_blocks(light, r, r.fraction + (i == 0 ? rim : -rim)) ? 0.0 : 1.0;
     }
     seen = quad_sum(seen);
     bool penumbra = !umbra && seen > 0.0 && seen < 4.0 * float(TAPS);
     int taps = wanted && penumbra ? PENUMBRA_TAPS : 0;
-    pattern = quad_pattern(PENUMBRA_TAPS, noise);
+    pattern = quad_pattern(noise);
     float passed = 0.0;
     for (int i = 0; i < taps; ++i) {
         passed += parallel_texel_blocks(light, r, r.fraction + next_point(pattern, false) * width) ? 0.0 : 1.0;
@@ -329,7 +344,7 @@ float hard_parallel_visibility(Light light, ParallelReceiver r)
 }
 
 // Share of a directional light's disc that relative point p with face normal n sees.
-float parallel_visibility(Light light, vec3 p, vec3 n, float noise, bool wanted)
+float parallel_visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wanted)
 {
     float half_width = light.u.x;
     float c = max(dot(n, light.position.xyz), 0.05);
@@ -352,7 +367,7 @@ float parallel_visibility(Light light, vec3 p, vec3 n, float noise, bool wanted)
 #endif
 
 // Share of the light that relative point p with face normal n sees; of no meaning unless wanted.
-float visibility(Light light, vec3 p, vec3 n, float noise, bool wanted)
+float visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wanted)
 {
 #ifdef HAS_PARALLEL_MAP
     if (int(light.tile.w) == PARALLEL_MAP) return parallel_visibility(light, p, n, noise, wanted);
