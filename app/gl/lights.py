@@ -17,7 +17,7 @@ POINT, SPOT, DIRECTIONAL, RECT = range(4)
 NO_MAP, SINGLE_MAP, CUBE_MAP, PARALLEL_MAP = range(4)
 LIGHT_FLOATS = 32
 NARROW_SPOT_DEG = 55.0
-CUBE_FACE, FLAT_FACE = 1024, 2048  # texels a side, for six faces and for one
+FACE_TEXELS = {CUBE_MAP: 1024, SINGLE_MAP: 2048, PARALLEL_MAP: 4096}  # a side
 MAX_ATLAS_TEXELS = 2**25
 SPOT_MARGIN_DEG = 2.0
 
@@ -196,7 +196,7 @@ def _shelves(lights: tuple[Light, ...], shrink: int, max_size: int) -> tuple[lis
     tiles, x, y, shelf, width = [], 0, 0, 0, 1
     for light in lights:
         kind = _map_kind(light)
-        face = (CUBE_FACE if kind == CUBE_MAP else FLAT_FACE) >> shrink
+        face = FACE_TEXELS[kind] >> shrink
         w, h = (3 * face, 2 * face) if kind == CUBE_MAP else (face, face)
         if x + w > limit:
             x, y, shelf = 0, y + shelf, 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 
-from app.errors import GraphError, SettingsError
+from app.errors import DeviceError, GraphError, SettingsError
 from app.gl.context import Device
 from app.gl.shader import Program
 from app.graph import PREVIOUS, BoundPass, Buf, Plan, Tex
@@ -18,7 +18,7 @@ class Pool:
         if max(size) > device.max_size:
             raise SettingsError(f"bad size {size[0]}x{size[1]}", "--size",
                                 f"expected at most {device.max_size} pixels a side on {device.renderer}")
-        self._device, self.parity = device, 0
+        self._device, self._size, self.parity = device, size, 0
         self._textures: dict[str, list[moderngl.Texture]] = {}
         self._buffers: dict[str, moderngl.Buffer] = {}
         self._targets: dict[tuple[tuple[str, ...], int], moderngl.Framebuffer] = {}
@@ -29,6 +29,13 @@ class Pool:
             else:
                 copies = 2 if name in plan.history else 1
                 self._textures[name] = [self._texture(resource, size) for _ in range(copies)]
+        self._check_memory()
+
+    def _check_memory(self) -> None:
+        """GL does not refuse what it has no memory for; it only keeps a note of it."""
+        if self._device.ctx.error != "GL_NO_ERROR":
+            raise DeviceError(f"not enough graphics memory for {self._size[0]}x{self._size[1]}", self._device.renderer,
+                              "expected a smaller --size")
 
     def _texture(self, tex: Tex, size: tuple[int, int]) -> moderngl.Texture:
         texture = self._device.ctx.texture(tex.resolve(size), tex.components, dtype=tex.dtype)
@@ -55,7 +62,10 @@ class Pool:
             colors = [self.texture(w) for w in names]
             depth = None
             if with_depth:
-                depth = self._depths.setdefault(bound.name, self._device.depth_texture(colors[0].size))
+                if bound.name not in self._depths:
+                    self._depths[bound.name] = self._device.depth_texture(colors[0].size)
+                    self._check_memory()
+                depth = self._depths[bound.name]
             self._targets[key] = self._device.ctx.framebuffer(colors, depth)
         return self._targets[key]
 

@@ -35,4 +35,4 @@ def _pass(name: str, reads: tuple[str, ...], writes: dict[str, Resource], lights
 
 
 def _shadow(lights: LightSet) -> tuple[str, ...]:
-    return ("shadow", "shadow_bounds") if lights.soft else ("shadow",) if lights.lights else ()
+    return ("shadow", "shadow_nearest") if lights.soft else ("shadow",) if lights.lights else ()

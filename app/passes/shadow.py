@@ -14,7 +14,7 @@ from app.gl.pool import Resources
 from app.gl.shader import Program
 from app.graph import BoundPass, Pass, Tex
 
-TILE = 8      # texels along the edge of one texel of the bounds map, as in shadow_tile.glsl
+TILE = 8      # texels along the edge of one texel of the nearest map, as in shadow_tile.glsl
 EMPTY = 1e30  # distance where nothing casts
 RELEVANT = ("ALPHA_MASK", "ALBEDO_MAP", "VERTEX_COLOR")
 
@@ -22,17 +22,17 @@ RELEVANT = ("ALPHA_MASK", "ALBEDO_MAP", "VERTEX_COLOR")
 def declare(lights: LightSet) -> Pass:
     """The pass for the atlas that ``lights`` laid out; it keeps its texels while nothing moves.
 
-    ``shadow`` holds distances, ``shadow_bounds`` the smallest and largest in each tile, for soft shadows.
+    ``shadow`` holds distances, ``shadow_nearest`` the smallest in each tile, for soft shadows.
     """
     width, height = lights.atlas_size
     return Pass("shadow", writes={
         "shadow": Tex("f4", 1, size=(width, height), persistent=True),
-        "shadow_bounds": Tex("f4", 2, size=(max(1, width // TILE), max(1, height // TILE)), persistent=True),
+        "shadow_nearest": Tex("f4", 1, size=(max(1, width // TILE), max(1, height // TILE)), persistent=True),
     }, make=make)
 
 
 def make(device: Device, bound: BoundPass) -> Callable[[FrameState, Resources], None]:
-    bounds = device.fullscreen("shadow_bounds.frag") if "shadow_bounds" in bound.writes else None
+    nearest = device.fullscreen("shadow_nearest.frag") if "shadow_nearest" in bound.writes else None
     drawn: list[object] = []  # the state of light and casters that the atlas shows
 
     def execute(frame: FrameState, resources: Resources) -> None:
@@ -47,12 +47,12 @@ def make(device: Device, bound: BoundPass) -> Callable[[FrameState, Resources], 
         for face in frame.lights.faces():
             target.viewport = face.rect
             _draw_face(device, frame, face)
-        if bounds is not None:
-            resources.target("shadow_bounds")
+        if nearest is not None:
+            resources.target("shadow_nearest")
             device.ctx.enable_only(moderngl.NOTHING)
             resources["shadow"].use(0)
-            bounds.set(shadow=0)
-            device.draw_fullscreen(bounds)
+            nearest.set(shadow=0)
+            device.draw_fullscreen(nearest)
         drawn[:] = [state]
 
     return execute

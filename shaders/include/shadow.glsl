@@ -16,13 +16,14 @@ const int PENUMBRA_TAPS = 14;          // of the filter
 const float HARD_KERNEL = 1.0;         // smallest radius of the filter, in texels
 const float LONGEST_THROW = 0.5;       // of the map: blockers of parallel light farther away are not searched
 const float NEAREST_BLOCKER = 0.15;    // blockers nearer to the light than this share of the way are not searched
+const float SLACK = 8.0;               // on the light's squared radius, when asking whether a line meets it
 const float NORMAL_OFFSET = 1.5;       // texels
 const float DISTANCE_BIAS = 5e-4;      // relative
 const float QUAD_BLEND = 0.7;          // share of the quad's mean in the visibility of flat, soft quads
 
 uniform sampler2D shadow;
 #ifdef HAS_SOFT_LIGHT
-uniform sampler2D shadow_bounds;
+uniform sampler2D shadow_nearest;
 #endif
 uniform float noise_phase;  // turns the sampling pattern, from the seed
 
@@ -140,20 +141,23 @@ struct Receiver {
     vec3 n;
     float reach;   // distance from the light, less the bias
     float offset;  // distance of its plane from the light, less the bias
+    float radius;  // of the light
 };
 
-// Whether a distance stored in direction q lies before the receiver: nearer than the receiver itself (a wall
-// behind it is no blocker) and before its plane (its own surface is none either).
-bool before_receiver(Receiver r, vec3 q, float stored, float offset)
-{
-    return stored < r.reach && -dot(r.n, q) * stored < offset * length(q);
-}
+// How a distance stored in direction q relates to a receiver.
+struct Stored {
+    bool before;  // nearer than the receiver (a wall behind it is no blocker) and before its plane
+    float off;    // squared distance from the line to the light's centre
+    float size;   // squared radius that the light has on its way to the receiver there
+};
 
-bool texel_blocks(Light light, Receiver r, vec3 q)
+Stored relate(Receiver r, vec3 q, float distance, float offset)
 {
-    vec2 corner;
-    vec2 texel = clamp(map_fraction(light, q, corner) * light.tile.z, 0.0, light.tile.z - 1.0);
-    return before_receiver(r, q, texelFetch(shadow, ivec2(corner) + ivec2(texel), 0).r, r.offset);
+    float unit = inversesqrt(dot(q, q));
+    float along = distance * dot(q, r.p) * unit / r.reach;
+    float size = r.radius * (1.0 - along / r.reach);
+    return Stored(distance < r.reach && -dot(r.n, q) * unit * distance < offset,
+                  distance * distance - along * along, size * size);
 }
 
 #ifdef HAS_SOFT_LIGHT
@@ -169,17 +173,28 @@ vec3 tap(Receiver r, Disc disc, vec2 s)
     return r.p * disc.share + (disc.axis_u * s.x + disc.axis_v * s.y) * (1.0 - disc.share);
 }
 
-// Smallest and largest distance in the tile of the map around direction q, as far as they lie before the part of
-// the receiver's plane that the tile may show: x is 0 where nothing blocks, y is 0 where not everything does.
-vec2 blocker_bounds(Light light, Receiver r, vec3 q)
+// Whether the texel in direction q holds a blocker whose line from the receiver meets the light: a wall beside the
+// receiver is none.
+bool texel_blocks(Light light, Receiver r, vec3 q)
+{
+    vec2 corner;
+    vec2 texel = clamp(map_fraction(light, q, corner) * light.tile.z, 0.0, light.tile.z - 1.0);
+    Stored s = relate(r, q, texelFetch(shadow, ivec2(corner) + ivec2(texel), 0).r, r.offset);
+    float least = HARD_KERNEL * 2.0 / light.tile.z * r.reach;  // a texel, or thin penumbrae would be lost between texels
+    return s.before && s.off <= SLACK * s.size + least * least;
+}
+
+// The nearest blocker in the tile of the map around direction q, if it lies before the part of the receiver's plane
+// that the tile may show. x: its distance times its weight, y: its weight, which is 1 where its line from the
+// receiver meets the light and fades beyond.
+vec2 nearest_blocker(Light light, Receiver r, vec3 q)
 {
     float tiles = light.tile.z / float(TILE);
     vec2 corner;
     vec2 tile = clamp(map_fraction(light, q, corner) * tiles, 0.0, tiles - 1.0);
-    vec2 bounds = texelFetch(shadow_bounds, ivec2(corner / float(TILE)) + ivec2(tile), 0).rg;
-    float offset = r.offset - r.reach * 2.0 / tiles;
-    return vec2(before_receiver(r, q, bounds.x, offset) ? bounds.x : 0.0,
-                before_receiver(r, q, bounds.y, offset) ? bounds.y : 0.0);
+    float stored = texelFetch(shadow_nearest, ivec2(corner / float(TILE)) + ivec2(tile), 0).r;
+    Stored s = relate(r, q, stored, r.offset - r.reach * 2.0 / tiles);
+    return s.before ? vec2(stored, 1.0) * (s.size / max(s.off, s.size + 1e-30)) : vec2(0.0);
 }
 
 // Share of a light with a size that the receiver sees.
@@ -192,7 +207,7 @@ float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool want
 #endif
     float reach = length(r.p);
     vec3 side = abs(r.p.y) < 0.9 * reach ? vec3(r.p.z, 0.0, -r.p.x) : vec3(0.0, -r.p.z, r.p.y);
-    float radius = square ? sqrt(max(dot(light.u.xyz, light.u.xyz), dot(light.v.xyz, light.v.xyz))) : light.position.w;
+    float radius = r.radius;
     vec3 axis_u = side * (radius * inversesqrt(max(dot(side, side), 1e-30)));
     Disc disc = Disc(axis_u, cross(axis_u, r.p) / reach, max(NEAREST_BLOCKER, min(2.0 * radius / reach, 0.9)));
 #ifdef HAS_RECT_LIGHT
@@ -203,24 +218,17 @@ float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool want
 #endif
     Pattern pattern = quad_pattern(noise);
     vec2 sum = vec2(0.0);
-    float hits = 0.0, misses = 0.0;
-    for (int i = 0; i < TAPS; ++i) {
-        vec2 found = blocker_bounds(light, r, tap(r, disc, next_point(pattern, square)));
-        sum.x += found.x;
-        hits += found.x > 0.0 ? 1.0 : 0.0;
-        misses += found.y > 0.0 ? 0.0 : 1.0;
-    }
-    hits = quad_sum(hits);
-    bool umbra = quad_sum(misses) == 0.0;
-    float blocker = quad_sum(sum.x) / max(hits, 1.0) / reach;
+    for (int i = 0; i < TAPS; ++i) sum += nearest_blocker(light, r, tap(r, disc, next_point(pattern, square)));
+    float weight = quad_sum(sum.y);
+    float blocker = quad_sum(sum.x) / max(weight, 1e-30) / reach;
     float smallest = radius / (radius + HARD_KERNEL * 2.0 / light.tile.z * reach);
-    disc.share = hits > 0.0 ? clamp(blocker, 1e-3, smallest) : smallest;
+    disc.share = weight > 0.0 ? clamp(blocker, 1e-3, smallest) : smallest;
 
     float seen = 0.0;
     vec2 rim = rim_point(square, noise);
     for (int i = 0; i < TAPS; ++i) seen += texel_blocks(light, r, tap(r, disc, i == 0 ? rim : -rim)) ? 0.0 : 1.0;
     seen = quad_sum(seen);
-    bool penumbra = !umbra && seen > 0.0 && seen < 4.0 * float(TAPS);
+    bool penumbra = seen > 0.0 && seen < 4.0 * float(TAPS);
     int taps = wanted && penumbra ? PENUMBRA_TAPS : 0;
     pattern = quad_pattern(noise);
     float passed = 0.0;
@@ -228,7 +236,7 @@ float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool want
         passed += texel_blocks(light, r, tap(r, disc, next_point(pattern, square))) ? 0.0 : 1.0;
     }
     float filtered = filtered_visibility(passed, taps, r.p, r.n);
-    return penumbra ? filtered : umbra || seen == 0.0 ? 0.0 : 1.0;
+    return penumbra ? filtered : seen > 0.0 ? 1.0 : 0.0;
 }
 #endif
 
@@ -251,11 +259,14 @@ float radial_visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wante
 {
     p -= light.position.xyz;
     p += n * (NORMAL_OFFSET * 2.0 / light.tile.z * length(p));
-    Receiver r = Receiver(p, n, length(p) * (1.0 - DISTANCE_BIAS), -dot(n, p) * (1.0 - DISTANCE_BIAS));
+    float radius = light.position.w;
+#ifdef HAS_RECT_LIGHT
+    if (int(light.color.w) == RECT) radius = sqrt(dot(light.u.xyz, light.u.xyz) + dot(light.v.xyz, light.v.xyz));
+#endif
+    Receiver r = Receiver(p, n, length(p) * (1.0 - DISTANCE_BIAS), -dot(n, p) * (1.0 - DISTANCE_BIAS), radius);
 #ifdef HAS_SOFT_LIGHT
 #ifdef HAS_HARD_LIGHT
-    bool has_size = int(light.color.w) == RECT || light.position.w > 0.0;
-    if (!has_size) return hard_radial_visibility(light, r);
+    if (radius <= 0.0) return hard_radial_visibility(light, r);
 #endif
     return soft_radial_visibility(light, r, noise, wanted);
 #else
@@ -278,22 +289,27 @@ bool before_parallel_receiver(ParallelReceiver r, vec2 at, float stored, float m
     return stored < r.depth + min(dot(r.gradient, at - r.fraction) - margin, 0.0);
 }
 
-bool parallel_texel_blocks(Light light, ParallelReceiver r, vec2 at)
+#ifdef HAS_SOFT_LIGHT
+// As texel_blocks; spread is the growth of the light's image in map fractions per unit of depth.
+bool parallel_texel_blocks(Light light, ParallelReceiver r, vec2 at, float spread)
 {
     vec2 texel = clamp(at * light.tile.z, 0.0, light.tile.z - 1.0);
-    return before_parallel_receiver(r, at, texelFetch(shadow, ivec2(light.tile.xy + texel), 0).r, 0.0);
+    float stored = texelFetch(shadow, ivec2(light.tile.xy + texel), 0).r;
+    float size = spread * (r.depth - stored) + HARD_KERNEL / light.tile.z;
+    vec2 away = at - r.fraction;
+    return before_parallel_receiver(r, at, stored, 0.0) && dot(away, away) <= SLACK * size * size;
 }
 
-#ifdef HAS_SOFT_LIGHT
-// As blocker_bounds, but -1 where nothing blocks: depths start at 0.
-vec2 parallel_blocker_bounds(Light light, ParallelReceiver r, vec2 at)
+// As nearest_blocker.
+vec2 nearest_parallel_blocker(Light light, ParallelReceiver r, vec2 at, float spread)
 {
     float tiles = light.tile.z / float(TILE);
     vec2 tile = clamp(at * tiles, 0.0, tiles - 1.0);
-    vec2 bounds = texelFetch(shadow_bounds, ivec2(light.tile.xy / float(TILE)) + ivec2(tile), 0).rg;
+    float stored = texelFetch(shadow_nearest, ivec2(light.tile.xy / float(TILE)) + ivec2(tile), 0).r;
     float margin = (abs(r.gradient.x) + abs(r.gradient.y)) / tiles;
-    return vec2(before_parallel_receiver(r, at, bounds.x, margin) ? bounds.x : -1.0,
-                before_parallel_receiver(r, at, bounds.y, margin) ? bounds.y : -1.0);
+    float size = spread * max(r.depth - stored, 0.0), away = length(at - r.fraction);
+    float weight = size * size / max(away * away, size * size + 1e-30);
+    return before_parallel_receiver(r, at, stored, margin) ? vec2(stored, 1.0) * weight : vec2(0.0);
 }
 
 float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, QuadNoise noise, bool wanted)
@@ -301,33 +317,29 @@ float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, 
     float spread = 0.5 * light.position.w / light.u.x;  // growth of the kernel, in map fractions per unit of depth
     float width = spread * min(r.depth, LONGEST_THROW * light.u.x);
     Pattern pattern = quad_pattern(noise);
-    float sum = 0.0, hits = 0.0, misses = 0.0;
+    vec2 sum = vec2(0.0);
     for (int i = 0; i < TAPS; ++i) {
-        vec2 found = parallel_blocker_bounds(light, r, r.fraction + next_point(pattern, false) * width);
-        sum += max(found.x, 0.0);
-        hits += found.x >= 0.0 ? 1.0 : 0.0;
-        misses += found.y >= 0.0 ? 0.0 : 1.0;
+        sum += nearest_parallel_blocker(light, r, r.fraction + next_point(pattern, false) * width, spread);
     }
-    hits = quad_sum(hits);
-    bool umbra = quad_sum(misses) == 0.0;
-    float blocker = quad_sum(sum) / max(hits, 1.0);
-    width = max(hits > 0.0 ? spread * (r.depth - blocker) : 0.0, HARD_KERNEL / light.tile.z);
+    float weight = quad_sum(sum.y);
+    float blocker = quad_sum(sum.x) / max(weight, 1e-30);
+    width = max(weight > 0.0 ? spread * (r.depth - blocker) : 0.0, HARD_KERNEL / light.tile.z);
 
     float seen = 0.0;
     vec2 rim = rim_point(false, noise) * width;
     for (int i = 0; i < TAPS; ++i) {
-        seen += parallel_texel_blocks(light, r, r.fraction + (i == 0 ? rim : -rim)) ? 0.0 : 1.0;
+        seen += parallel_texel_blocks(light, r, r.fraction + (i == 0 ? rim : -rim), spread) ? 0.0 : 1.0;
     }
     seen = quad_sum(seen);
-    bool penumbra = !umbra && seen > 0.0 && seen < 4.0 * float(TAPS);
+    bool penumbra = seen > 0.0 && seen < 4.0 * float(TAPS);
     int taps = wanted && penumbra ? PENUMBRA_TAPS : 0;
     pattern = quad_pattern(noise);
     float passed = 0.0;
     for (int i = 0; i < taps; ++i) {
-        passed += parallel_texel_blocks(light, r, r.fraction + next_point(pattern, false) * width) ? 0.0 : 1.0;
+        passed += parallel_texel_blocks(light, r, r.fraction + next_point(pattern, false) * width, spread) ? 0.0 : 1.0;
     }
     float filtered = filtered_visibility(passed, taps, p, n);
-    return penumbra ? filtered : umbra || seen == 0.0 ? 0.0 : 1.0;
+    return penumbra ? filtered : seen > 0.0 ? 1.0 : 0.0;
 }
 #endif
 

@@ -1,2 +1,2 @@
-// Shadow texels along the edge of one texel of the bounds map.
+// Shadow texels along the edge of one texel of the nearest map.
 const int TILE = 8;
