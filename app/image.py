@@ -16,7 +16,7 @@ from app.errors import OutputError, SceneError
 F32 = NDArray[np.float32]
 Image = NDArray[np.float16] | F32
 
-COMPONENTS = "RGB"
+COMPONENTS = "RGBA"
 
 
 def srgb_encode(linear: NDArray[np.floating[Any]]) -> F32:
@@ -37,9 +37,9 @@ def write_exr(path: Path, layers: Mapping[str, Image]) -> None:
     ----------
     path : Path
         Ends in ``.exr``.
-    layers : mapping of str to ndarray, float16 or float32, shape (H, W, 1 to 3)
+    layers : mapping of str to ndarray, float16 or float32, shape (H, W, 1 to 4)
         The layer ``""`` goes to the channels ``R, G, B``, any other to ``name.R, name.G, name.B``; a layer of
-        fewer components takes the first of these. float16 is stored as half, float32 as float.
+        fewer components takes the first of these, a fourth one is ``A``. float16 is stored as half, float32 as float.
 
     Raises
     ------

@@ -42,7 +42,8 @@ struct QuadNoise {
 QuadNoise quad_noise()
 {
     float noise = texel_noise(floor(gl_FragCoord.xy * 0.5));
-    return QuadNoise(noise, vec2(cos(2.0 * PI * noise), sin(2.0 * PI * noise)));
+    vec2 u = fract(vec2(noise + 0.25, noise)) - 0.5;
+    return QuadNoise(noise, normalize(u * (0.5 - abs(u))));  // parabolas for sines: any spread of angles will do
 }
 
 // Points on the light by Roberts' R2 sequence, whose every stretch is well spread. The angle turns with k.

@@ -1,0 +1,83 @@
+"""Penumbras behind a straight edge against the share of the light that shows past it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app.scene import Camera, DirectionalLight, Light, PointLight, RectLight, SpotLight
+from tests.gl import closed_forms as exact
+from tests.gl.closed_forms import F64
+from tests.gl.scenes import floor, make_scene, quad, visibility
+
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+
+HEIGHT = 2.0  # of the lights
+SIZE = (192, 96)
+
+
+def profile(light: Light, blocker: float, extent: float, seed: int = 0) -> tuple[F64, F64]:
+    """Mean visibility [w] along x behind a half plane at height ``blocker`` that ends at x = 0, and points [w, 3].
+
+    The camera looks straight down from below the blocker, so every column of the image has one x.
+    """
+    half_view = 1.4 * extent
+    eye = 0.8 * blocker
+    fov = 2 * np.degrees(np.arctan(half_view / eye * SIZE[1] / SIZE[0]))
+    camera = Camera((0.0, eye, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), float(fov))
+    half_plane = quad((-4.0, blocker, 4.0), (4.0, 0, 0), (0, 0, -8.0))
+    share, at = visibility(make_scene([floor(4.0), half_plane], [light], camera), SIZE, camera)
+    return share.mean(axis=0), at[SIZE[1] // 2]
+
+
+def check(found: F64, truth: F64, x: F64) -> None:
+    """Width within 15 %, in the right place, and no step."""
+    got, want = exact.width(x, found), exact.width(x, truth)
+    middle = exact.width(x, found, 0.5, 0.95), exact.width(x, truth, 0.5, 0.95)
+    print(f"PENUMBRA width {got:.4f} of {want:.4f} ({got / want - 1:+.1%}), upper half {middle[0] / middle[1] - 1:+.1%}, "
+          f"largest error {np.abs(found - truth).max():.3f}, mean {np.abs(found - truth).mean():.4f}")
+    assert got == pytest.approx(want, rel=0.15)
+    assert np.abs(found - truth).max() < 0.12
+
+
+@pytest.mark.parametrize("share", [0.15, 0.3, 0.5, 0.8])
+@pytest.mark.parametrize("radius", [0.05, 0.15, 0.3])
+def test_sphere(radius: float, share: float) -> None:
+    blocker = share * HEIGHT
+    found, at = profile(PointLight((0.0, HEIGHT, 0.0), (1.0,) * 3, radius), blocker,
+                        radius * share / (1 - share) + 0.01)
+    check(found, exact.disc_behind_edge(at, np.array([0, HEIGHT, 0]), radius, 0.0, blocker), at[:, 0])
+
+
+def test_the_quadrature_is_the_disc_profile() -> None:
+    x = np.linspace(-0.1, 0.1, 201)
+    truth = exact.disc_behind_edge(np.stack([x, 0 * x, 0 * x], -1), np.array([0, 2.0, 0]), 0.1, 0.0, 1.0)
+    s = np.clip(x / 0.1, -1, 1)
+    np.testing.assert_allclose(truth, 0.5 + (s * np.sqrt(1 - s * s) + np.arcsin(s)) / np.pi, atol=0.01)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.5, 0.8])
+@pytest.mark.parametrize("side", [0.2, 0.6])
+def test_rectangle(side: float, share: float) -> None:
+    blocker = share * HEIGHT
+    light = RectLight((0.0, HEIGHT, 0.0), (side, 0, 0), (0, 0, side), (1.0,) * 3)
+    found, at = profile(light, blocker, 0.5 * side * share / (1 - share) + 0.01)
+    check(found, exact.rectangle_behind_edge(at, np.array([0, HEIGHT, 0]), side / 2, 0.0, blocker), at[:, 0])
+
+
+@pytest.mark.parametrize("blocker", [0.3, 1.0])
+@pytest.mark.parametrize("angular_radius", [1.0, 4.0])
+def test_directional(angular_radius: float, blocker: float) -> None:
+    radius = np.radians(angular_radius)
+    found, at = profile(DirectionalLight((0.0, -1.0, 0.0), (1.0,) * 3, angular_radius), blocker,
+                        blocker * np.tan(radius) + 0.005)
+    check(found, exact.parallel_behind_edge(at, np.array([0, 1.0, 0]), radius, 0.0, blocker), at[:, 0])
+
+
+@pytest.mark.parametrize("share", [0.3, 0.5, 0.8])
+@pytest.mark.parametrize("outer", [40.0, 70.0])
+def test_spot(outer: float, share: float) -> None:
+    radius, blocker = 0.15, share * HEIGHT
+    light = SpotLight((0.0, HEIGHT, 0.0), (0.0, -1.0, 0.0), (1.0,) * 3, 30.0, outer, radius)
+    found, at = profile(light, blocker, radius * share / (1 - share) + 0.01)
+    check(found, exact.disc_behind_edge(at, np.array([0, HEIGHT, 0]), radius, 0.0, blocker), at[:, 0])
