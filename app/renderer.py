@@ -76,7 +76,7 @@ class Renderer:
         self._timer = Timer(self._gl, settings.timing)
         self._yardstick = _Yardstick(self._gl, settings.size) if settings.timing else None
         self._non_finite: dict[str, int] = {b.name: 0 for b in self.plan.passes}
-        self._overrides: dict[str, Image] = {}
+        self._overrides: dict[str, Image | float | Callable[[Image], Image]] = {}
         self._previous: View | None = None
         self._index = 0
         self.device = {"gl_renderer": self._gl.renderer, "gl_version": self._gl.version,
@@ -116,18 +116,21 @@ class Renderer:
         """Forget all history: the next frame is a first frame."""
         self._previous, self._index = None, 0
 
-    def override(self, resource: str, value: Image | float | None) -> None:
+    def override(self, resource: str, value: Image | float | Callable[[Image], Image] | None) -> None:
         """Replace what a pass writes, after it ran, in every frame from now on; None undoes it.
 
         Parameters
         ----------
-        value : ndarray or float
-            A constant for all texels and components, or an image [H, W, C], top row first.
+        value : ndarray, float or callable
+            A constant for all texels and components, an image [H, W, C] with its top row first, or what makes
+            such an image from the one that the pass wrote. Tensors are [C, h, w] or [C, 6, n, n].
         """
-        if value is None:
-            self._overrides.pop(resource, None)
-        else:
-            self._overrides[resource] = np.asarray(value, np.float32)
+        if value is not None:
+            self._overrides[resource] = value
+        elif self._overrides.pop(resource, None) is not None:
+            # A pass that keeps its texels from frame to frame has to begin anew.
+            self._executors = [(b, b.spec.make(self._gl, b) if b.spec.make and resource in b.writes else execute, r)
+                               for b, execute, r in self._executors]
 
     def resource(self, name: str) -> Image:
         """What a pass wrote in the newest frame, as it lies on the GPU: float32, top row first."""
@@ -225,6 +228,7 @@ class Renderer:
     def _apply_overrides(self, bound: BoundPass) -> None:
         for name in set(bound.writes) & set(self._overrides):
             resource, value = self.plan.resources[name], self._overrides[name]
+            value = np.asarray(value(self._pixels(name)) if callable(value) else value, np.float32)
             if isinstance(resource, Buf):
                 self._pool.buffer(name).write(np.broadcast_to(value, resource.shape).astype(np.float32).tobytes())
                 continue

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from app import __version__
+from app.cli.golden import golden
 from app.cli.group import DefaultGroup
 from app.cli.models import models
 from app.cli.render import render
@@ -22,6 +23,7 @@ cli = typer.Typer(
 )
 cli.command("render")(render)
 cli.command("models")(models)
+cli.add_typer(golden, name="golden")
 
 
 def _version(wanted: bool) -> None:

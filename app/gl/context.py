@@ -14,6 +14,7 @@ from app.gl.shader import Program, compile_program
 GL_LOWER_LEFT, GL_ZERO_TO_ONE = 0x8CA1, 0x935F
 GL_TEXTURE_2D, GL_DEPTH_COMPONENT32F, GL_DEPTH_COMPONENT, GL_FLOAT = 0x0DE1, 0x8CAC, 0x1902, 0x1406
 REQUIRED = 450  # clip control, fine derivatives
+ANISOTROPY = 8.0
 SOFTWARE = ("llvmpipe", "softpipe", "swrast", "software")
 
 
@@ -45,6 +46,8 @@ class Device:
             renderer = self.renderer
             self.ctx.release()
             raise DeviceError(f"software renderer {renderer!r}", "--strict-device", "expected a GPU with an EGL driver")
+        # llvmpipe's anisotropic lookups take more time than all other passes together (docs/design.md).
+        self.anisotropy = 1.0 if self.software else ANISOTROPY
         self._functions = _EglFunctions()
         self._functions.call("glClipControl", GL_LOWER_LEFT, GL_ZERO_TO_ONE)
         self.max_size: int = self.ctx.info["GL_MAX_TEXTURE_SIZE"]

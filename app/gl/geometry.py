@@ -17,7 +17,6 @@ from app.scene import Material, Mesh, Scene, Texture, world_box
 F64 = NDArray[np.float64]
 GL_SRGB8_ALPHA8 = 0x8C43
 ALBEDO_UNIT, EMISSION_UNIT = 0, 1
-ANISOTROPY = 8.0
 
 
 @dataclass(frozen=True)
@@ -95,7 +94,8 @@ class GpuScene:
             program.set(normal_from_object=cofactor / max(float(np.abs(cofactor).max()), 1e-30))
             program.set(albedo=m.albedo, gloss=(*m.specular, m.roughness),
                         emission=tuple(c * scale for c in m.emission),
-                        emission_flags=(float(m.double_sided), float(not m.analytic)))
+                        emission_flags=(float(m.double_sided), float(not m.analytic),
+                                        -1.0 if np.linalg.det(place[:3, :3]) < 0 else 1.0))
         if m.albedo_map is not None and "ALBEDO_MAP" in d.features:
             self._texture(m.albedo_map).use(ALBEDO_UNIT)
             program.set(albedo_map=ALBEDO_UNIT, albedo_uv=m.albedo_map.transform)
@@ -116,7 +116,7 @@ class GpuScene:
     def _texture(self, texture: Texture) -> moderngl.Texture:
         key = id(texture.pixels)
         if key not in self._textures:
-            self._textures[key] = _upload_texture(self._device.ctx, texture)
+            self._textures[key] = _upload_texture(self._device, texture)
         return self._textures[key]
 
     def release(self) -> None:
@@ -155,7 +155,8 @@ def _upload_mesh(ctx: moderngl.Context, mesh: Mesh) -> tuple[Attributes, moderng
     return attributes, ctx.buffer(np.ascontiguousarray(mesh.triangles, np.uint32).tobytes())
 
 
-def _upload_texture(ctx: moderngl.Context, texture: Texture) -> moderngl.Texture:
+def _upload_texture(device: Device, texture: Texture) -> moderngl.Texture:
+    ctx = device.ctx
     pixels = np.ascontiguousarray(texture.pixels[::-1])  # files are top-down, GL is bottom-up
     size = (pixels.shape[1], pixels.shape[0])
     if pixels.dtype == np.uint8:
@@ -165,6 +166,6 @@ def _upload_texture(ctx: moderngl.Context, texture: Texture) -> moderngl.Texture
         result = ctx.texture(size, 4, finite.astype(np.float16).tobytes(), dtype="f2")
     result.build_mipmaps()
     result.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
-    result.anisotropy = ANISOTROPY
+    result.anisotropy = device.anisotropy
     result.repeat_x, result.repeat_y = texture.repeat
     return result

@@ -21,6 +21,7 @@ from app.channels import HALF_MAX
 from app.contract import find_model
 from app.errors import OutputError, SceneError
 from app.golden.scenes import FRAME_SECONDS, Case
+from app.graph import Buf
 from app.image import read_exr, write_exr
 from app.renderer import Renderer
 from app.settings import Settings
@@ -135,7 +136,7 @@ def draw(case: Case, prepare: Prepare | None = None) -> tuple[str, list[Picture]
             renderer.advance(path.at(time), time)
             if frame in case.kept:
                 for picture in pictures:
-                    picture.frames[frame] = _thinned(renderer.resource(picture.resource))
+                    picture.frames[frame] = _seen(renderer, picture.resource)
         return f"{renderer.device['gl_renderer']}, OpenGL {renderer.device['gl_version']}", pictures
 
 
@@ -242,10 +243,34 @@ def _compare(now: dict[int, F32], golden: dict[int, F32], limit: float) -> tuple
     return worst, share
 
 
-def _thinned(pixels: NDArray[np.generic]) -> F32:
-    """Every n-th texel of an image; a tensor's planes lie one below the other."""
-    image = np.asarray(pixels, np.float32)
-    if _is_tensor(image):
+def _seen(renderer: Renderer, resource: str) -> F32:
+    """A resource as [H, W, 1 to 4], every n-th texel of it; a tensor's planes lie one below the other."""
+    image = np.asarray(renderer.resource(resource), np.float32)
+    if isinstance(renderer.plan.resources[resource], Buf):
         image = image.reshape(-1, image.shape[-1], 1)
     step = max(1, math.ceil(math.sqrt(image.shape[0] * image.shape[1] / MOST_TEXELS)))
     return np.ascontiguousarray(image[::step, ::step])
+
+
+def _half(pixels: F32) -> NDArray[np.float16]:
+    return np.clip(pixels, -HALF_MAX, HALF_MAX).astype(np.float16)
+
+
+def _layer(frame: int) -> str:
+    return f"frame{frame}"
+
+
+def _origin(path: Path) -> str | None:
+    """The renderer that drew a case's goldens; None without that file."""
+    try:
+        return str(json.loads(path.read_text("utf-8"))["renderer"])
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise SceneError(f"can't read the origin of the goldens ({error})", path,
+                         'expected {"renderer": …}; golden update writes it') from None
+
+
+def _names(folder: Path) -> Iterator[str]:
+    if folder.is_dir():
+        yield from sorted(file.name for file in folder.iterdir())

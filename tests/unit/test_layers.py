@@ -17,10 +17,11 @@ LAYERS = {
     "passes": 3,
     "frame": 4,
     "renderer": 5,
-    "cli": 6,
-    "__main__": 7,
+    "golden": 6,
+    "cli": 7,
+    "__main__": 8,
 }
-PACKAGES_WITH_INNER_IMPORTS = {"load", "gl", "cli"}
+PACKAGES_WITH_INNER_IMPORTS = {"load", "gl", "golden", "cli"}
 FOREIGN = {"torch", "onnx", "mitsuba", "export", "tests"}
 
 

@@ -1,0 +1,162 @@
+"""Shadows where they go wrong: grazing light, contact, seams of the six-face map, masks, emitters."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app.scene import Camera, DirectionalLight, Light, Material, PointLight, RectLight, SpotLight, Texture
+from tests.gl import closed_forms as exact
+from tests.gl.closed_forms import F64
+from tests.gl.scenes import GREY, Part, box, floor, make_scene, quad, sphere, visibility
+
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+
+SIZE = (128, 96)
+FACE = 1024  # texels along a face of the six-face map
+
+
+def grazing(kind: str, angle_deg: float) -> Light:
+    """A light whose light falls on the middle of the floor ``angle_deg`` off its normal."""
+    a = np.radians(angle_deg)
+    to = np.array([np.sin(a) * 0.8, np.cos(a), np.sin(a) * 0.6])
+    at = tuple(4 * to)
+    match kind:
+        case "point":
+            return PointLight(at, (1.0,) * 3)
+        case "sphere":
+            return PointLight(at, (1.0,) * 3, 0.05)
+        case "spot":
+            return SpotLight(at, tuple(-to), (1.0,) * 3, 20.0, 40.0)
+        case "soft spot":
+            return SpotLight(at, tuple(-to), (1.0,) * 3, 20.0, 40.0, 0.05)
+        case "sun":
+            return DirectionalLight(tuple(-to), (1.0,) * 3)
+        case "soft sun":
+            return DirectionalLight(tuple(-to), (1.0,) * 3, 0.5)
+        case _:
+            return RectLight(at, (0, 0.05, 0), tuple(0.3 * np.cross(to, (0, 1, 0))), (1.0,) * 3, two_sided=True)
+
+
+@pytest.mark.parametrize("angle", [0.0, 45.0, 85.0, 89.0])
+@pytest.mark.parametrize("kind", ["point", "sphere", "spot", "soft spot", "sun", "soft sun", "rectangle"])
+def test_no_acne_on_a_lit_plane(kind: str, angle: float) -> None:
+    camera = Camera((0.0, 2.0, 2.5), (0.0, 0.0, 0.0), fov_y_deg=50.0)
+    share, _ = visibility(make_scene([floor(2.0)], [grazing(kind, angle)]), SIZE, camera)
+    wrong = share < 0.98
+    print(f"ACNE {kind} {angle}: {wrong.sum()} texels, darkest {share.min():.3f}")
+    assert not wrong.any()
+
+
+@pytest.mark.parametrize("light", ["point", "sphere", "sun", "soft sun"])
+def test_no_acne_on_a_sphere(light: str) -> None:
+    """Facets that face away by their own normal are dark; those that face the light are not."""
+    camera = Camera((2.0, 2.0, 2.5), (0.0, 0.0, 0.0), fov_y_deg=40.0)
+    share, at = visibility(make_scene([sphere((0, 0, 0), 1.0, 96)], [grazing(light, 30.0)]), SIZE, camera)
+    to = exact.unit(np.array([np.sin(np.radians(30)) * 0.8, np.cos(np.radians(30)), np.sin(np.radians(30)) * 0.6]))
+    limit = 0.35 if "s" not in light[:2] else 0.15
+    facing = (at @ to > limit) & (np.abs(np.linalg.norm(at, axis=-1) - 1) < 0.01)
+    print(f"ACNE ball {light}: {(share[facing] < 0.98).sum()} of {facing.sum()}, darkest {share[facing].min():.3f}")
+    assert facing.mean() > 0.15
+    assert (share[facing] > 0.98).all()
+
+
+@pytest.mark.parametrize("kind", ["point", "sun"])
+def test_contact(kind: str) -> None:
+    """Beside a box on the floor: shadow up to the contact line, light before it, within a few texels of the map."""
+    light: Light = PointLight((-3.0, 2.0, 0.0), (1.0,) * 3) if kind == "point" \
+        else DirectionalLight((3.0, -2.0, 0.0), (1.0,) * 3)
+    parts = [floor(2.0), box((-0.5, 0.0, -0.5), (1.0, 0.5, 1.0))]
+    texel = 2 / FACE * 4 if kind == "point" else 2 * 2.9 / 2048  # of the map, at the box
+    camera = Camera((1.3, 0.6, 0.0), (0.5, 0.0, 0.0), fov_y_deg=40.0)  # the dark side
+    share, at = visibility(make_scene(parts, [light]), SIZE, camera)
+    on_floor, middle = np.abs(at[..., 1]) < 1e-4, np.abs(at[..., 2]) < 0.4
+    near = on_floor & middle & (at[..., 0] > 0.5) & (at[..., 0] < 0.9)  # the shadow is longer than 0.4
+    leak = near & (share > 0.02)
+    width = (at[..., 0][leak] - 0.5).max() if leak.any() else 0.0
+    print(f"CONTACT {kind}: {leak.sum()} of {near.sum()} floor texels lit, up to {width / texel:.2f} map texels out")
+    assert width <= 3 * texel
+    assert near.sum() > 500
+
+    camera = Camera((-1.3, 0.6, 0.0), (-0.5, 0.0, 0.0), fov_y_deg=40.0)  # the lit side
+    share, at = visibility(make_scene(parts, [light]), SIZE, camera)
+    on_floor = np.abs(at[..., 1]) < 1e-4
+    dark = on_floor & (at[..., 0] < -0.5) & (np.abs(at[..., 2]) < 0.4) & (share < 0.98)
+    side = (np.abs(at[..., 0] + 0.5) < 1e-4) & (at[..., 1] > 0) & (share < 0.98)
+    width = (-0.5 - at[..., 0][dark]).max() if dark.any() else 0.0
+    height = at[..., 1][side].max() if side.any() else 0.0
+    print(f"CONTACT {kind}: {dark.sum()} dark floor texels up to {width / texel:.2f} map texels before the box; "
+          f"{side.sum()} on its side, up to {height / texel:.2f}")
+    assert max(width, height) <= 3 * texel
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.1])
+def test_a_room_around_a_light_has_no_seams(radius: float) -> None:
+    """Every edge and corner of the six faces lies somewhere on the sphere; all of it is lit."""
+    scene = make_scene([sphere((0, 0, 0), 2.0, 64)], [PointLight((0.0, 0.0, 0.0), (1.0,) * 3, radius)])
+    for target in ((1, 1, 0), (1, -1, 1), (0, 0, -1), (-1, 0.2, -1)):
+        share, _ = visibility(scene, SIZE, Camera((0.0, 0.0, 0.0), target, fov_y_deg=100.0))
+        assert share.min() > 0.98
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.1])
+def test_a_shadow_crosses_a_seam_unchanged(radius: float) -> None:
+    """The light's faces -y and +x meet on the floor at x = 2; a shadow's edge runs across."""
+    light = np.array([0.0, 2.0, 0.0])
+    camera = Camera((2.0, 0.7, 0.0), (2.0, 0.0, 0.0), (1.0, 0.0, 0.0), 90.0)
+    half_plane = quad((-6.0, 1.0, 0.0), (12.0, 0, 0), (0, 0, -6.0))
+    share, at = visibility(make_scene([floor(6.0), half_plane], [PointLight(tuple(light), (1.0,) * 3, radius)]),
+                           SIZE, camera)
+    turned = at[..., [2, 1, 0]]  # the edge runs along x
+    truth = exact.disc_behind_edge(turned, light, max(radius, 1e-3), 0.0, 1.0, 24)
+    error = np.abs(share - truth).mean(axis=1)
+    seam = np.abs(at[..., 0] - 2.0).mean(axis=1) < 0.05
+    print(f"SEAM {radius}: mean error {error[seam].mean():.4f} at the seam, {error[~seam].mean():.4f} elsewhere")
+    assert error[seam].mean() < 1.5 * error[~seam].mean() + 0.002
+
+
+@pytest.mark.parametrize("kind", ["point", "sun", "spot"])
+def test_a_masked_caster_casts_a_masked_shadow(kind: str) -> None:
+    light, towards = np.array([0.0, 3.0, 0.0]), np.array([0.0, 1.0, 0.0])
+    squares = np.kron(np.indices((4, 4)).sum(0) % 2, np.ones((16, 16), np.uint8)).astype(np.uint8)
+    pixels = np.full((64, 64, 4), 255, np.uint8)
+    pixels[..., 3] = 255 * squares
+    leaves = Material(albedo=(0.5,) * 3, albedo_map=Texture(pixels, repeat=(False, False)), alpha_cutoff=0.5)
+    lamp: Light = {"point": PointLight(tuple(light), (1.0,) * 3), "sun": DirectionalLight(tuple(-towards), (1.0,) * 3),
+                   "spot": SpotLight(tuple(light), tuple(-towards), (1.0,) * 3, 40.0, 45.0)}[kind]
+    scene = make_scene([floor(2.0), quad((-0.8, 1.5, 0.8), (1.6, 0, 0), (0, 0, -1.6), leaves)], [lamp])
+    share, at = visibility(scene, SIZE, Camera((0.0, 1.4, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 100.0))
+    hit = at[..., [0, 2]] * (1.0 if kind == "sun" else 0.5)
+    s, t = (hit[..., 0] + 0.8) / 1.6, (0.8 - hit[..., 1]) / 1.6
+    inside = (s > 0) & (s < 1) & (t > 0) & (t < 1)
+    row, column = (np.clip((f * 4).astype(int), 0, 3) for f in (1 - t, s))
+    opaque = inside & ((row + column) % 2 == 1)
+    clear = np.minimum(np.abs(s * 4 - np.round(s * 4)), np.abs(t * 4 - np.round(t * 4))) > 0.1
+    wrong = clear & (np.abs(share - np.where(opaque, 0.0, 1.0)) > 0.02)
+    print(f"MASK {kind}: {wrong.sum()} of {clear.sum()} texels wrong")
+    assert clear.mean() > 0.4 and (clear & opaque).sum() > 500
+    assert not wrong.any()
+
+
+def test_emitters_that_are_lights_cast_no_shadow() -> None:
+    """The rectangle's own quad, and even one just below it, leave the floor lit; another quad does not."""
+    lamp = RectLight((0.0, 2.0, 0.0), (1.0, 0, 0), (0, 0, 1.0), (1.0,) * 3)
+    below = {"corner": (-0.5, 1.9, 0.5), "u": (1.0, 0, 0), "v": (0, 0, -1.0)}
+
+    def darkest(material: Material) -> F64:
+        parts: list[Part] = [floor(1.0), quad(**below, material=material)]
+        return visibility(make_scene(parts, [lamp]), SIZE, Camera((0.0, 1.5, 0.0), (0, 0, 0), (0, 0, -1.0)))[0].min()
+
+    assert darkest(Material(emission=(1.0,) * 3, analytic=True)) > 0.99
+    assert darkest(GREY) < 0.1
+
+
+def test_a_lit_side_stays_lit_beside_a_far_wall() -> None:
+    """What lies behind the receiver, or beside the light's way, casts nothing on it."""
+    parts = [floor(2.0), quad((-2, 0, -2), (4, 0, 0), (0, 3, 0)), quad((2, 0, -2), (0, 0, 4), (0, 3, 0))]
+    for radius in (0.0, 0.05, 0.3):
+        lamp = PointLight((0.0, 1.5, 0.0), (1.0,) * 3, radius)
+        share, at = visibility(make_scene(parts, [lamp]), SIZE, Camera((-1.5, 1.2, 1.5), (1.0, 0.5, -1.0)))
+        wrong = (share < 0.98) & (at[..., 1] > -1)
+        print(f"ROOM {radius}: {wrong.sum()} wrong texels, darkest {share.min():.3f}")
+        assert not wrong.any()
