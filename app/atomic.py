@@ -67,19 +67,25 @@ def write_text(path: Path, text: str) -> None:
         temporary.write_text(text, "utf-8")
 
 
-def prepare_folder(folder: Path) -> None:
-    """Make ``folder`` and check that files can be written in it.
+def prepare_folders(*folders: Path) -> None:
+    """Make ``folders`` and check that files can be written in them; when one fails, none is made.
 
     Raises
     ------
     OutputError
-        When it can't be made or does not take a file.
+        When one can't be made or does not take a file.
     """
-    probe = folder / f".{os.getpid()}-probe"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise OutputError(f"can't write in the folder ({error.strerror or error})", folder,
-                          "expected a folder that can be made and written in") from error
+    made: list[Path] = []
+    for folder in folders:
+        probe = folder / f".{os.getpid()}-probe"
+        try:
+            for missing in reversed([f for f in (folder, *folder.parents) if not f.exists()]):
+                missing.mkdir()
+                made.append(missing)
+            probe.touch()
+            probe.unlink()
+        except OSError as error:
+            for new in reversed(made):
+                new.rmdir()
+            raise OutputError(f"can't write in the folder ({error.strerror or error})", folder,
+                              "expected a folder that can be made and written in") from error

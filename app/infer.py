@@ -172,13 +172,24 @@ def providers() -> list[str]:
     return [_short(name) for name in ort.get_available_providers() if name not in _REMOTE]
 
 
+def check_provider(provider: str) -> None:
+    """Refuse what is neither ``auto`` nor a provider of this onnxruntime.
+
+    Raises
+    ------
+    SettingsError
+        With the names to choose from.
+    """
+    known = ("auto", *providers())
+    if provider not in known:
+        raise SettingsError(f"unknown provider {provider!r}", "--provider",
+                            f"expected one of {', '.join(known)} (what this onnxruntime has)")
+
+
 def _open(path: Path, provider: str) -> ort.InferenceSession:
     """A session whose threads sleep between frames, or they would slow the passes that follow."""
-    have = providers()
-    if provider != "auto" and provider not in have:
-        raise SettingsError(f"unknown provider {provider!r}", "--provider",
-                            f"expected one of auto, {', '.join(have)} (what this onnxruntime has)")
-    chosen = provider if provider != "auto" else "cuda" if "cuda" in have else "cpu"
+    check_provider(provider)
+    chosen = provider if provider != "auto" else "cuda" if "cuda" in providers() else "cpu"
     wanted = [name for name in ort.get_available_providers() if _short(name) in (chosen, "cpu")]
     options = ort.SessionOptions()
     options.graph_optimization_level = ort.GraphOptimizationLevel.ORT_ENABLE_ALL
@@ -204,15 +215,13 @@ def _sanitise(values: F32, background: F32, low: F32, high: F32, out: F32 | None
 
 
 def _robust_mean(radiance: list[F32], count: int) -> float:
-    """The m for which m = sum(min(x, 32 m)) / count: one bright texel can't darken the rest. 0 for no texels."""
+    """Mean of values clamped at 32 times their mean, so that one bright texel can't darken the rest; 0 for none.
+
+    Not repeated: where light falls on less than a thirty-second of the texels, that would end at 0.
+    """
     mean = sum(float(r.sum()) for r in radiance) / max(count, 1)
-    for _ in range(64):
-        cap = np.float32(FIREFLY * mean)
-        clamped = sum(float(np.minimum(r, cap).sum()) for r in radiance) / max(count, 1)
-        if clamped >= mean * (1 - 1e-3):
-            return clamped
-        mean = clamped
-    return mean
+    cap = np.float32(FIREFLY * mean)
+    return sum(float(np.minimum(r, cap).sum()) for r in radiance) / max(count, 1)
 
 
 def _bounds(spec: TensorSpec) -> tuple[F32, F32, F32]:

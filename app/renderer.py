@@ -242,7 +242,8 @@ class Renderer:
         resource = self.plan.resources[name]
         if isinstance(resource, Tex) and resource.dtype == "f1":
             return 0
-        return int(np.count_nonzero(~np.isfinite(self._pixels(name)).all(axis=-1)))
+        components = 0 if isinstance(resource, Buf) else -1
+        return int(np.count_nonzero(~np.isfinite(self._pixels(name)).all(axis=components)))
 
 
 class _Yardstick:

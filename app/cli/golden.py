@@ -79,7 +79,7 @@ def _chosen(names: list[str] | None) -> list[Case]:
 
 
 def _print(report: Report) -> None:
-    from app.golden.check import OTHER_RENDERER, SAME_RENDERER
+    from app.golden.compare import OTHER_RENDERER, SAME_RENDERER
 
     console = Console(highlight=False)
     console.print(report.renderer, soft_wrap=True, markup=False)

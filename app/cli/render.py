@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 from rich.progress import Progress
 
-from app.atomic import prepare_folder
+from app.atomic import prepare_folders
 from app.channels import HALF_MAX
 from app.cli.options import FORMATS, parse_names, parse_size, unknown
 from app.cli.preview import preview
@@ -102,6 +102,7 @@ def render(
     """
     # Heavy imports wait until there is something to render, so that help stays quick.
     from app.frame import AOVS
+    from app.infer import check_provider
     from app.load import embedded_scene, load_scene
     from app.renderer import Renderer
 
@@ -110,7 +111,10 @@ def render(
         provider=provider, strict_device=strict_device,
         # The summary shows each pass's time, so each pass is waited for.
         timing=True, check=check)
+    check_provider(provider)
     kinds = parse_names(formats, FORMATS, "--format")
+    if timing is not None and timing.is_dir():
+        raise SettingsError(f"{timing} is a folder", "--timing", "expected the name of a JSON file")
     if scene is not None:
         loaded = load_scene(scene, lighting=lighting, scene_json=scene_json)
     elif scene_json is None:
@@ -127,9 +131,7 @@ def render(
             _note(f"{name} is all zero, nothing in this scene writes it")
         if verbose:
             _describe(renderer)
-        prepare_folder(out)
-        if timing is not None:
-            prepare_folder(timing.parent)
+        prepare_folders(out, *([timing.parent] if timing is not None else []))
         if settle is None:
             settle = SETTLE_STILL if frames == 1 and any(p.name == "taa" for p in renderer.plan.passes) else 0
         images = _draw(renderer, path, settings, frames, settle, out, kinds)

@@ -61,7 +61,7 @@ def catalogue() -> dict[str, Case]:
 
 
 def room() -> Scene:
-    """A box with coloured walls, a sphere light, a glossy and a rough block, a smooth sphere and a glowing panel."""
+    """A box with coloured walls, a sphere light, a glossy block and ball, a rough block and a glowing panel."""
     materials = (
         Material("white", albedo=(0.75, 0.75, 0.75)),
         Material("red", albedo=(0.65, 0.06, 0.05)),
@@ -76,11 +76,11 @@ def room() -> Scene:
         quads("right", 2, ((1, -1, -1), (0, 0, 2), (0, 2, 0))),
         block("tall", 3, (0.5, 1.1, 0.5)),
         block("low", 0, (0.5, 0.4, 0.5)),
-        ball("ball", 0, 0.28),
+        ball("ball", 3, 0.22),
         quads("panel", 4, ((0.05, 0.0, -0.98), (0.6, 0, 0), (0, 0.5, 0))),
     )
-    places = {3: turned(0.35, (-0.45, -0.45, -0.35)), 4: turned(-0.3, (0.45, -0.8, 0.2)),
-              5: turned(0.0, (0.45, -0.32, 0.2))}
+    places = {3: turned(0.35, (-0.45, -0.45, -0.35)), 4: turned(-0.3, (0.4, -0.8, -0.2)),
+              5: turned(0.0, (0.4, -0.38, -0.2))}
     lights = (PointLight((0.1, 0.75, 0.1), (1.4, 1.3, 1.1), radius=0.12),)
     first = Camera((0.0, 0.05, 0.98), (0.0, -0.2, -0.5), fov_y_deg=75.0)
     return _scene("room", meshes, places, materials, lights, first, replace(first, eye=(0.03, 0.06, 0.96)))
@@ -110,7 +110,7 @@ def outdoor() -> Scene:
     ways = np.stack([np.eye(4), turned(0.4, (0.3, 0.1, 0.2))])
     motions = {2: Motion(np.array([0.0, 4 * FRAME_SECONDS]), ways)}
     lights = (
-        DirectionalLight((-0.4, -1.0, -0.5), (1.5, 1.4, 1.2), angular_radius_deg=1.5),
+        DirectionalLight((-0.5, -1.0, 0.4), (1.5, 1.4, 1.2), angular_radius_deg=1.5),
         SpotLight((1.6, 2.0, 1.0), (-0.6, -1.0, -0.5), (5.0, 1.0, 4.0), inner_deg=14.0, outer_deg=24.0),
         RectLight((-1.9, 0.8, 0.0), edge_u, edge_v, (4.0, 3.0, 2.0)),
     )

@@ -145,10 +145,17 @@ class Gather(nn.Module):
         second = _fullest(same, rest) * rest
         filled = whole / (first + second).sum(2, keepdim=True).clamp(min=1e-12)
         seen = torch.cat([first, second], 1) * filled
-        area = seen * (r2 / (-plane * r2.clamp(min=1e-12).rsqrt()).clamp(min=GRAZING))
+        cosine = (-plane * r2.clamp(min=1e-12).rsqrt()).clamp(min=GRAZING)
+        area = seen * (r2 / cosine)
         total = area.sum(2, keepdim=True)
         mean = ((area @ cells.transpose(1, 2)) / total.clamp(min=1e-12)).flatten(0, 1)
         s = {key: value.t() for key, value in self._named(mean.t()).items()}
+        # Whichever surfaces were taken, the cell sends what all its texels send, but nowhere more than the brightest.
+        texel = t["radiance"].transpose(0, 1)
+        sent = texel @ (omega * (r2 / cosine)).transpose(1, 2)
+        surfel = s["radiance"].reshape(-1, 2, 3).transpose(1, 2)
+        surfel = torch.minimum(surfel * (sent / (surfel @ total).clamp(min=1e-12)), texel.amax(2, keepdim=True))
+        s["radiance"] = surfel.transpose(1, 2).flatten(0, 1)
         # A disk wider than its distance is no longer a small piece of surface.
         area = torch.minimum(total.flatten(0, 1), math.pi * (s["position"] * s["position"]).sum(1, keepdim=True))
         share = (seen.sum(2, keepdim=True) / whole.clamp(min=1e-12)).flatten(0, 1)

@@ -1,0 +1,149 @@
+"""Temporal anti-aliasing: it converges, leaves no ghosts, and forgets when it has to."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
+from skimage.metrics import structural_similarity
+
+from app.contract import find_model
+from app.load import embedded_scene
+from app.renderer import Renderer
+from app.scene import Camera, Material, PointLight, Scene
+from app.settings import Settings
+from tests.gl.scenes import Images, box, draw, make_scene, quad, slide
+
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+
+SIZE = (256, 192)
+FRAME = 1 / 30
+MODELS = ["none", "radiosity"]
+BOX = embedded_scene()
+CAMERA = BOX.cameras[BOX.default_camera].at(0.0)
+
+
+def renderer(scene: Scene, size: tuple[int, int] = SIZE, model: str = "none", outputs: tuple[str, ...] = ("final",),
+             seed: int = 0) -> Renderer:
+    return Renderer(scene, Settings(size=size, outputs=outputs, provider="cpu", seed=seed),
+                    None if model == "none" else find_model(model))
+
+
+def supersampled(model: str) -> NDArray[np.uint8]:
+    """16 samples a texel, averaged in linear light, then tone mapped."""
+    final = draw(BOX, (4 * SIZE[0], 4 * SIZE[1]), model=None if model == "none" else find_model(model),
+                 camera=CAMERA)["final"]
+    x = final.reshape(SIZE[1], 4, SIZE[0], 4, 3).mean((1, 3)).clip(0, 1)
+    return np.round(255 * np.where(x > 0.0031308, 1.055 * x ** (1 / 2.4) - 0.055, 12.92 * x)).astype(np.uint8)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_still_camera_converges(model: str) -> None:
+    with renderer(BOX, model=model) as r:
+        for _ in range(63):
+            r.advance(CAMERA)
+        frames = [r.render(CAMERA)["display"].astype(int) for _ in range(5)]
+    changes = [np.percentile(np.abs(b - a), 99) for a, b in zip(frames, frames[1:], strict=False)]
+    largest = max(np.abs(b - a).max() for a, b in zip(frames, frames[1:], strict=False))
+    truth = supersampled(model)
+    similar = structural_similarity(frames[0].astype(np.uint8), truth, channel_axis=2, gaussian_weights=True,
+                                    sigma=1.5, use_sample_covariance=False, data_range=255)
+    print(f"STILL {model}: change p99 {max(changes):.2f}, largest {largest} of 255; SSIM {similar:.4f}")
+    assert max(changes) <= 1
+    assert similar >= 0.98
+
+
+def passing_box(casts: bool) -> Scene:
+    """A bright box slides by before a grey wall, some three texels a frame."""
+    bright = Material(albedo=(0.9, 0.2, 0.1), analytic=not casts)
+    mover = box((-0.2, 0.2, 0.0), (0.4, 0.5, 0.4), bright, slide([0, 2], [(-0.8, 0, 0), (1.6, 0, 0)]))
+    wall = quad((-3, -1, -1.0), (6, 0, 0), (0, 4, 0), Material(albedo=(0.5, 0.5, 0.5)))
+    floor_quad = quad((-3, 0, 3), (6, 0, 0), (0, 0, -4), Material(albedo=(0.3, 0.5, 0.3)))
+    return make_scene([wall, floor_quad, mover], [PointLight((0.5, 3.0, 3.0), (12.0,) * 3, 0.1)],
+                      Camera((0.0, 0.8, 2.5), (0.0, 0.6, 0.0)))
+
+
+@pytest.mark.parametrize(("casts", "model"), [(False, "none"), (True, "none"), (True, "radiosity")])
+def test_uncovered_texels_are_right_by_the_second_frame(casts: bool, model: str) -> None:
+    """Also no trail: what the box has left stays right. Where its shadow moves, there is no steady truth."""
+    scene = passing_box(casts)
+    camera = scene.cameras["main"].at(0.0)
+    errors: dict[int, list[float]] = {1: [], 2: [], 3: [], 10: []}
+    since = np.full(SIZE[::-1], 1000)  # frames since the box was there
+    unsteady, before = since, np.zeros((*SIZE[::-1], 3))
+    with renderer(scene, model=model, outputs=("final", "albedo")) as r, \
+            renderer(scene, model=model, outputs=("final", "albedo")) as fresh:
+        for frame in range(24):
+            images = r.render(camera, frame * FRAME)
+            fresh.cut()
+            truth = fresh.render(camera, frame * FRAME)
+            red, final = truth["albedo"][..., 0], truth["final"]
+            since = np.where(binary_dilation(red > 0.7, iterations=2), 0, since + 1)
+            changed = np.abs(final - before).max(-1) > 0.005 * final.max(-1)
+            unsteady = np.where(binary_dilation(changed, iterations=2), 0, unsteady + 1)
+            horizon = binary_dilation(np.abs(np.diff(red, axis=0, append=red[-1:])) > 0.01, iterations=2)
+            error = np.abs(images["final"] - final).max(-1) / final.max(-1).clip(1e-3)
+            for age in errors:
+                errors[age] += error[(since == age) & ((unsteady >= age - 1) | (not casts)) & ~horizon].tolist()
+            before = final
+    print(f"UNCOVERED casts={casts} {model}: " + "; ".join(
+        f"frame {age}: {len(e)} texels, p99 {np.percentile(e, 99):.2%}, max {max(e):.2%}, "
+        f"{np.mean(np.array(e) > 0.02):.2%} beyond 2 %" for age, e in errors.items()))
+    for age in (2, 3, 10):
+        assert len(errors[age]) > 500
+        assert np.percentile(errors[age], 99) <= 0.02
+
+
+def test_the_first_frame_is_what_it_is_without_history() -> None:
+    with renderer(BOX, outputs=("final", "lit")) as r:
+        first = r.render(CAMERA)
+        np.testing.assert_array_equal(first["final"], first["lit"])
+
+
+def test_a_cut_forgets_everything() -> None:
+    other = Camera((0.5, 0.8, 0.6), (-0.5, 0.4, -0.5))
+    with renderer(BOX, model="radiosity") as r, renderer(BOX, model="radiosity") as new:
+        for _ in range(5):
+            r.advance(other)
+        r.cut()
+        for _ in range(3):
+            np.testing.assert_array_equal(r.render(CAMERA)["final"], new.render(CAMERA)["final"])
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("size", [(1, 1), (2, 3), (7, 1), (191, 347)])
+def test_any_size(size: tuple[int, int], model: str) -> None:
+    with renderer(BOX, size, model, ("final", "direct", "indirect", "normal", "depth", "motion")) as r:
+        for step in range(3):
+            images = r.render(Camera((0.1 * step, 1.0, 3.0), (0, 1, 0)))
+            assert all(np.isfinite(image).all() and image.shape[:2] == size[::-1] for image in images.values())
+        assert images["final"].max() > 0
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize("resource", ["taa", "lit", "motion", "depth"])
+def test_a_poisoned_texel_heals_in_one_frame(resource: str, moving: bool, value: float) -> None:
+    """Against the same run with the same replaced image, but no poison in it."""
+    def at(frame: int) -> Camera:
+        return Camera((0.02 * frame * moving, 1.0, 3.9), (0, 1, 0), fov_y_deg=38.0)
+
+    def frames(poison: float | None) -> list[Images]:
+        with renderer(BOX, (96, 72)) as r:
+            for frame in range(5):
+                r.advance(at(frame))
+            image = r.resource(resource).copy()
+            if poison is not None:
+                image[30, 40] = poison
+            r.override(resource, image)
+            r.advance(at(5))
+            r.override(resource, None)
+            return [r.render(at(frame)) for frame in (6, 7)]
+
+    for frame, (clean, dirty) in enumerate(zip(frames(None), frames(value), strict=True), 6):
+        assert np.isfinite(dirty["final"]).all()
+        difference = np.abs(dirty["display"].astype(int) - clean["display"].astype(int)).max(-1)
+        print(f"POISON {resource} moving={moving} {value} frame {frame}: {(difference > 4).sum()} texels differ, "
+              f"by {difference.max()} of 255")
+        assert (difference > 4).sum() <= 9
