@@ -10,7 +10,19 @@ from app.errors import SettingsError
 from app.gl.lights import LightSet
 from app.graph import Pass, Plan, compile_graph
 from app.infer import Network
-from app.passes import composite, direct, downsample, gbuffer, network, output, position, shadow, taa, upsample
+from app.passes import (
+    accumulate,
+    composite,
+    direct,
+    downsample,
+    gbuffer,
+    network,
+    output,
+    position,
+    shadow,
+    taa,
+    upsample,
+)
 from app.scene import Scene
 from app.settings import Settings
 
@@ -79,13 +91,13 @@ def build_frame(scene: Scene, settings: Settings, lights: LightSet, model: Netwo
     if model is not None:
         passes += _indirect(scene, settings, lights, model, absent)
     else:
-        absent |= dict.fromkeys(("surround", "surround_direct", "downsample", "network", "upsample"),
+        absent |= dict.fromkeys(("surround", "surround_direct", "downsample", "network", "accumulate", "upsample"),
                                 "no network was chosen")
     passes.append(composite.declare(has_indirect=model is not None))
     if settings.taa:
         passes.append(taa.declare())
     else:
-        absent["taa"] = "switched off by --no-taa"
+        absent |= dict.fromkeys(("accumulate", "taa"), "switched off by --no-taa")
     finished = "taa" if settings.taa else "lit"
     passes.append(output.declare(finished))
     return Frame(tuple(passes), absent, finished)
@@ -107,4 +119,8 @@ def _indirect(scene: Scene, settings: Settings, lights: LightSet, model: Network
     passes += [downsample.declare(contract, t, settings.size, scene.longest_edge) for t in contract.inputs]
     tensors = {t: downsample.tensor_name(t) for t in contract.inputs}
     shapes = {t: downsample.tensor_shape(spec, grid) for t, spec in contract.inputs.items()}
-    return [*passes, network.declare(model, tensors, shapes, grid), upsample.declare(grid)]
+    if settings.taa:
+        passes += [network.declare(model, tensors, shapes, grid, "indirect_now"), accumulate.declare(grid)]
+    else:
+        passes.append(network.declare(model, tensors, shapes, grid, "indirect_low"))
+    return [*passes, upsample.declare(grid)]

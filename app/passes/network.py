@@ -16,9 +16,9 @@ OUTPUT = "indirect.rgb"
 
 
 def declare(network: Network, tensors: dict[str, str], shapes: dict[str, tuple[int, ...]],
-            grid: tuple[int, int]) -> Pass:
-    """The pass that runs ``network``; ``tensors`` names the graph's buffer of each input tensor."""
-    return Pass("network", reads=tuple(tensors.values()), writes={"indirect_low": Tex("f2", 4, size=grid)},
+            grid: tuple[int, int], output: str) -> Pass:
+    """The pass that runs ``network`` into ``output``; ``tensors`` names the graph's buffer of each input tensor."""
+    return Pass("network", reads=tuple(tensors.values()), writes={output: Tex("f2", 4, size=grid)},
                 make=lambda device, bound: make(device, bound, network, tensors, shapes))
 
 

@@ -13,7 +13,6 @@ from typer.testing import CliRunner
 
 from app.cli import cli
 from app.golden import Case, catalogue, check, orphan_cases, update
-
 from app.golden.compare import ORIGIN, Report
 from app.golden.scenes import outdoor, room
 from app.image import read_exr, write_exr

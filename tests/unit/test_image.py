@@ -10,7 +10,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from app.atomic import prepare_folder, replacing, write_text
+from app.atomic import prepare_folders, replacing, replacing_folder, write_text
 from app.errors import OutputError, SceneError
 from app.image import read_exr, read_png, srgb_encode, to_8bit, write_exr, write_png
 
@@ -126,13 +126,34 @@ def test_files_get_the_usual_permissions(tmp_path: Path) -> None:
     assert stat.S_IMODE((tmp_path / "a.txt").stat().st_mode) == stat.S_IMODE((tmp_path / "plain").stat().st_mode)
 
 
-def test_prepare_folder_makes_it_and_leaves_it_empty(tmp_path: Path) -> None:
-    prepare_folder(tmp_path / "a" / "b")
+def test_a_folder_is_made_and_left_empty(tmp_path: Path) -> None:
+    prepare_folders(tmp_path / "a" / "b")
     assert list((tmp_path / "a" / "b").iterdir()) == []
 
 
-def test_prepare_folder_refuses_a_file(tmp_path: Path) -> None:
+def test_when_one_folder_fails_none_is_made(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(OutputError, match="file"):
+        prepare_folders(tmp_path / "a" / "b", tmp_path / "file" / "c")
+    assert [f.name for f in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_file_is_no_folder(tmp_path: Path) -> None:
     (tmp_path / "a").touch()
     for folder in (tmp_path / "a", tmp_path / "a" / "b"):
         with pytest.raises(OutputError, match="expected a folder"):
-            prepare_folder(folder)
+            prepare_folders(folder)
+
+
+def test_a_folder_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
+    folder = tmp_path / "deep" / "folder"
+    with replacing_folder(folder) as fresh:
+        write_text(fresh / "first", "1")
+    with pytest.raises(KeyboardInterrupt), replacing_folder(folder) as fresh:
+        write_text(fresh / "second", "2")
+        raise KeyboardInterrupt
+    assert [f.name for f in folder.iterdir()] == ["first"]
+    with replacing_folder(folder) as fresh:
+        write_text(fresh / "third", "3")
+    assert [f.name for f in folder.iterdir()] == ["third"]
+    assert [f.name for f in folder.parent.iterdir()] == ["folder"]
