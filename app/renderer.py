@@ -222,7 +222,7 @@ class Renderer:
         newest_copy = newest and name in self.plan.history
         texture = self._pool.texture(name + "@prev" if newest_copy else name)
         kind = DTYPES[resource.dtype]
-        image = np.frombuffer(texture.read(alignment=1), kind).reshape(texture.height, texture.width, -1)[::-1]
+        image: Image = np.frombuffer(texture.read(alignment=1), kind).reshape(texture.height, texture.width, -1)[::-1]
         return image.astype(np.float32) if kind is np.float16 else image
 
     def _apply_overrides(self, bound: BoundPass) -> None:

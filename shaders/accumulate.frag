@@ -7,6 +7,7 @@
 const float FRAMES = 10.0;           // longest history
 const float DEPTH_TOLERANCE = 0.05;  // relative
 const float SAME_NORMAL = 0.9;       // cosine
+const float BRIGHTEST = 4.0;         // history counts as at most this many times what is now, or a flash would linger
 
 uniform sampler2D indirect_now;
 uniform sampler2D normal;
@@ -51,6 +52,7 @@ void main()
     add(base + ivec2(1, 1), f.x * f.y, n, moved.z, sum, weight);
     bool keep = history_valid && weight > 0.05 && is_surface(texelFetch(depth, full, 0).r);
     vec4 history = sum / max(weight, 1e-6);
+    history.rgb = min(history.rgb, BRIGHTEST * max(max(now.r, now.g), now.b));
     float frames = keep ? min(history.a + 1.0, FRAMES) : 1.0;
     out_indirect_low = vec4(keep ? mix(history.rgb, now, 1.0 / frames) : now, frames);
 }

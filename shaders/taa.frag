@@ -80,26 +80,40 @@ void neighbourhood(ivec2 t, ivec2 outward, vec3 own, out vec3 mean, out vec3 squ
     square /= 9.0;
 }
 
-// The motion of the nearest surface in and around the quad, so that edges move with what is before them.
-vec2 nearest_motion(ivec2 t, ivec2 outward, float d)
+// Nearness of a depth: its inverse, 0 for sky and for what is no depth.
+float nearness(float depth)
 {
-    float other = texelFetch(depth, t + outward, 0).r;
-    bool closer = is_surface(other) && (other < d || !is_surface(d));
-    vec3 best = vec3(vec2(t + (closer ? outward : ivec2(0))), closer ? other : is_surface(d) ? d : FAR);
-    vec3 swapped = quad_swap_x(best);
-    best = swapped.z < best.z ? swapped : best;
-    swapped = quad_swap_y(best);
-    best = swapped.z < best.z ? swapped : best;
-    return texelFetch(motion, ivec2(best.xy + 0.5), 0).xy;
+    return depth > 0.0 ? 1.0 / depth : 0.0;
 }
 
-// Whether the surface at t was visible one frame ago where it came from.
-bool was_visible(vec2 at, float expected)
+// Motion of the nearest surface in and around the quad (z: nearness one frame ago), so that edges move with what is
+// before them.
+vec3 nearest_motion(ivec2 t, ivec2 outward)
 {
-    if (any(lessThan(at, vec2(0.0))) || any(greaterThanEqual(at, image.xy))) return false;
-    float found = texelFetch(depth_prev, ivec2(at), 0).r;
-    if (!is_surface(expected)) return !is_surface(found);
-    return is_surface(found) && abs(found - expected) <= DEPTH_TOLERANCE * expected;
+    float own = nearness(texelFetch(depth, t, 0).r), other = nearness(texelFetch(depth, t + outward, 0).r);
+    vec3 best = vec3(vec2(t + (other > own ? outward : ivec2(0))), max(own, other));
+    vec3 swapped = quad_swap_x(best);
+    best = swapped.z > best.z ? swapped : best;
+    swapped = quad_swap_y(best);
+    best = swapped.z > best.z ? swapped : best;
+    vec3 moved = texelFetch(motion, ivec2(best.xy + 0.5), 0).xyz;
+    return vec3(moved.xy * vec2(1.0, -1.0), nearness(moved.z));
+}
+
+// Whether a surface of the given nearness was visible one frame ago in or around the quad at place t: between the
+// nearest and the farthest there, so that jitter across an edge counts as seen.
+bool was_visible(vec2 at, ivec2 outward, float expected)
+{
+    ivec2 last = ivec2(image.xy) - 1, t = ivec2(floor(at));
+    float here = nearness(texelFetch(depth_prev, clamp(t, ivec2(0), last), 0).r);
+    float beside = nearness(texelFetch(depth_prev, clamp(t + outward, ivec2(0), last), 0).r);
+    float low = min(here, beside), high = max(here, beside);
+    low = min(low, quad_swap_x(low));
+    low = min(low, quad_swap_y(low));
+    high = max(high, quad_swap_x(high));
+    high = max(high, quad_swap_y(high));
+    return expected >= low * (1.0 - DEPTH_TOLERANCE) && expected <= high * (1.0 + DEPTH_TOLERANCE)
+        && all(greaterThanEqual(at, vec2(0.0))) && all(lessThan(at, image.xy));
 }
 
 void main()
@@ -107,20 +121,17 @@ void main()
     ivec2 last = ivec2(image.xy) - 1, t = min(ivec2(gl_FragCoord.xy), last);
     ivec2 outward = clamp(t - ivec2(quad_side()), ivec2(0), last) - t;
     vec3 now = current(t);
-    float d = texelFetch(depth, t, 0).r;
-    vec3 own = texelFetch(motion, t, 0).xyz;
-    vec2 shift = nearest_motion(t, outward, d) * vec2(1.0, -1.0);
+    vec3 moved = nearest_motion(t, outward);
     vec3 mean, square;
     neighbourhood(t, outward, ycocg(now), mean, square);
     vec3 deviation = sqrt(max(square - mean * mean, 0.0));
 
-    shift = is_finite(shift.x + shift.y) ? shift : vec2(1e9);
-    bool still = dot(shift, shift) < STILL_PIXELS * STILL_PIXELS;
-    vec4 gathered = catmull_rom(gl_FragCoord.xy - (still ? vec2(0.0) : shift));
+    vec2 at = gl_FragCoord.xy - (is_finite(moved.x + moved.y) ? moved.xy : vec2(1e9));
+    bool still = dot(moved.xy, moved.xy) < STILL_PIXELS * STILL_PIXELS;
+    vec4 gathered = catmull_rom(still ? gl_FragCoord.xy : at);
     vec3 history = gathered.rgb;
     bool healthy = is_finite(dot(gathered, vec4(1.0))) && gathered.a >= 1.0;
-    vec2 origin = gl_FragCoord.xy - own.xy * vec2(1.0, -1.0);
-    bool keep = history_valid && healthy && was_visible(origin, is_surface(d) ? own.z : 0.0);
+    bool keep = was_visible(at, outward, moved.z) && healthy && history_valid;
 
     vec3 offset = ycocg(history) - mean;
     float share = clip_share(offset, CLIP_GAMMA * deviation);

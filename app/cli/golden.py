@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich import box
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
@@ -86,14 +87,14 @@ def _print(report: Report) -> None:
     for case, origin in report.foreign.items():
         console.print(f"{case}: the goldens come from {origin}, so the wider tolerance holds", soft_wrap=True,
                       markup=False)
-    table = Table("scene", "stage", "resource")
-    for column in ("difference", "share off"):
+    table = Table("scene", "stage", "resource", box=box.SIMPLE)
+    for column in ("difference", "off"):
         table.add_column(column, justify="right")
     table.add_column("verdict")
     for finding in _worst(report.findings):
         table.add_row(finding.case, finding.stage or "–", finding.resource, f"{finding.difference:.2g}",
-                      f"{finding.share:.3%}", f"[{'green' if finding.ok else 'bold red'}]{finding.verdict}[/]")
-    console.print(table, soft_wrap=True)
+                      f"{finding.share:.2%}", f"[{'green' if finding.ok else 'bold red'}]{finding.verdict}[/]")
+    console.print(table)
     for name, tolerance in (("same renderer", SAME_RENDERER), ("another one", OTHER_RENDERER)):
         console.print(f"tolerance, {name}: a texel is off beyond {tolerance.difference:g} of 1 + |golden|, "
                       f"and {tolerance.share:.2%} of the texels may be", style="dim", soft_wrap=True)
