@@ -39,7 +39,8 @@ AOVS: dict[str, str] = {
     "emission": "emitted radiance, W/(sr m²)",
     "lit": "the composite before temporal anti-aliasing, W/(sr m²)",
 }
-RADIANCE = frozenset({"final", "direct", "specular", "indirect", "emission", "lit"})  # scaled by LightSet.scale on the GPU
+# On the GPU these are multiplied by LightSet.scale.
+RADIANCE = frozenset({"final", "direct", "specular", "indirect", "emission", "lit"})
 
 
 @dataclass(frozen=True)

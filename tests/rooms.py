@@ -60,8 +60,8 @@ def box(size: tuple[float, float, float], radiance: float = 0.0, albedo: float =
     quads = []
     for axis in range(3):
         u, v = edges[(axis + 1) % 3], edges[(axis + 2) % 3]
-        for corner in (np.asarray(low), np.asarray(low) + edges[axis]):
-            quads.append(Quad(tuple(corner), tuple(u), tuple(v), radiance, albedo))
+        quads += [Quad(tuple(corner), tuple(u), tuple(v), radiance, albedo)
+                  for corner in (np.asarray(low), np.asarray(low) + edges[axis])]
     return quads
 
 

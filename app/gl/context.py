@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import ctypes.util
 from collections.abc import Mapping
+from typing import Any
 
 import moderngl
 
@@ -34,7 +35,8 @@ class Device:
 
     def __init__(self, strict: bool = False) -> None:
         try:
-            self.ctx = moderngl.create_context(standalone=True, backend="egl", require=REQUIRED)
+            options: dict[str, Any] = {"backend": "egl"}
+            self.ctx = moderngl.create_context(require=REQUIRED, standalone=True, **options)
         except Exception as error:  # glcontext raises bare Exceptions
             raise DeviceError(f"no OpenGL context ({error})", "EGL",
                               "expected OpenGL 4.5 or later: on Debian install libegl1 and libgl1-mesa-dri, "

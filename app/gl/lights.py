@@ -119,7 +119,8 @@ class LightSet:
     def _parallel(self, light: DirectionalLight) -> _Parallel:
         direction = normalize(np.asarray(light.direction, np.float64))
         half = float(np.linalg.norm(self._bounds[1] - self._bounds[0])) / 2 * 1.01 + 1e-30
-        return _Parallel(look_rotation(direction, np.array([0.0, 1.0, 0.0])), direction, self._bounds.mean(axis=0), half)
+        rotation = look_rotation(direction, np.array([0.0, 1.0, 0.0]))
+        return _Parallel(rotation, direction, self._bounds.mean(axis=0), half)
 
     def faces(self) -> list[ShadowFace]:
         """Every square of the atlas that has to be drawn."""

@@ -58,7 +58,7 @@ class Program:
             self._active[name].binding = binding
 
 
-def compile_program(ctx: moderngl.Context, stages: Sequence[str], defines: Mapping[str, object]) -> Program:
+def compile_program(ctx: Any, stages: Sequence[str], defines: Mapping[str, object]) -> Program:
     """Compile and link shader files from the shader folder.
 
     Raises
@@ -71,10 +71,7 @@ def compile_program(ctx: moderngl.Context, stages: Sequence[str], defines: Mappi
     for stage in stages:
         sources[_STAGES[Path(stage).suffix]] = resolve(shader_dir() / stage, defines, files)
     try:
-        if "compute_shader" in sources:
-            raw: Any = ctx.compute_shader(sources["compute_shader"])
-        else:
-            raw = ctx.program(**sources)
+        raw = ctx.compute_shader(*sources.values()) if "compute_shader" in sources else ctx.program(**sources)
     except moderngl.Error as error:
         raise ShaderError(_map_log(str(error), files), " + ".join(stages), "expected a shader that compiles") from None
     declared = frozenset(name for text in sources.values() for name in _UNIFORM.findall(text))
