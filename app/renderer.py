@@ -58,11 +58,21 @@ class Renderer:
 
     def __init__(self, scene: Scene, settings: Settings, model: Path | None = None) -> None:
         self.scene, self.settings = scene, settings
-        self._gl = Device(settings.strict_device)
         self._network = None
         if model is not None:
             grid = read_contract(model).screen_size(settings.size)
             self._network = Network(model, grid, settings.provider, settings.strict_device)
+        self._gl = Device(settings.strict_device)
+        try:
+            self._set_up()
+        except BaseException:
+            self._gl.close()
+            raise
+        self.device = {"gl_renderer": self._gl.renderer, "gl_version": self._gl.version,
+                       "provider": self._network.provider if self._network else "none"}
+
+    def _set_up(self) -> None:
+        scene, settings = self.scene, self.settings
         self._geometry = GpuScene(self._gl, scene)
         self._lights = LightSet(self._gl, scene)
         self._camera = CameraBlock(self._gl)
@@ -79,8 +89,6 @@ class Renderer:
         self._overrides: dict[str, Image | float | Callable[[Image], Image]] = {}
         self._previous: View | None = None
         self._index = 0
-        self.device = {"gl_renderer": self._gl.renderer, "gl_version": self._gl.version,
-                       "provider": self._network.provider if self._network else "none"}
 
     def render(self, camera: Camera, time: float = 0.0) -> dict[str, Image]:
         """Draw one frame and read back what the settings ask for.
@@ -96,20 +104,22 @@ class Renderer:
             Top row first. By output name float32 [H, W, C]; with ``final`` also ``display``, uint8 [H, W, 3].
             An output that the scene can't have (``emission`` without emitters) is zeros.
         """
-        self._draw(camera, time)
-        start = perf_counter()
-        images = {name: self._read(name, camera) for name in self.settings.outputs}
-        if "final" in images:
-            images["display"] = self._pixels("display")[..., :3]
-        for name in ("output", "frame"):
-            self._timer.extend(name, (perf_counter() - start) * 1e3)
+        with self._gl.ctx:
+            self._draw(camera, time)
+            start = perf_counter()
+            images = {name: self._read(name, camera) for name in self.settings.outputs}
+            if "final" in images:
+                images["display"] = self._pixels("display")[..., :3]
+            for name in ("output", "frame"):
+                self._timer.extend(name, (perf_counter() - start) * 1e3)
         self._advance()
         return images
 
     def advance(self, camera: Camera, time: float = 0.0) -> None:
         """Draw one frame without reading it back, so that temporal anti-aliasing settles."""
-        self._draw(camera, time)
-        self._gl.ctx.finish()
+        with self._gl.ctx:
+            self._draw(camera, time)
+            self._gl.ctx.finish()
         self._advance()
 
     def cut(self) -> None:
@@ -129,12 +139,14 @@ class Renderer:
             self._overrides[resource] = value
         elif self._overrides.pop(resource, None) is not None:
             # A pass that keeps its texels from frame to frame has to begin anew.
-            self._executors = [(b, b.spec.make(self._gl, b) if b.spec.make and resource in b.writes else execute, r)
-                               for b, execute, r in self._executors]
+            with self._gl.ctx:
+                self._executors = [(b, b.spec.make(self._gl, b) if b.spec.make and resource in b.writes else execute, r)
+                                   for b, execute, r in self._executors]
 
     def resource(self, name: str) -> Image:
         """What a pass wrote in the newest frame, as it lies on the GPU: float32, top row first."""
-        return self._pixels(name, newest=True)
+        with self._gl.ctx:
+            return self._pixels(name, newest=True)
 
     def timing(self) -> dict[str, Any]:
         """``{"frame": …, "passes": {name: {"cpu_ms", "gpu_ms", "non_finite"}}}``; see ``Timer``.
@@ -155,10 +167,11 @@ class Renderer:
 
     def close(self) -> None:
         """Give everything back; the renderer can't be used afterwards."""
-        self._pool.release()
-        self._geometry.release()
-        self._lights.buffer.release()
-        self._camera.buffer.release()
+        with self._gl.ctx:
+            self._pool.release()
+            self._geometry.release()
+            self._lights.buffer.release()
+            self._camera.buffer.release()
         self._gl.close()
 
     def __enter__(self) -> Renderer:

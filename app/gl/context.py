@@ -84,10 +84,11 @@ class Device:
 
     def close(self) -> None:
         """Release everything that hangs on the context, then the context."""
-        for vao in self._triangle.values():
-            vao.release()
-        for program in self._programs.values():
-            program.raw.release()
+        with self.ctx:
+            for vao in self._triangle.values():
+                vao.release()
+            for program in self._programs.values():
+                program.raw.release()
         self.ctx.release()
 
 

@@ -69,7 +69,8 @@ def cli(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
 
 def test_the_same_command_writes_the_same_bytes(tmp_path: Path) -> None:
     for run in ("a", "b"):
-        cli(tmp_path / run, "--frames", "3", "--camera", "orbit", "--seed", "7", "--aov", "final,normal,motion,indirect")
+        cli(tmp_path / run, "--frames", "3", "--camera", "orbit", "--seed", "7",
+            "--aov", "final,normal,motion,indirect")
     files = sorted(p.name for p in (tmp_path / "a").iterdir())
     assert files == [f"{i:04d}.{kind}" for i in range(3) for kind in ("exr", "png")]
     for name in files:

@@ -28,9 +28,9 @@ def lit_plane(light: Light, camera: Camera = ABOVE) -> tuple[F64, F64]:
 
 def worst(found: F64, truth: F64, floor_share: float = 0.0) -> float:
     """Largest relative error; the truth counts as at least ``floor_share`` of its maximum."""
-    e = float((np.abs(found - truth) / np.maximum(truth, floor_share * truth.max())).max())
-    print("WORST", e)
-    return e
+    error = float((np.abs(found - truth) / np.maximum(truth, floor_share * truth.max())).max())
+    print(f"DIRECT worst error {error:.3%}")
+    return error
 
 
 @pytest.mark.parametrize("position", [(0.3, 1.0, -0.2), (-2.0, 0.3, 1.0), (0.0, 40.0, 0.0)])

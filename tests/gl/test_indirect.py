@@ -17,7 +17,7 @@ pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
 SIDE = 20.0
 SIZE = (1024, 768)  # a network sees 64x48
-VIEW = 512  # pixels a side of the six views
+VIEW = 384  # pixels a side of the six views
 
 
 @pytest.mark.parametrize(("eye", "target", "fov", "corner"), [
@@ -27,7 +27,8 @@ VIEW = 512  # pixels a side of the six views
     pytest.param((0, 0, 10), (10, 10, 0), 60, (0, 0), id="across a cube corner"),
     pytest.param((0, 0, 10), (10, 10, 0), 60, (-10, -10), id="around a cube corner"),
 ])
-def test_gather_agrees_with_parallel_squares(eye: Point, target: Point, fov: float, corner: tuple[float, float]) -> None:
+def test_gather_agrees_with_parallel_squares(eye: Point, target: Point, fov: float,
+                                             corner: tuple[float, float]) -> None:
     """What a square sees of another that shines with radiance 1 is the form factor from each of its points."""
     sender = quad((*corner, SIDE), (0, SIDE, 0), (SIDE, 0, 0), Material(albedo=(0.0,) * 3, emission=(1.0,) * 3))
     receiver = quad((0, 0, 0), (SIDE, 0, 0), (0, SIDE, 0))
@@ -40,15 +41,15 @@ def test_gather_agrees_with_parallel_squares(eye: Point, target: Point, fov: flo
     truth = polygon_irradiance(at, (0, 0, 1), corners) / np.pi
     found = images["indirect"][on][:, 1]
     error = np.abs(found / truth - 1)
-    print(f"SQUARES mean {found.mean() / truth.mean() - 1:+.2%}, p90 {np.percentile(error, 90):.2%}, max {error.max():.2%}")
+    print(f"SQUARES mean {found.mean() / truth.mean() - 1:+.2%}, p90 {np.percentile(error, 90):.2%}, "
+          f"max {error.max():.2%}")
     assert on.mean() > 0.3
     assert found.mean() == pytest.approx(truth.mean(), rel=0.05)
     assert np.percentile(error, 90) < 0.05
 
 
 @pytest.mark.parametrize("rho", [0.2, 0.5, 0.8])
-@pytest.mark.parametrize(("eye", "target"), [((20, 15, 35), (20, 15, 0)), ((5, 15, 35), (40, 5, 0)),
-                                             ((20, 15, 20), (0, 9, 3))])
+@pytest.mark.parametrize(("eye", "target"), [((20, 15, 35), (20, 15, 0)), ((20, 15, 20), (0, 9, 3))])
 def test_a_glowing_closed_box_is_uniform(eye: Point, target: Point, rho: float) -> None:
     """Every surface emits 1 and reflects ρ: the radiance is 1 / (1 − ρ) everywhere, whatever the shape."""
     walls = box((0, 0, 0), (40, 30, 40), Material(albedo=(rho,) * 3, emission=(1.0,) * 3))
@@ -61,7 +62,7 @@ def test_a_glowing_closed_box_is_uniform(eye: Point, target: Point, rho: float) 
         assert found.max() <= truth * 1.001  # half floats
 
 
-@pytest.mark.parametrize("rho", [0.3, 0.5, 0.8])
+@pytest.mark.parametrize("rho", [0.3, 0.8])
 @pytest.mark.parametrize(("lamp", "eye"), [((20, 20, 20), (20, 20, 20)), ((20, 30, 20), (12, 14, 28))])
 def test_a_lamp_in_a_closed_box_keeps_its_energy(rho: float, lamp: Point, eye: Point) -> None:
     """All flux lands on the walls, so their mean indirect radiance is flux / (π area) times ρ / (1 − ρ), or times ρ."""
