@@ -4,7 +4,6 @@
 #include "camera.glsl"
 #include "pick.glsl"
 
-const float FRAMES = 10.0;           // longest history
 const float DEPTH_TOLERANCE = 0.05;  // relative
 const float SAME_NORMAL = 0.9;       // cosine
 const float BRIGHTEST = 4.0;         // history counts as at most this many times what is now, or a flash would linger
@@ -17,6 +16,7 @@ uniform sampler2D indirect_low_prev;  // rgb: history, a: frames gathered
 uniform sampler2D normal_prev;
 uniform sampler2D depth_prev;
 uniform vec2 ratio;  // full-resolution texels per low-resolution texel
+uniform float longest;  // history in frames
 uniform bool history_valid;
 
 layout(location = 0) out vec4 out_indirect_low;
@@ -53,6 +53,6 @@ void main()
     bool keep = history_valid && weight > 0.05 && is_surface(texelFetch(depth, full, 0).r);
     vec4 history = sum / max(weight, 1e-6);
     history.rgb = min(history.rgb, BRIGHTEST * max(max(now.r, now.g), now.b));
-    float frames = keep ? min(history.a + 1.0, FRAMES) : 1.0;
+    float frames = keep ? min(history.a + 1.0, longest) : 1.0;
     out_indirect_low = vec4(keep ? mix(history.rgb, now, 1.0 / frames) : now, frames);
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum
 
 import moderngl
 import numpy as np
@@ -11,6 +12,14 @@ from app.gl.context import Device
 from app.gl.geometry import GpuScene
 from app.gl.lights import LightSet
 from app.math3d import View
+
+class MotionKind(Enum):
+    """What moved since the last frame."""
+
+    NONE = 0
+    CAMERA = 1
+    OBJECTS = 2
+
 
 CAMERA_BINDING, LIGHT_BINDING = 0, 1
 
@@ -40,6 +49,15 @@ class FrameState:
     exposure: float
     geometry: GpuScene
     lights: LightSet
+
+    @property
+    def motion(self) -> MotionKind:
+        """What moved since the last frame; objects count before the camera."""
+        if self.geometry.moved:
+            return MotionKind.OBJECTS
+        same = (np.array_equal(self.view.eye, self.previous.eye) and self.view.tan_half == self.previous.tan_half
+                and np.array_equal(self.view.rotation, self.previous.rotation))
+        return MotionKind.NONE if same else MotionKind.CAMERA
 
 
 class CameraBlock:

@@ -61,6 +61,11 @@ class GpuScene:
         if cut:
             self.previous = self.transforms
 
+    @property
+    def moved(self) -> bool:
+        """Whether any instance has another place than one frame ago."""
+        return self.previous is not self.transforms
+
     def state(self) -> float | None:
         """A value that changes when any instance moved."""
         return self._time if self._moving else None

@@ -16,7 +16,7 @@ const int PENUMBRA_TAPS = 14;          // of the filter
 const float HARD_KERNEL = 1.0;         // smallest radius of the filter, in texels
 const float LONGEST_THROW = 0.5;       // of the map: blockers of parallel light farther away are not searched
 const float NEAREST_BLOCKER = 0.15;    // blockers nearer to the light than this share of the way are not searched
-const float SLACK = 8.0;               // on the light's squared radius, when asking whether a line meets it
+const float SLACK = 2.0;               // on the light's squared radius, when asking whether a line meets it
 const float NORMAL_OFFSET = 1.5;       // texels
 const float DISTANCE_BIAS = 5e-4;      // relative
 const float QUAD_BLEND = 0.7;          // share of the quad's mean in the visibility of flat, soft quads
@@ -148,6 +148,7 @@ struct Receiver {
 // How a distance stored in direction q relates to a receiver.
 struct Stored {
     bool before;  // nearer than the receiver (a wall behind it is no blocker) and before its plane
+    float along;  // distance from the light, along the line to the receiver
     float off;    // squared distance from the line to the light's centre
     float size;   // squared radius that the light has on its way to the receiver there
 };
@@ -155,9 +156,9 @@ struct Stored {
 Stored relate(Receiver r, vec3 q, float distance, float offset)
 {
     float unit = inversesqrt(dot(q, q));
-    float along = distance * dot(q, r.p) * unit / r.reach;
+    float along = distance * dot(q, r.p) * unit * ((1.0 - DISTANCE_BIAS) / r.reach);
     float size = r.radius * (1.0 - along / r.reach);
-    return Stored(distance < r.reach && -dot(r.n, q) * unit * distance < offset,
+    return Stored(distance < r.reach && -dot(r.n, q) * unit * distance < offset, along,
                   distance * distance - along * along, size * size);
 }
 
@@ -181,7 +182,7 @@ bool texel_blocks(Light light, Receiver r, vec3 q)
     vec2 corner;
     vec2 texel = clamp(map_fraction(light, q, corner) * light.tile.z, 0.0, light.tile.z - 1.0);
     Stored s = relate(r, q, texelFetch(shadow, ivec2(corner) + ivec2(texel), 0).r, r.offset);
-    float least = HARD_KERNEL * 2.0 / light.tile.z * r.reach;  // a texel, or thin penumbrae would be lost between texels
+    float least = HARD_KERNEL * 2.0 / light.tile.z * r.reach;  // or thin penumbrae would be lost between texels
     return s.before && s.off <= SLACK * s.size + least * least;
 }
 
@@ -195,7 +196,7 @@ vec2 nearest_blocker(Light light, Receiver r, vec3 q)
     vec2 tile = clamp(map_fraction(light, q, corner) * tiles, 0.0, tiles - 1.0);
     float stored = texelFetch(shadow_nearest, ivec2(corner / float(TILE)) + ivec2(tile), 0).r;
     Stored s = relate(r, q, stored, r.offset - r.reach * 2.0 / tiles);
-    return s.before ? vec2(stored, 1.0) * (s.size / max(s.off, s.size + 1e-30)) : vec2(0.0);
+    return s.before ? vec2(s.along, 1.0) * (s.size / max(s.off, s.size + 1e-30)) : vec2(0.0);
 }
 
 // Share of a light with a size that the receiver sees.
@@ -210,7 +211,7 @@ float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool want
     vec3 side = abs(r.p.y) < 0.9 * reach ? vec3(r.p.z, 0.0, -r.p.x) : vec3(0.0, -r.p.z, r.p.y);
     float radius = r.radius;
     vec3 axis_u = side * (radius * inversesqrt(max(dot(side, side), 1e-30)));
-    Disc disc = Disc(axis_u, cross(axis_u, r.p) / reach, max(NEAREST_BLOCKER, min(2.0 * radius / reach, 0.9)));
+    Disc disc = Disc(axis_u, cross(axis_u, r.p) / reach, max(NEAREST_BLOCKER, min(radius / reach, 0.9)));
 #ifdef HAS_RECT_LIGHT
     if (square) {
         disc.axis_u = light.u.xyz;
@@ -360,7 +361,7 @@ float hard_parallel_visibility(Light light, ParallelReceiver r)
 float parallel_visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wanted)
 {
     float half_width = light.u.x;
-    float c = max(dot(n, light.position.xyz), 0.05);
+    float c = max(dot(n, light.position.xyz), 0.01);
     vec3 moved = p + n * (NORMAL_OFFSET * 2.0 / light.tile.z * half_width);
     vec3 axis_x = light.frame_x.xyz, axis_y = light.frame_y.xyz;
     ParallelReceiver r;

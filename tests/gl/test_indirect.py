@@ -17,7 +17,7 @@ pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
 SIDE = 20.0
 SIZE = (1024, 768)  # a network sees 64x48
-VIEW = 384  # pixels a side of the six views
+VIEW = 512  # pixels a side of the six views
 
 
 @pytest.mark.parametrize(("eye", "target", "fov", "corner"), [

@@ -38,7 +38,7 @@ def test_no_scene_is_left_out(scenes: Path) -> None:
 def test_real_scene(name: str, scenes: Path) -> None:
     entry = index(scenes)[name]
     whole = load_scene(scenes / str(entry["file"]))
-    assert 0.999 * entry["triangles"] <= whole.triangles <= entry["triangles"]  # some have no area
+    assert 0.998 * entry["triangles"] <= whole.triangles <= entry["triangles"]  # some have no area
     for lighting in entry["lightings"]:  # type: ignore[attr-defined]
         scene = whole if lighting == whole.lighting else load_scene(scenes / str(entry["file"]), lighting=lighting)
         settings = Settings(size=SIZE, outputs=("final", "depth"), check=True, timing=True, provider="cpu")
