@@ -20,6 +20,7 @@ from app.paths import nets_dir
 KEY = "afterglow"
 VERSION = 1
 GRIDS = (SCREEN, CUBE)
+SHORTEST_SIDE, LARGEST_RAISED_SCALE = 48, 0.5
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ class ModelContract:
     inputs, outputs : mapping of str to TensorSpec
         By the tensor's name in the ONNX graph.
     scale : float
-        Size of the screen grid relative to the output image, in (0, 1].
+        Size of the screen grid relative to the output image, in (0, 1]; see ``screen_size`` for small images.
     exposure : str
         ``mean-radiance``: radiance is divided, and the output multiplied, by one scalar per frame. ``none``.
     bounces : str
@@ -134,8 +135,12 @@ class ModelContract:
         need(not on_cube or self.cube_axes is not None, "no cube_axes", "'world' or 'camera', since a tensor is a cube")
 
     def screen_size(self, output: tuple[int, int]) -> tuple[int, int]:
-        """Width and height of the screen grid for an output image of the given width and height."""
-        width, height = (max(1, math.ceil(n * self.scale)) for n in output)
+        """Width and height of the screen grid for an output image of the given width and height.
+
+        Small images get more than ``scale`` of their size, up to half, so that the shorter side keeps 48 texels.
+        """
+        scale = max(self.scale, min(LARGEST_RAISED_SCALE, SHORTEST_SIDE / min(output)))
+        width, height = (max(1, math.ceil(n * scale)) for n in output)
         return width, height
 
     def to_json(self) -> str:

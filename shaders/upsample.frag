@@ -34,12 +34,12 @@ vec4 tap(ivec2 low, float closeness, Receiver r)
     ivec2 full = representative(low, ratio);
     float d = texelFetch(depth, full, 0).r;
     float plane = (dot(r.slope, image_position(vec2(full) + 0.5)) * d - r.here) * r.inverse_sigma;
-    float facing = max(dot(r.normal, texelFetch(normal, full, 0).xyz), 0.0);
+    float facing = dot(r.normal, texelFetch(normal, full, 0).xyz);
+    facing = isnan(facing) ? 0.0 : clamp(facing, 0.0, 1.0);
     facing *= facing;
     facing *= facing;
     float alike = (facing * facing + FLOOR) / (1.0 + plane * plane);
-    float weight = is_surface(d) && is_finite(alike) ? closeness * alike : 0.0;
-    return vec4(sanitize_radiance(texelFetch(indirect_low, low, 0).rgb), 1.0) * weight;
+    return vec4(texelFetch(indirect_low, low, 0).rgb, 1.0) * (is_surface(d) ? closeness * alike : 0.0);
 }
 
 void main()
@@ -54,5 +54,6 @@ void main()
     vec2 f = at - vec2(base);
     vec4 sum = tap(base, (1.0 - f.x) * (1.0 - f.y), r) + tap(base + ivec2(1, 0), f.x * (1.0 - f.y), r)
         + tap(base + ivec2(0, 1), (1.0 - f.x) * f.y, r) + tap(base + ivec2(1, 1), f.x * f.y, r);
+    // NaN in the light of any tap ends as 0 here.
     out_indirect = vec4(is_surface(d) && sum.a > 0.0 ? sanitize_radiance(sum.rgb / sum.a) : vec3(0.0), 1.0);
 }

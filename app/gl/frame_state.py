@@ -13,6 +13,7 @@ from app.gl.geometry import GpuScene
 from app.gl.lights import LightSet
 from app.math3d import View
 
+
 class MotionKind(Enum):
     """What moved since the last frame."""
 

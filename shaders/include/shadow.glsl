@@ -100,7 +100,8 @@ float filtered_visibility(float passed, int taps, vec3 p, vec3 n)
 {
     float lit = passed / float(PENUMBRA_TAPS);
     vec3 dx = dFdxFine(p), dy = dFdyFine(p);
-    bool flat_here = abs(dot(n, dx)) < 0.1 * length(dx) && abs(dot(n, dy)) < 0.1 * length(dy);
+    float up_x = dot(n, dx), up_y = dot(n, dy);
+    bool flat_here = up_x * up_x < 0.01 * dot(dx, dx) && up_y * up_y < 0.01 * dot(dy, dy);
     float together = quad_sum(flat_here && taps > 0 ? 1.0 : 0.0);
     return mix(lit, 0.25 * quad_sum(lit), together == 4.0 ? QUAD_BLEND : 0.0);
 }
