@@ -223,10 +223,9 @@ class Renderer:
         if name == "position":
             seen = image[..., 3:] > 0
             return np.where(seen, image[..., :3] + np.asarray(camera.eye, np.float32), np.float32(0))
-        image = image[..., :channels]
         if name in RADIANCE and self._lights.scale != 1:
-            image = image * np.float32(1 / self._lights.scale)
-        return image
+            image = image * np.float32(1 / self._lights.scale)  # whole rows, before channels are left out: faster
+        return image[..., :channels]
 
     def _pixels(self, name: str, newest: bool = False) -> Image:
         resource = self.plan.resources[name]
