@@ -126,6 +126,12 @@ class ModelContract:
                 need(name in CHANNELS, f"unknown channel {name!r} of tensor {tensor!r}", _suggest(name, CHANNELS))
                 need(spec.grid in CHANNELS[name].grids, f"channel {name!r} is not provided on the {spec.grid} grid",
                      _one_of(CHANNELS[name].grids))
+        for tensor, spec in self.inputs.items():
+            for name in spec.channels:
+                need(not CHANNELS[name].output, f"channel {name!r} of input {tensor!r} can't be read",
+                     "a channel that the renderer makes")
+        faces = {spec.size for spec in tensors.values() if spec.grid == CUBE}
+        need(len(faces) <= 1, f"cube tensors of different sizes {sorted(faces, key=str)}", "one size for all")
         writable = [name for name, channel in CHANNELS.items() if channel.output]
         for tensor, spec in self.outputs.items():
             for name in spec.channels:

@@ -258,13 +258,20 @@ class Scene:
         """Longest edge of the bounding box in scene units; never 0."""
         return max(float((self.bounds[1] - self.bounds[0]).max()), 1e-30)
 
+    @property
+    def swept_bounds(self) -> F64:
+        """World-space box, shape (2, 3), around all places that instances take; motion is linear between keys."""
+        times = {0.0} | {float(t) for i in self.instances if i.motion is not None for t in i.motion.times}
+        boxes = [bounds_of(self.meshes, self.instances, time) for time in times]
+        return np.stack([np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)])
+
     def with_lights(self, *lights: Light) -> Scene:
         return replace(self, lights=lights)
 
 
-def bounds_of(meshes: tuple[Mesh, ...], instances: tuple[Instance, ...]) -> F64:
-    """World-space bounding box, shape (2, 3), of all instances at time 0."""
-    corners = [world_box(meshes[i.mesh], i.transform_at(0.0)) for i in instances]
+def bounds_of(meshes: tuple[Mesh, ...], instances: tuple[Instance, ...], time: float = 0.0) -> F64:
+    """World-space bounding box, shape (2, 3), of all instances at ``time`` seconds."""
+    corners = [world_box(meshes[i.mesh], i.transform_at(time)) for i in instances]
     return np.stack([np.min([c[0] for c in corners], axis=0), np.max([c[1] for c in corners], axis=0)])
 
 

@@ -25,26 +25,25 @@ void main()
 {
     ivec2 texel = ivec2(gl_FragCoord.xy);
     float d = texelFetch(depth, texel, 0).r;
+    // Sky takes part, since the texels of a quad share their shadow taps; its light is masked below.
     vec3 diffuse = vec3(0.0), highlight = vec3(0.0);
-    if (is_surface(d)) {
-        vec4 surface = texelFetch(normal, texel, 0);
-        vec4 base = texelFetch(albedo, texel, 0);
-        vec3 n = sanitize_normal(surface.xyz);
-        vec3 face = octahedral_decode(vec2(surface.a, base.a));
-        vec3 p = surface_ray(gl_FragCoord.xy) * d;
-        QuadNoise noise = quad_noise();
-        for (int i = 0; i < LIGHT_COUNT; ++i) {
-            vec3 e = irradiance(lights[i], p, n);
-            bool wanted = max(max(e.r, e.g), e.b) > 0.0;
-            float v = visibility(lights[i], p, face, noise, wanted);
-            v = wanted ? v : 0.0;
-            diffuse += v * e;
+    vec4 surface = texelFetch(normal, texel, 0);
+    vec4 base = texelFetch(albedo, texel, 0);
+    vec3 n = sanitize_normal(surface.xyz);
+    vec3 face = octahedral_decode(vec2(surface.a, base.a));
+    vec3 p = surface_ray(gl_FragCoord.xy) * d;
+    QuadNoise noise = quad_noise();
+    for (int i = 0; i < LIGHT_COUNT; ++i) {
+        vec3 e = irradiance(lights[i], p, n);
+        bool wanted = is_surface(d) && max(max(e.r, e.g), e.b) > 0.0;
+        float v = visibility(lights[i], p, face, noise, wanted);
+        v = wanted ? v : 0.0;
+        diffuse += wanted ? v * e : vec3(0.0);
 #ifdef WRITE_SPECULAR
-            highlight += v * ggx_highlight(lights[i], p, n, texelFetch(gloss, texel, 0));
+        highlight += wanted ? v * ggx_highlight(lights[i], p, n, texelFetch(gloss, texel, 0)) : vec3(0.0);
 #endif
-        }
-        diffuse *= sanitize_albedo(base.rgb) / PI;
     }
+    diffuse *= sanitize_albedo(base.rgb) / PI;
 #ifdef WRITE_DIRECT
     out_direct = vec4(sanitize_radiance(diffuse), 1.0);
 #endif

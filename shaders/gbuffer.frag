@@ -46,7 +46,7 @@ layout(location = WRITE_GLOSS) out vec4 out_gloss;
 #ifdef WRITE_MOTION
 in vec3 clip_now;
 in vec3 clip_before;
-layout(location = WRITE_MOTION) out vec4 out_motion;      // pixels, +y down; z: depth one frame ago
+layout(location = WRITE_MOTION) out vec4 out_motion;      // pixels, +y down; z: depth one frame ago / now
 #endif
 
 // Towards the viewer, from screen-space derivatives.
@@ -70,6 +70,7 @@ vec3 shading_normal(vec3 face)
 
 void main()
 {
+    vec3 face = face_normal();  // before any discard, since it takes derivatives
     vec4 base = vec4(albedo, 1.0);
 #ifdef ALBEDO_MAP
     base *= texture(albedo_map, (albedo_uv * vec3(uv, 1.0)).xy);
@@ -80,7 +81,6 @@ void main()
 #ifdef ALPHA_MASK
     if (!(base.a * alpha.x >= alpha.y)) discard;
 #endif
-    vec3 face = face_normal();
     vec2 code = octahedral_encode(face);
 #ifdef WRITE_ALBEDO
     out_albedo = vec4(sanitize_albedo(base.rgb), code.y);
@@ -110,7 +110,7 @@ void main()
     out_motion = vec4(0.0);
     if (clip_before.z > 0.0) {
         vec2 moved = clip_now.xy / clip_now.z - clip_before.xy / clip_before.z;
-        out_motion.xyz = vec3(moved * image.xy * vec2(0.5, -0.5), clip_before.z);
+        out_motion.xyz = vec3(moved * image.xy * vec2(0.5, -0.5), clip_before.z / clip_now.z);
     }
 #endif
 }

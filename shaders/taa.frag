@@ -97,7 +97,7 @@ vec3 nearest_motion(ivec2 t, ivec2 outward)
     swapped = quad_swap_y(best);
     best = swapped.z > best.z ? swapped : best;
     vec3 moved = texelFetch(motion, ivec2(best.xy + 0.5), 0).xyz;
-    return vec3(moved.xy * vec2(1.0, -1.0), nearness(moved.z));
+    return vec3(moved.xy * vec2(1.0, -1.0), moved.z > 0.0 ? best.z / moved.z : 0.0);
 }
 
 // Whether a surface of the given nearness was visible one frame ago in or around the quad at place t: between the

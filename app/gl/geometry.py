@@ -46,18 +46,20 @@ class GpuScene:
         self.transforms: list[F64] = []
         self.previous: list[F64] = []
         self._time: float | None = None
+        self.changes = 0  # how often any instance has moved
         self.update(0.0, cut=True)
 
     def update(self, time: float, cut: bool = False) -> None:
         """Place all instances at ``time`` seconds; ``cut`` makes last frame's places the same."""
+        self.previous = self.transforms
         if self._time is None or (self._moving and time != self._time):
-            self.previous = self.transforms
-            self.transforms = [i.transform_at(time) for i in self.scene.instances]
-            self.boxes = np.stack([world_box(self.scene.meshes[i.mesh], m)
-                                   for i, m in zip(self.scene.instances, self.transforms, strict=True)])
+            places = [i.transform_at(time) for i in self.scene.instances]
             self._time = time
-        elif not cut:
-            self.previous = self.transforms
+            if not self.transforms or not np.array_equal(places, self.transforms):
+                self.transforms = places
+                self.boxes = np.stack([world_box(self.scene.meshes[i.mesh], m)
+                                       for i, m in zip(self.scene.instances, places, strict=True)])
+                self.changes += 1
         if cut:
             self.previous = self.transforms
 
@@ -65,10 +67,6 @@ class GpuScene:
     def moved(self) -> bool:
         """Whether any instance has another place than one frame ago."""
         return self.previous is not self.transforms
-
-    def state(self) -> float | None:
-        """A value that changes when any instance moved."""
-        return self._time if self._moving else None
 
     def visible(self, clip: F64, origin: F64, wanted: Callable[[Drawable], bool] = lambda _: True) -> list[Drawable]:
         """Drawables that may touch the frustum of ``clip``, which takes points relative to ``origin``."""

@@ -56,7 +56,7 @@ class LightSet:
 
     def __init__(self, device: Device, scene: Scene) -> None:
         self.lights = scene.lights
-        self._bounds = scene.bounds
+        self._bounds = scene.swept_bounds
         self.scale = radiance_scale(scene)
         self.tiles, self.atlas_size = _lay_out(scene.lights, device.max_size)
         self.buffer = device.ctx.buffer(reserve=4 * LIGHT_FLOATS * max(1, len(self.lights)))
