@@ -14,6 +14,7 @@ const int PARALLEL_MAP = 3;
 const int TAPS = 2;                    // of a texel's search, and of its look for an edge; a quad shares them
 const int PENUMBRA_TAPS = 14;          // of the filter
 const float HARD_KERNEL = 1.0;         // smallest radius of the filter, in texels
+const float WIDE_KERNEL = 256.0;       // texels across from which the filter always runs
 const float LONGEST_THROW = 0.5;       // of the map: blockers of parallel light farther away are not searched
 const float NEAREST_BLOCKER = 0.15;    // blockers nearer to the light than this share of the way are not searched
 const float SLACK = 2.0;               // on the light's squared radius, when asking whether a line meets it
@@ -231,7 +232,9 @@ float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool want
     vec2 rim = rim_point(square, noise);
     for (int i = 0; i < TAPS; ++i) seen += texel_blocks(light, r, tap(r, disc, i == 0 ? rim : -rim)) ? 0.0 : 1.0;
     seen = quad_sum(seen);
-    bool penumbra = seen > 0.0 && seen < 4.0 * float(TAPS);
+    // Eight taps can't judge a wide kernel with fine blockers in it, such as the bars before a window.
+    bool wide = weight > 0.0 && radius / reach * (1.0 - disc.share) / disc.share * light.tile.z > WIDE_KERNEL;
+    bool penumbra = wide || (seen > 0.0 && seen < 4.0 * float(TAPS));
     int taps = wanted && penumbra ? PENUMBRA_TAPS : 0;
     pattern = quad_pattern(noise);
     float passed = 0.0;
