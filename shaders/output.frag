@@ -8,7 +8,7 @@ uniform sampler2D taa;
 uniform sampler2D lit;
 #define SOURCE lit
 #endif
-uniform float exposure;  // with the scene's power of two undone
+uniform float exposure;  // with the scene's scale undone
 
 
 layout(location = 0) out vec4 out_display;

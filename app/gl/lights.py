@@ -50,7 +50,7 @@ class LightSet:
     Attributes
     ----------
     scale : float
-        Power of two that brings the scene's radiance to the middle of the half-float range; lights and
+        Power of 256 that brings the scene's radiance to the middle of the half-float range; lights and
         emission are multiplied by it, outputs divided.
     """
 
@@ -163,7 +163,7 @@ class _Parallel:
 
 
 def radiance_scale(scene: Scene) -> float:
-    """A power of two that brings typical reflected radiance near 1."""
+    """A power of 256 that brings typical reflected radiance to 1/16 … 16; mostly 1, which read-back need not undo."""
     distance = scene.longest_edge / 4
     estimates = [max(m.emission) for m in scene.materials if m.emits]
     for light in scene.lights:
@@ -179,7 +179,7 @@ def radiance_scale(scene: Scene) -> float:
     brightest = max(estimates, default=0.0)
     if not (math.isfinite(brightest) and brightest > 0):
         return 1.0
-    return float(2.0 ** max(-100, min(100, -round(math.log2(brightest)))))
+    return float(256.0 ** max(-12, min(12, -round(math.log2(brightest) / 8))))
 
 
 def _lay_out(lights: tuple[Light, ...], max_size: int) -> tuple[list[Tile], tuple[int, int]]:

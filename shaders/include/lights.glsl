@@ -76,7 +76,7 @@ float spot_falloff(Light light, vec3 to_light)
     return width > 0.0 ? clamp((light.v.y - angle) / width, 0.0, 1.0) : float(angle <= light.v.y);
 }
 
-// Irradiance in W/m² (scaled by the scene's power of two) at relative point p with unit normal n.
+// Irradiance in W/m² (times the scene's scale) at relative point p with unit normal n.
 vec3 irradiance(Light light, vec3 p, vec3 n)
 {
     int kind = int(light.color.w);
