@@ -30,15 +30,12 @@ class Tex:
         Size relative to the output, rounded up; ignored when ``size`` is given.
     size : tuple of int or None
         Fixed width and height in texels.
-    persistent : bool
-        Keeps its content from frame to frame, because its pass may skip a frame (shadow maps).
     """
 
     dtype: str
     components: int
     scale: float = 1.0
     size: tuple[int, int] | None = None
-    persistent: bool = False
 
     def resolve(self, output: tuple[int, int]) -> tuple[int, int]:
         """Width and height in texels for an ``output`` of the given width and height."""

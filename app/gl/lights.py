@@ -14,7 +14,7 @@ from app.scene import DirectionalLight, Light, PointLight, RectLight, Scene, Spo
 
 F64 = NDArray[np.float64]
 POINT, SPOT, DIRECTIONAL, RECT = range(4)
-NO_MAP, SINGLE_MAP, CUBE_MAP, PARALLEL_MAP = range(4)
+SINGLE_MAP, CUBE_MAP, PARALLEL_MAP = 1, 2, 3
 LIGHT_FLOATS = 32
 NARROW_SPOT_DEG = 55.0
 FACE_TEXELS = {CUBE_MAP: 1024, SINGLE_MAP: 2048, PARALLEL_MAP: 4096}  # a side

@@ -26,8 +26,8 @@ def declare(lights: LightSet) -> Pass:
     """
     width, height = lights.atlas_size
     return Pass("shadow", writes={
-        "shadow": Tex("f4", 1, size=(width, height), persistent=True),
-        "shadow_nearest": Tex("f4", 1, size=(max(1, width // TILE), max(1, height // TILE)), persistent=True),
+        "shadow": Tex("f4", 1, size=(width, height)),
+        "shadow_nearest": Tex("f4", 1, size=(max(1, width // TILE), max(1, height // TILE))),
     }, make=make)
 
 

@@ -6,7 +6,6 @@
 #include "quad.glsl"
 #include "shadow_tile.glsl"
 
-const int NO_MAP = 0;
 const int SINGLE_MAP = 1;
 const int CUBE_MAP = 2;
 const int PARALLEL_MAP = 3;
