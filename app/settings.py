@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 
 from app.errors import SettingsError
@@ -59,3 +60,17 @@ class Settings:
             raise SettingsError("no output asked for", "--aov", "expected at least one name, such as final")
         if not 0 <= self.seed < 2**31:
             raise SettingsError(f"bad seed {self.seed}", "--seed", "expected 0 to 2147483647")
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """``1024x768`` as (1024, 768).
+
+    Raises
+    ------
+    SettingsError
+        When it is not two whole numbers.
+    """
+    match = re.fullmatch(r"(\d{1,9})x(\d{1,9})", text)
+    if match is None:
+        raise SettingsError(f"bad size {text!r}", "--size", "expected WIDTHxHEIGHT in pixels, such as 1024x768")
+    return int(match[1]), int(match[2])

@@ -1,0 +1,192 @@
+"""The truth for a picture: its direct and indirect light by path tracing, with the noise that is left."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.atomic import write_text
+from app.image import write_exr
+from app.math3d import View
+from app.renderer import Renderer
+from app.scene import Camera, Scene
+from app.settings import Settings
+from export.path_tracer import MAX_BOUNCES, PathTracer, Samples
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+RAYS_AT_ONCE = 2**20
+LEAST_BATCHES = 8   # whose spread tells the noise
+SUPERSAMPLING = 4   # samples along a pixel's edge, of what is not traced
+LAYERS = ("final", "direct", "indirect", "indirect_single")
+AOVS = ("albedo", "normal", "depth", "position", "direct", "specular", "emission")
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """What the path tracer found.
+
+    Attributes
+    ----------
+    layers : dict of str to ndarray, float32, shape (H, W, 3), depth (H, W, 1)
+        Through the pixels' centres: ``direct`` (radiance), ``indirect`` and ``indirect_single`` (radiance / albedo),
+        ``albedo``, ``normal`` (world space, towards the viewer), ``depth`` (linear; 0 where nothing is seen).
+        Over the pixels' whole area: ``final``, everything that reaches the camera.
+    noise : dict of str to float
+        Standard error of each of ``LAYERS``: root mean square over the image, relative to the layer's mean.
+    seconds : float
+        Spent tracing.
+    notices : tuple of str
+        What was not drawn as the renderer does.
+    """
+
+    layers: dict[str, F32]
+    noise: dict[str, float]
+    seconds: float
+    notices: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Still:
+    """A scene seen by one camera in an image ``size`` of width and height, at ``time`` seconds."""
+
+    scene: Scene
+    camera: Camera
+    size: tuple[int, int]
+    time: float = 0.0
+
+    @property
+    def view(self) -> View:
+        return View.of(self.camera, self.size, 1e-4 * self.scene.longest_edge)
+
+
+def reference(still: Still, spp: int, seed: int = 0, max_bounces: int = MAX_BOUNCES,
+              progress: Callable[[float], object] = lambda share: None) -> Reference:
+    """Trace ``spp`` paths through each pixel's centre, and as many spread over the pixel for ``final``.
+
+    Emission and highlights, which are not traced, are the renderer's own, supersampled. ``progress`` is told the
+    share of the samples that are done.
+
+    Raises
+    ------
+    DeviceError
+        When Mitsuba or EGL is missing.
+    """
+    tracer = PathTracer(still.scene, still.time, max_bounces)
+    start = time.perf_counter()
+    centres = _Means()
+    for done, samples in _batches(tracer, still, spp, 2 * seed, spread=False):
+        progress(done / 2)
+        light = {"direct": samples.direct * samples.albedo, "indirect": samples.multi,
+                 "indirect_single": samples.single}
+        centres.add(light | {f.name: getattr(samples, f.name) for f in fields(samples) if f.name not in light})
+    pixels = _Means()
+    for done, samples in _batches(tracer, still, spp, 2 * seed + 1, spread=True):
+        progress(0.5 + done / 2)
+        pixels.add({"final": _radiance(samples)})
+    seconds = time.perf_counter() - start
+    layers = {name: centres.mean(name) for name in (*LAYERS[1:], "albedo", "normal", "depth")}
+    layers["final"] = pixels.mean("final") + untraced(still)
+    noise = {name: (pixels if name == "final" else centres).noise(name) for name in LAYERS}
+    return Reference(layers, noise, seconds, tracer.notices)
+
+
+def plain(still: Still, spp: int, seed: int = 0, max_bounces: int = MAX_BOUNCES) -> tuple[dict[str, F32], float]:
+    """A path-traced picture as a user would take it, ``final``, ``albedo`` and ``normal``, and the seconds it takes.
+
+    The seconds are those of Mitsuba's own integrator, which is faster for not keeping direct and indirect light apart.
+    """
+    tracer = PathTracer(still.scene, still.time, max_bounces)
+    means = _Means()
+    for _, samples in _batches(tracer, still, spp, seed, spread=True):
+        means.add({"final": _radiance(samples), "albedo": samples.albedo, "normal": samples.normal})
+    layers = {name: means.mean(name) for name in ("final", "albedo", "normal")}
+    layers["final"] = layers["final"] + untraced(still)
+    return layers, tracer.usual_seconds(still.view, still.size, spp)
+
+
+def untraced(still: Still) -> F32:
+    """Emission and highlights as the renderer draws them, float32 [H, W, 3], averaged over each pixel."""
+    (w, h), n = still.size, SUPERSAMPLING
+    settings = Settings((n * w, n * h), ("emission", "specular"), taa=False, provider="cpu")
+    with Renderer(still.scene, settings) as renderer:
+        images = renderer.render(still.camera, still.time)
+    total = images["emission"] + images["specular"]
+    return total.reshape(h, n, w, n, 3).mean(axis=(1, 3), dtype=np.float64).astype(np.float32)
+
+
+def write_reference(folder: Path, still: Still, spp: int, seed: int, max_bounces: int, about: dict[str, Any],
+                    progress: Callable[[float], object]) -> dict[str, float]:
+    """Write ``truth.exr``, the renderer's own images ``aovs.exr``, and last ``truth.json``; returns the noise."""
+    found = reference(still, spp, seed, max_bounces, progress)
+    write_exr(folder / "truth.exr", {"" if name == "final" else name: image for name, image in found.layers.items()})
+    with Renderer(still.scene, Settings(still.size, AOVS, taa=False, provider="cpu")) as renderer:
+        write_exr(folder / "aovs.exr", renderer.render(still.camera, still.time))
+    paths = 2 * spp * still.size[0] * still.size[1]
+    about = {**about, "size": still.size, "spp": spp, "seed": seed, "max_bounces": max_bounces, "noise": found.noise,
+             "seconds": found.seconds, "paths_per_second": paths / found.seconds, "notices": found.notices}
+    write_text(folder / "truth.json", json.dumps(about, indent=1))
+    return found.noise
+
+
+def write_plain(folder: Path, still: Still, counts: Sequence[int], seed: int, max_bounces: int) -> None:
+    """Write ``plain_NNNN.exr`` for each number of paths per pixel, and last ``plain.json`` with their seconds."""
+    seconds = {}
+    for spp in counts:
+        layers, seconds[spp] = plain(still, spp, seed, max_bounces)
+        write_exr(folder / f"plain_{spp:04d}.exr", {"" if name == "final" else name: x for name, x in layers.items()})
+    write_text(folder / "plain.json", json.dumps(seconds, indent=1))
+
+
+def _radiance(samples: Samples) -> F32:
+    return samples.albedo * (samples.direct + samples.multi)
+
+
+def _batches(tracer: PathTracer, still: Still, spp: int, seed: int,
+             spread: bool) -> Iterator[tuple[float, Samples]]:
+    """At least ``spp`` samples for every pixel: the share done, and the mean [H, W, …] of an equal number of them."""
+    w, h = still.size
+    per_batch = max(1, min(RAYS_AT_ONCE // (w * h), spp // LEAST_BATCHES))
+    y, x = np.divmod(np.arange(w * h), w)
+    corners = np.tile(np.stack([x, y], axis=1).astype(np.float64), (per_batch, 1))
+    random = np.random.default_rng(seed)
+    batches = -(-spp // per_batch)
+    for batch in range(batches):
+        inside = random.random(corners.shape) if spread else 0.5
+        samples = tracer.trace(still.view, (corners + inside) / (w, h), seed * 2**16 + batch)
+        yield (batch + 1) / batches, Samples(*(getattr(samples, f.name).reshape(per_batch, h, w, -1).mean(axis=0)
+                                               for f in fields(samples)))
+
+
+class _Means:
+    """Running means of images over batches, and their standard errors."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._sums: dict[str, F64] = {}
+        self._squares: dict[str, F64] = {}
+
+    def add(self, images: dict[str, F32]) -> None:
+        self._count += 1
+        for name, image in images.items():
+            self._sums[name] = self._sums.get(name, 0.0) + image.astype(np.float64)
+            self._squares[name] = self._squares.get(name, 0.0) + image.astype(np.float64) ** 2
+
+    def mean(self, name: str) -> F32:
+        return (self._sums[name] / self._count).astype(np.float32)
+
+    def noise(self, name: str) -> float:
+        """Standard error of the mean, root mean square over the image, relative to the mean; NaN for one batch."""
+        if self._count < 2:
+            return float("nan")
+        mean = self._sums[name] / self._count
+        variance = np.maximum(self._squares[name] / self._count - mean**2, 0) / (self._count - 1)
+        return float(np.sqrt(variance.mean()) / max(float(mean.mean()), 1e-30))
