@@ -36,7 +36,7 @@ from app.scene import (
 VARIANT = "llvm_ad_rgb"
 OLDEST_LLVM = 16       # older ones fail on processors with AVX-512
 EXTENT = 40.0          # longest edge of the scaled scene
-SUN_DISTANCE = 4e4     # scaled: where the sphere stands that has a directional light's angular radius
+SUN_DISTANCE = 4e4     # scaled: where parallel light comes from, and the sphere stands that has its angular radius
 SPOT_POINTS = 64       # point spots that stand for one with a radius
 SEAM = 1e-4            # scaled: between the two sides of a two-sided emitter
 
@@ -91,7 +91,7 @@ class MitsubaScene:
     lights, glow : mitsuba.Scene or None
         ``Scene.lights``, and the emissive meshes that none of them stands for; None where there is none.
     whole : dict
-        All of it as one scene for Mitsuba's own integrators, where lights have black bodies.
+        All of it as one scene for Mitsuba's own integrators, where lights have bodies.
     masked : bool
         Whether some material has an alpha mask.
     notices : tuple of str
@@ -141,9 +141,11 @@ def convert(scene: Scene, time: float = 0.0) -> MitsubaScene:
     def load(part: dict[str, Any]) -> Any:
         return mi.load_dict(part) if len(part) > 1 else None
 
+    # Mitsuba lets parallel light begin at the bounds of the scene that it is in.
+    bounds = {"bounds": {"type": "sphere", "radius": SUN_DISTANCE}} if len(lights) > 1 else {}
     masked = any(m.alpha_cutoff is not None for m in scene.materials)
-    return MitsubaScene(load(seen), load(solid), load(lights), load(glow), seen | lights | glow, masked, origin, scale,
-                        tuple(dict.fromkeys(builder.notices)))
+    return MitsubaScene(load(seen), load(solid), load(lights | bounds), load(glow), seen | lights | glow, masked,
+                        origin, scale, tuple(dict.fromkeys(builder.notices)))
 
 
 class _MeshBuilder:
