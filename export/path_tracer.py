@@ -59,7 +59,7 @@ class PathTracer:
     moment : float
         Seconds; places moving objects.
     max_bounces : int
-        Of indirect light.
+        Of indirect light; 0 traces direct light alone.
 
     Raises
     ------
@@ -92,7 +92,9 @@ class PathTracer:
         hit = si.is_valid()
         normal = _facing_normal(si)
         direct = self._light_from(scene.lights, si, normal, sampler, hit)
-        single, multi = self._indirect(si, normal, sampler, hit)
+        single = multi = mi.Color3f(0)
+        if self._max_bounces:
+            single, multi = self._indirect(si, normal, sampler, hit)
         # The rays' z is -1 in camera space, so t is the depth.
         found = [dr.select(hit, x, 0.0) for x in (direct, single, multi, _albedo(si, hit), normal, si.t / scene.scale)]
         dr.eval(found)  # together, or each would be traced anew

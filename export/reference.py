@@ -85,18 +85,24 @@ def reference(still: Still, spp: int, seed: int = 0, max_bounces: int = MAX_BOUN
     centres = _Means()
     for done, samples in _batches(tracer, still, spp, 2 * seed, spread=False):
         progress(done / 2)
-        light = {"direct": samples.direct * samples.albedo, "indirect": samples.multi,
-                 "indirect_single": samples.single}
-        centres.add(light | {f.name: getattr(samples, f.name) for f in fields(samples) if f.name not in light})
+        centres.add(_layers(samples))
     pixels = _Means()
     for done, samples in _batches(tracer, still, spp, 2 * seed + 1, spread=True):
         progress(0.5 + done / 2)
         pixels.add({"final": _radiance(samples)})
     seconds = time.perf_counter() - start
-    layers = {name: centres.mean(name) for name in (*LAYERS[1:], "albedo", "normal", "depth")}
-    layers["final"] = pixels.mean("final") + untraced(still)
+    layers = centres.means()
+    layers["final"] = pixels.means()["final"] + untraced(still)
     noise = {name: (pixels if name == "final" else centres).noise(name) for name in LAYERS}
     return Reference(layers, noise, seconds, tracer.notices)
+
+
+def mean_samples(tracer: PathTracer, still: Still, spp: int, seed: int = 0) -> dict[str, F32]:
+    """The layers of ``Reference`` but ``final``, through the pixels' centres."""
+    means = _Means()
+    for _, samples in _batches(tracer, still, spp, seed, spread=False):
+        means.add(_layers(samples))
+    return means.means()
 
 
 def plain(still: Still, spp: int, seed: int = 0, max_bounces: int = MAX_BOUNCES) -> tuple[dict[str, F32], float]:
@@ -108,7 +114,7 @@ def plain(still: Still, spp: int, seed: int = 0, max_bounces: int = MAX_BOUNCES)
     means = _Means()
     for _, samples in _batches(tracer, still, spp, seed, spread=True):
         means.add({"final": _radiance(samples), "albedo": samples.albedo, "normal": samples.normal})
-    layers = {name: means.mean(name) for name in ("final", "albedo", "normal")}
+    layers = means.means()
     layers["final"] = layers["final"] + untraced(still)
     return layers, tracer.usual_seconds(still.view, still.size, spp)
 
@@ -146,6 +152,11 @@ def write_plain(folder: Path, still: Still, counts: Sequence[int], seed: int, ma
     write_text(folder / "plain.json", json.dumps(seconds, indent=1))
 
 
+def _layers(samples: Samples) -> dict[str, F32]:
+    return {"direct": samples.direct * samples.albedo, "indirect": samples.multi, "indirect_single": samples.single,
+            "albedo": samples.albedo, "normal": samples.normal, "depth": samples.depth}
+
+
 def _radiance(samples: Samples) -> F32:
     return samples.albedo * (samples.direct + samples.multi)
 
@@ -180,8 +191,8 @@ class _Means:
             self._sums[name] = self._sums.get(name, 0.0) + image.astype(np.float64)
             self._squares[name] = self._squares.get(name, 0.0) + image.astype(np.float64) ** 2
 
-    def mean(self, name: str) -> F32:
-        return (self._sums[name] / self._count).astype(np.float32)
+    def means(self) -> dict[str, F32]:
+        return {name: (total / self._count).astype(np.float32) for name, total in self._sums.items()}
 
     def noise(self, name: str) -> float:
         """Standard error of the mean, root mean square over the image, relative to the mean; NaN for one batch."""

@@ -58,6 +58,16 @@ check_system() {
     fi
 }
 
+# The path tracer's LLVM: its tests are skipped without, so a machine that has none to offer is no failure.
+install_llvm() {
+    [[ "$(id -u)" == 0 ]] && command -v apt-get >/dev/null || return 0
+    has_package libllvm19 && return 0
+    note "installing libllvm19"
+    export DEBIAN_FRONTEND=noninteractive
+    { apt-get update -qq && apt-get install -y -qq --no-install-recommends libllvm19; } >&2 ||
+        note "no libllvm19: the path tracer's tests will be skipped"
+}
+
 install_python_packages() {
     local python
     if ! "$VENV/bin/python" -m pip --version >/dev/null 2>&1; then
@@ -81,6 +91,7 @@ set_up() {
     check_system
     hash="$(cat "$ROOT/pyproject.toml" "$ROOT/constraints.txt" | sha256sum)"
     if [[ ! -x "$VENV/bin/python" || "$(cat "$VENV/.installed-$mode" 2>/dev/null)" != "$hash" ]]; then
+        [[ "$mode" == run ]] || install_llvm
         install_python_packages "$@"
         echo "$hash" | tee "$VENV/.installed-run" >"$VENV/.installed-$mode"
     fi

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -100,6 +101,18 @@ def test_root_installs_missing_packages(machine: Machine) -> None:
                      "apt-get install -y -qq --no-install-recommends libegl1 libgl1-mesa-dri"]
 
 
+def test_only_the_tests_get_the_path_tracers_library(machine: Machine) -> None:
+    machine.stand_in(machine.bin / "dpkg-query", '[[ "$*" == *libllvm* ]] || echo installed')
+    machine.stand_in(machine.bin / "id", "echo 0")
+    machine.stand_in(machine.bin / "apt-get", "exit 1")
+    machine.with_environment()
+    assert not [call for call in machine.set_up()[2] if call.startswith("apt-get")]
+    code, text, calls = machine.set_up("test export")
+    assert code == 0 and "the path tracer's tests will be skipped" in text
+    assert calls[0] == "apt-get update -qq"
+    assert not [call for call in machine.set_up("test export")[2] if call.startswith("apt-get")]
+
+
 def test_a_python_without_venv_is_named(machine: Machine) -> None:
     machine.stand_in(machine.bin / "python3", '[[ "$*" != *ensurepip* ]]')
     code, text, _ = machine.set_up()
@@ -119,3 +132,10 @@ def test_constraints_name_no_host() -> None:
     lines = (ROOT / "constraints.txt").read_text().splitlines()
     assert all(line.startswith("#") or line.count("==") == 1 for line in lines)
     assert not any(mark in line for line in lines for mark in ("://", "@", "--", "+"))
+
+
+def test_an_extra_may_name_others() -> None:
+    listed = subprocess.run([sys.executable, ROOT / "scripts" / "requirements.py", "test"], text=True,
+                            capture_output=True, check=True).stdout
+    assert {"numpy", "pytest", "scikit-image"} <= {line.split(">")[0] for line in listed.splitlines()}
+    assert "[" not in listed

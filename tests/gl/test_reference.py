@@ -1,0 +1,194 @@
+"""The renderer and the path tracer check each other, and closed forms check the path tracer."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import binary_dilation, gaussian_filter, maximum_filter, minimum_filter
+
+from app.errors import DeviceError
+from app.metrics import psnr
+from app.scene import (
+    Camera,
+    DirectionalLight,
+    Light,
+    Material,
+    PointLight,
+    RectLight,
+    Scene,
+    SpotLight,
+    Texture,
+)
+from tests.gl.closed_forms import point_irradiance
+from tests.gl.scenes import F32, GREY, Images, box, draw, floor, make_scene, quad, sphere, without_shadows
+
+if importlib.util.find_spec("mitsuba") is None:
+    pytest.skip("Mitsuba, of the extra 'export', is not installed", allow_module_level=True)
+
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "mitsuba")]
+
+SIZE = (128, 96)
+SOFT_SIZE = (320, 240)
+OUTPUTS = ("direct", "albedo", "normal", "depth")
+CAMERA = Camera((0.9, 1.3, 2.6), (0.0, 0.35, 0.0), fov_y_deg=50.0)
+CHECKS = np.zeros((8, 8, 4), np.uint8)
+CHECKS[..., :3], CHECKS[::2, ::2, 3], CHECKS[1::2, 1::2, 3] = 190, 255, 255
+CARD = Material(albedo=(0.9, 0.9, 0.9), albedo_map=Texture(CHECKS), alpha_cutoff=0.5)
+WHITE = (10.0, 9.0, 8.0)
+HARD: dict[str, Light] = {
+    "point": PointLight((-0.8, 2.0, 1.0), WHITE),
+    "spot": SpotLight((-0.8, 2.0, 1.0), (0.7, -1.9, -0.9), WHITE, 15.0, 35.0),
+    "directional": DirectionalLight((0.5, -1.0, -0.4), (3.0, 2.5, 2.0)),
+}
+SOFT: dict[str, tuple[Light, Light]] = {  # and the same without a size
+    "sphere": (PointLight((-0.8, 2.0, 1.0), WHITE, 0.15), HARD["point"]),
+    "spot": (SpotLight((-0.8, 2.0, 1.0), (0.7, -1.9, -0.9), WHITE, 15.0, 35.0, 0.1), HARD["spot"]),
+    "sun": (DirectionalLight((0.5, -1.0, -0.4), (3.0, 2.5, 2.0), 3.0), HARD["directional"]),
+    "rectangle": (RectLight((-0.8, 2.0, 1.0), (0.4, 0.0, 0.0), (0.0, 0.0, 0.4), (60.0,) * 3, True), HARD["point"]),
+}
+
+
+@pytest.fixture(scope="module")
+def mitsuba() -> None:
+    """Skips where the path tracer can't run."""
+    from export.mitsuba_scene import mitsuba as load
+
+    try:
+        load()
+    except DeviceError as error:
+        pytest.skip(str(error))
+
+
+def stage(*lights: Light) -> Scene:
+    """A block, a ball and a checked card with holes, on a floor before a wall."""
+    card = quad((0.35, 0.0, 0.55), (0.5, 0, -0.2), (0, 0.5, 0), CARD)
+    wall = quad((-2, 0, -0.8), (4, 0, 0), (0, 2, 0), Material(albedo=(0.6, 0.3, 0.2)))
+    return make_scene([floor(2.0), wall, box((-0.7, 0.0, -0.4), (0.5, 0.7, 0.5), Material(albedo=(0.2, 0.5, 0.7))),
+                       sphere((0.25, 0.3, -0.1), 0.3), card], lights, CAMERA)
+
+
+def soft_stage(*lights: Light) -> Scene:
+    """A block and a ball on a floor, from above: penumbras that begin at a contact and grow to a quarter unit."""
+    camera = Camera((0.5, 1.9, 0.6), (0.3, 0.0, -0.3), fov_y_deg=50.0)
+    return make_scene([floor(2.0), box((-0.5, 0.0, -0.4), (0.4, 0.8, 0.4)), sphere((0.4, 0.35, 0.1), 0.25)],
+                      lights, camera)
+
+
+def trace(scene: Scene, spp: int, bounces: int = 0, size: tuple[int, int] = SIZE) -> Images:
+    from export.path_tracer import PathTracer
+    from export.reference import Still, mean_samples
+
+    return mean_samples(PathTracer(scene, max_bounces=bounces), Still(scene, scene.cameras["main"].at(0.0), size), spp)
+
+
+def free_light(scene: Scene, size: tuple[int, int] = SIZE) -> F32:
+    """Direct light [h, w] of green without any shadow."""
+    return draw(without_shadows(scene), size, ("direct",))["direct"][..., 1]
+
+
+def edges(image: F32, width: int) -> np.ndarray:
+    """Texels within ``width`` of a place where ``image`` [h, w] jumps."""
+    jump = maximum_filter(image, 3) - minimum_filter(image, 3) > 0.05
+    return binary_dilation(jump, iterations=width - 1) if width > 1 else jump
+
+
+@pytest.fixture(scope="module")
+def traced() -> Images:
+    return trace(stage(HARD["point"]), 8)
+
+
+def test_both_see_the_same_surfaces(traced: Images) -> None:
+    drawn = draw(stage(HARD["point"]), SIZE, OUTPUTS)
+    both = (drawn["depth"][..., 0] > 0) & (traced["depth"][..., 0] > 0)
+    either = (drawn["depth"][..., 0] > 0) | (traced["depth"][..., 0] > 0)
+    difference = np.abs(drawn["depth"] / np.where(both[..., None], traced["depth"], 1) - 1)[..., 0]
+    same = both & (difference < 1e-3)
+    other = (either & ~same).mean()
+    angle = np.degrees(np.arccos(np.clip((drawn["normal"] * traced["normal"]).sum(-1), -1, 1)))
+    print(f"SEEN depth off by 1e-3 in {other:.3%}, else {np.median(difference[same]):.1e}; normals off by 2° "
+          f"in {(angle[same] > 2).mean():.3%}")
+    assert other < 0.003  # silhouettes and the rims of holes
+    assert np.median(difference[same]) < 1e-5
+    assert (angle[same] > 2.0).mean() < 0.01
+    np.testing.assert_allclose(drawn["albedo"][same].mean(0), traced["albedo"][same].mean(0), atol=3e-3)
+
+
+@pytest.mark.parametrize("kind", HARD)
+def test_hard_light_away_from_shadow_edges(kind: str) -> None:
+    scene = stage(HARD[kind])
+    drawn, truth = draw(scene, SIZE, OUTPUTS), trace(scene, 4)
+    share = truth["direct"][..., 1] / np.maximum(free_light(scene), 1e-6)
+    away = ~edges(share, 2)
+    found = psnr(drawn["direct"], truth["direct"], away)
+    print(f"HARD {kind}: {found:.1f} dB over {away.mean():.0%} of the picture")
+    assert away.mean() > 0.7
+    assert found >= 40
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", SOFT)
+def test_soft_shadows(kind: str) -> None:
+    """Mean visibility error inside the true penumbra, against that of hard shadows."""
+    soft, hard = (soft_stage(light) for light in SOFT[kind])
+    free = free_light(soft, SOFT_SIZE)
+    spp = 768 if kind == "rectangle" else 192  # Mitsuba picks points on a rectangle by area, which is noisier
+    truth = trace(soft, spp, size=SOFT_SIZE)["direct"][..., 1] / np.maximum(free, 1e-6)
+    smooth = gaussian_filter(truth, 1.0)  # or noise alone would make penumbras
+    penumbra = (free > 0.1 * free.max()) & (smooth > 0.05) & (smooth < 0.95)
+    error, worst = (np.abs(draw(s, SOFT_SIZE, ("direct",))["direct"][..., 1]
+                           / np.maximum(free_light(s, SOFT_SIZE), 1e-6) - truth) for s in (soft, hard))
+    print(f"SOFT {kind}: penumbra {penumbra.mean():.1%} of the picture, mean error {error[penumbra].mean():.4f}, "
+          f"with hard shadows {worst[penumbra].mean():.4f}")
+    assert penumbra.mean() > 0.01
+    assert error[penumbra].mean() <= 0.06
+    assert error[penumbra].mean() <= 0.5 * worst[penumbra].mean()
+
+
+def test_light_comes_through_the_holes_of_a_mask() -> None:
+    """A card with every other texel gone lets half of the light pass, in both."""
+    light = DirectionalLight((0.0, -1.0, 0.0), (1.0, 1.0, 1.0))
+    card = quad((-2, 0.5, 2), (4, 0, 0), (0, 0, -4), CARD)
+    camera = Camera((0.0, 0.3, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 120.0)
+    scene = make_scene([floor(1.5), card], [light], camera)
+    lit = 0.5 / np.pi
+    assert trace(scene, 4)["direct"].mean() == pytest.approx(lit / 2, rel=0.05)
+    assert draw(scene, SIZE, ("direct",))["direct"].mean() == pytest.approx(lit / 2, rel=0.05)
+
+
+def test_the_path_tracer_knows_the_inverse_square_law() -> None:
+    camera = Camera((0.0, 2.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 60.0)
+    light = (0.3, 1.0, -0.2)
+    scene = make_scene([floor(3.0)], [PointLight(light, (2.0, 1.0, 0.5))], camera)
+    at = draw(scene, SIZE, ("position",))["position"].astype(np.float64)
+    expected = point_irradiance(at, np.array([0, 1.0, 0]), np.array(light)) * 0.5 / np.pi
+    np.testing.assert_allclose(trace(scene, 2)["direct"][..., 1], expected, rtol=2e-3)
+
+
+@pytest.mark.parametrize("albedo", [0.2, 0.5, 0.8])
+def test_the_path_tracer_sums_all_bounces(albedo: float) -> None:
+    """In a closed box whose walls glow with radiance 1, each wall receives the series 1 + ρ + ρ² + …"""
+    glowing = Material(albedo=(albedo,) * 3, emission=(1.0, 1.0, 1.0))
+    scene = make_scene([box((-1, -1, -1), (2, 2, 2), glowing)], [], Camera((0, 0, 0.9), (0.2, 0.1, 0.0), fov_y_deg=60))
+    found = trace(scene, 256, bounces=64)
+    assert found["indirect"].mean() == pytest.approx(1 / (1 - albedo), rel=0.02)
+    assert found["indirect_single"].mean() == pytest.approx(1 + albedo, rel=0.02)
+    assert np.all(found["direct"] == 0)
+
+
+def test_moving_things_are_traced_where_they_are() -> None:
+    from export.path_tracer import PathTracer
+    from export.reference import Still, mean_samples
+    from tests.gl.scenes import slide
+
+    block = replace(box((-0.2, 0.0, -0.2), (0.4, 0.4, 0.4), GREY), motion=slide([0, 1], [(-0.5, 0, 0), (0.5, 0, 0)]))
+    scene = make_scene([floor(2.0), block], [HARD["point"]], CAMERA)
+    for time in (0.0, 0.7):
+        depth = mean_samples(PathTracer(scene, time, 0), Still(scene, CAMERA, SIZE, time), 1)["depth"]
+        from app.renderer import Renderer
+        from app.settings import Settings
+        with Renderer(scene, Settings(SIZE, ("depth",), taa=False, provider="cpu")) as renderer:
+            drawn = renderer.render(CAMERA, time)["depth"]
+        assert (np.abs(drawn - depth) > 1e-3 * depth).mean() < 0.003
