@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import difflib
-import re
 from collections.abc import Collection
+from pathlib import Path
 
 from app.errors import SettingsError
 
 FORMATS = ("exr", "png")
 
 
-def parse_size(text: str) -> tuple[int, int]:
-    """``1024x768`` as (1024, 768).
+def parse_folder(text: str | Path) -> Path:
+    """A folder that was named; without a name it would be the current one.
 
     Raises
     ------
     SettingsError
-        When it is not two whole numbers.
+        When the text is empty.
     """
-    match = re.fullmatch(r"(\d{1,9})x(\d{1,9})", text)
-    if match is None:
-        raise SettingsError(f"bad size {text!r}", "--size", "expected WIDTHxHEIGHT in pixels, such as 1024x768")
-    return int(match[1]), int(match[2])
+    if not str(text).strip():
+        raise SettingsError("no name given", "--out", "expected a folder, such as out, or . for the current one")
+    return Path(text)
 
 
 def parse_names(text: str, known: Collection[str], option: str) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from app.errors import SceneError
 from app.gl.context import Device
 from app.math3d import look_rotation, normalize, orthographic, perspective
 from app.scene import DirectionalLight, Light, PointLight, RectLight, Scene, SpotLight
@@ -16,6 +17,8 @@ F64 = NDArray[np.float64]
 POINT, SPOT, DIRECTIONAL, RECT = range(4)
 SINGLE_MAP, CUBE_MAP, PARALLEL_MAP = 1, 2, 3
 LIGHT_FLOATS = 32
+LIGHT_BYTES = 4 * LIGHT_FLOATS
+COLOR = slice(4, 7)  # of a light's floats
 NARROW_SPOT_DEG = 55.0
 FACE_TEXELS = {CUBE_MAP: 1024, SINGLE_MAP: 2048, PARALLEL_MAP: 4096}  # a side
 MAX_ATLAS_TEXELS = 2**25
@@ -52,14 +55,22 @@ class LightSet:
     scale : float
         Power of 256 that brings the scene's radiance to the middle of the half-float range; lights and
         emission are multiplied by it, outputs divided.
+
+    Raises
+    ------
+    SceneError
+        When the device's uniform blocks have no room for so many lights.
     """
 
     def __init__(self, device: Device, scene: Scene) -> None:
+        most = device.ctx.info["GL_MAX_UNIFORM_BLOCK_SIZE"] // LIGHT_BYTES
+        if len(scene.lights) > most:
+            raise SceneError(f"{len(scene.lights)} lights", scene.name, f"expected at most {most} on {device.renderer}")
         self.lights = scene.lights
         self._bounds = scene.swept_bounds
         self.scale = radiance_scale(scene)
         self.tiles, self.atlas_size = _lay_out(scene.lights, device.max_size)
-        self.buffer = device.ctx.buffer(reserve=4 * LIGHT_FLOATS * max(1, len(self.lights)))
+        self.buffer = device.ctx.buffer(reserve=LIGHT_BYTES * max(1, len(self.lights)))
 
     @property
     def soft(self) -> bool:
@@ -85,7 +96,7 @@ class LightSet:
         rows = np.zeros((max(1, len(self.lights)), LIGHT_FLOATS), np.float32)
         for row, light, tile in zip(rows, self.lights, self.tiles, strict=False):
             self._pack(row.reshape(8, 4), light, tile, eye)
-        self.buffer.write(rows.tobytes())
+        self.buffer.write(_sanitized(rows).tobytes())
 
     def _pack(self, row: NDArray[np.float32], light: Light, tile: Tile, eye: F64) -> None:
         position, color, u, v, place, frame_x, frame_y, frame_z = row
@@ -162,6 +173,14 @@ class _Parallel:
     half: float
 
 
+def _sanitized(rows: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Light blocks in which a light with a number that is not finite is black, and none takes light away."""
+    finite = np.isfinite(rows)
+    rows = np.where(finite, rows, np.float32(0))
+    rows[:, COLOR] = np.where(finite.all(axis=1, keepdims=True), np.maximum(rows[:, COLOR], 0), 0)
+    return rows
+
+
 def radiance_scale(scene: Scene) -> float:
     """A power of 256 that brings typical reflected radiance to 1/16 … 16; mostly 1, which read-back need not undo."""
     distance = scene.longest_edge / 4
@@ -176,8 +195,8 @@ def radiance_scale(scene: Scene) -> float:
                 area = float(np.linalg.norm(np.cross(light.edge_u, light.edge_v)))
                 irradiance = max(light.radiance) * min(area / distance**2, math.pi)
         estimates.append(irradiance / (2 * math.pi))
-    brightest = max(estimates, default=0.0)
-    if not (math.isfinite(brightest) and brightest > 0):
+    brightest = max((e for e in estimates if math.isfinite(e)), default=0.0)
+    if brightest <= 0:
         return 1.0
     return float(256.0 ** max(-12, min(12, -round(math.log2(brightest) / 8))))
 

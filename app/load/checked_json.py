@@ -1,4 +1,4 @@
-"""JSON files checked against the published schema; every mistake names its file and its key."""
+"""JSON files checked against a published schema; every mistake names its file and its key."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from jsonschema.exceptions import ValidationError
 from app.errors import SceneError
 
 SCHEMA = "scene.schema.json"
-_KINDS = {"object": "an object", "array": "a list", "number": "a number", "string": "a text",
-          "boolean": "true or false"}
+_KINDS = {"object": "an object", "array": "a list", "number": "a number", "integer": "a whole number",
+          "string": "a text", "boolean": "true or false"}
 
 
-def read_checked(path: Path, definition: str = "") -> Any:
-    """The content of a JSON file that follows the schema, or one of its definitions.
+def read_checked(path: Path, definition: str = "", schema: str = SCHEMA) -> Any:
+    """The content of a JSON file that follows a schema of ``app/data``, or one of its definitions.
 
     Raises
     ------
@@ -37,7 +37,7 @@ def read_checked(path: Path, definition: str = "") -> Any:
         content = json.loads(text, parse_float=_finite, parse_int=_finite, parse_constant=_finite)
     except (ValueError, RecursionError) as error:
         raise SceneError(f"not a JSON file ({error})", path, "expected valid JSON with finite numbers") from error
-    errors = list(_validator(definition).iter_errors(content))
+    errors = list(_validator(schema, definition).iter_errors(content))
     if errors:
         raise _explain(next((e for e in errors if e.validator == "additionalProperties"), errors[0]), path)
     return content
@@ -57,8 +57,8 @@ def did_you_mean(word: str, known: Sequence[str]) -> str:
 
 
 @cache
-def _validator(definition: str) -> Draft202012Validator:
-    schema = json.loads(resources.files("app.data").joinpath(SCHEMA).read_text("utf-8"))
+def _validator(name: str, definition: str) -> Draft202012Validator:
+    schema = json.loads(resources.files("app.data").joinpath(name).read_text("utf-8"))
     if definition:
         schema = {"$ref": f"#/$defs/{definition}", "$defs": schema["$defs"]}
     return Draft202012Validator(schema)
@@ -84,13 +84,14 @@ def _explain(error: ValidationError, path: Path) -> SceneError:
         return SceneError(f"unknown value {value!r}", at(path, *keys), did_you_mean(str(value), rule))
     if error.validator == "type":
         return SceneError(f"wrong kind of value {_short(value)}", at(path, *keys), f"expected {_KINDS[rule]}")
-    if error.validator in ("minItems", "maxItems"):
+    if error.validator in ("minItems", "maxItems", "minProperties"):
         return SceneError(f"{len(value)} values", at(path, *keys), f"expected {_amount(error)} {rule}")
-    return SceneError(f"{_short(value)} is out of range", at(path, *keys), f"expected {_amount(error)} {rule}")
+    return SceneError(f"{_short(value)} is out of range", at(path, *keys), f"expected {_amount(error)} {rule:g}")
 
 
 def _amount(error: ValidationError) -> str:
-    return {"minItems": "at least", "maxItems": "at most", "minimum": "at least", "maximum": "at most",
+    return {"minItems": "at least", "minProperties": "at least", "maxItems": "at most",
+            "minimum": "at least", "maximum": "at most",
             "exclusiveMinimum": "more than", "exclusiveMaximum": "less than"}[str(error.validator)]
 
 

@@ -12,6 +12,8 @@ from app.errors import SceneError
 from app.load.geometry import Surface, clean
 from app.scene import F64, CameraPath, Instance, Light, Material, Mesh
 
+LARGEST, BRIGHTEST = 1e15, 1e30  # coordinates and light, as in scene.schema.json
+
 
 @dataclass
 class Draft:
@@ -114,8 +116,8 @@ class Draft:
 
 
 def color(values: Sequence[float] | NDArray[np.floating]) -> tuple[float, float, float]:
-    """Three plain floats, finite and not negative."""
-    r, g, b = np.nan_to_num(np.maximum(np.asarray(values, np.float64), 0.0), posinf=0.0).tolist()
+    """Three plain floats from 0 to ``BRIGHTEST``; what is not finite becomes 0."""
+    r, g, b = np.clip(np.nan_to_num(np.asarray(values, np.float64), posinf=0.0), 0.0, BRIGHTEST).tolist()
     return r, g, b
 
 

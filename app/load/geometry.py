@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from app.scene import F64
 
 _SHORTEST_NORMAL = 1e-6
+_LARGEST_FLOAT = float(np.finfo(np.float32).max)  # what the GPU takes for infinite is broken too
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +43,10 @@ class Cleaned:
 
 def clean(surface: Surface) -> Cleaned:
     """Drop triangles that can't be drawn and vertices that nobody uses; make normals unit length or zero."""
+    if surface.positions.shape[1:] != (3,):
+        raise ValueError("a vertex needs three coordinates")
     triangles = surface.triangles
-    finite = np.asarray(np.isfinite(surface.positions).all(axis=1))
+    finite = np.asarray((np.abs(surface.positions) < _LARGEST_FLOAT).all(axis=1))
     kept = triangles[finite[triangles].all(axis=1)]
     kept = kept[face_vectors(surface.positions, kept).any(axis=1)]
 

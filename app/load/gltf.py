@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from trimesh.util import triangle_strips_to_faces
 
-from app.load.draft import Draft, color, vector
+from app.load.draft import LARGEST, Draft, color, vector
 from app.load.geometry import Surface
 from app.load.gltf_file import GltfFile, open_gltf
 from app.load.gltf_materials import DEFAULT, Materials
@@ -159,13 +159,13 @@ class _Reader:
             self._draft.notice(f"camera {name!r} has a field of view of {fov:g} degrees: left out")
             return
         forward, up = _direction(world, (0, 0, -1)), _direction(world, (0, 1, 0))
-        eye = world[:3, 3]
+        eye = _place(world)
         self._draft.cameras[name] = CameraPath.still(Camera(
             eye=vector(eye), target=vector(eye + forward), up=vector(up), fov_y_deg=fov))
 
     def _light(self, spec: dict[str, Any], world: F64) -> Light:
         power = color(np.asarray(spec.get("color", (1, 1, 1)), np.float64) * spec.get("intensity", 1.0))
-        position, direction = vector(world[:3, 3]), vector(_direction(world, (0, 0, -1)))
+        position, direction = vector(_place(world)), vector(_direction(world, (0, 0, -1)))
         if "range" in spec:
             self._draft.notice("the range of lights is left out: they shine without end")
         if spec["type"] == "directional":
@@ -185,6 +185,13 @@ def _local(node: dict[str, Any]) -> F64:
         return np.asarray(node["matrix"], np.float64).reshape(4, 4).T
     rotation = quaternion_matrices(np.asarray([node.get("rotation", (0, 0, 0, 1))], np.float64))[0]
     return compose(node.get("translation", (0, 0, 0)), rotation, node.get("scale", (1, 1, 1)))
+
+
+def _place(world: F64) -> F64:
+    place = world[:3, 3]
+    if not np.abs(place).max() < LARGEST:
+        raise ValueError(f"a camera or light lies beyond {LARGEST:g}")
+    return place
 
 
 def _direction(world: F64, local: tuple[float, float, float]) -> F64:

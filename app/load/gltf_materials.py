@@ -110,5 +110,7 @@ def uv_transform(spec: dict[str, Any]) -> F64:
     """KHR_texture_transform, defined with v downwards, as a matrix for uvs with v upwards; shape (3, 3)."""
     (du, dv), (su, sv) = spec.get("offset", (0, 0)), spec.get("scale", (1, 1))
     cos, sin = np.cos(spec.get("rotation", 0.0)), np.sin(spec.get("rotation", 0.0))
-    downwards = np.array([[su * cos, sv * sin, du], [-su * sin, sv * cos, dv], [0.0, 0.0, 1.0]])
+    downwards = np.array([[su * cos, sv * sin, du], [-su * sin, sv * cos, dv], [0.0, 0.0, 1.0]], np.float64)
+    if not np.isfinite(downwards).all():
+        raise ValueError("a texture transform is not finite")
     return np.asarray(_V_FLIP @ downwards @ _V_FLIP)

@@ -124,7 +124,7 @@ def _map_options(words: list[str]) -> tuple[str, NDArray[np.float64], bool]:
         if option in _OPTION_VECTORS:
             numbers: list[float] = []
             while len(numbers) < 3 and at < len(words) - 1 and _is_number(words[at]):
-                numbers.append(float(words[at]))
+                numbers.append(_number([words[at]], 1.0 if option == "-s" else 0.0))
                 at += 1
             if option in vectors:
                 vectors[option][:len(numbers[:2])] = numbers[:2]

@@ -11,7 +11,7 @@ import numpy as np
 
 from app.errors import SceneError
 from app.load.checked_json import at, did_you_mean
-from app.load.draft import Draft
+from app.load.draft import LARGEST, Draft
 from app.load.emitters import find_emitters
 from app.load.gltf import read_gltf
 from app.load.motion import build_motion
@@ -25,7 +25,6 @@ from app.scene import CameraPath, Scene, bounds_of
 READERS: dict[str, Callable[[Path, Draft], None]] = {
     ".obj": read_obj, ".gltf": read_gltf, ".glb": read_gltf, ".ply": read_ply,
 }
-_LARGEST = 1e15
 
 
 def load_scene(path: str | Path, *, lighting: str | None = None, scene_json: str | Path | None = None) -> Scene:
@@ -134,8 +133,8 @@ def _add_motions(draft: Draft, sidecar: Sidecar) -> None:
 def _finish(draft: Draft, path: Path, sidecar: Sidecar, lighting: str | None) -> Scene:
     meshes, instances = tuple(draft.meshes), tuple(draft.instances)
     bounds = bounds_of(meshes, instances)
-    if not np.abs(bounds).max() < _LARGEST:
-        raise SceneError("the scene is too large or not finite", path, f"expected coordinates below {_LARGEST:g}")
+    if not np.abs(bounds).max() < LARGEST:
+        raise SceneError("the scene is too large or not finite", path, f"expected coordinates below {LARGEST:g}")
     default = _choose(None, sidecar.default_camera, list(draft.cameras), "camera", sidecar.path or path)
     glows = any(m.emits for m in draft.materials)
     lightless = lighting is None and not draft.lights and not glows

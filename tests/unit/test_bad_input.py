@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import subprocess
@@ -12,11 +13,13 @@ import pytest
 from typer.testing import CliRunner
 
 from app.cli import cli
+from app.gl.context import Device
 from tests.tiny_network import TINY, write_tiny_network
 
 ROOT = Path(__file__).parents[2]
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\n"
-SCENE_JSON = {"lightings": {"sun": {"lights": [{"type": "point", "position": [0, 0, 2], "intensity": [1, 1, 1]}]}}}
+LAMP = {"type": "point", "position": [0, 0, 2], "intensity": [1, 1, 1]}
+SCENE_JSON = {"lightings": {"sun": {"lights": [LAMP]}}}
 CONTRACT = json.loads(TINY.to_json())
 
 
@@ -117,6 +120,7 @@ def test_found_before_opening_a_device(folder: Path, args: list[str], said: list
     (["--out", "/proc/nowhere"], ["/proc/nowhere"]),
     (["--timing", "notes.txt/timing.json"], ["notes.txt"]),
     (["--timing", "folder"], ["folder"]),
+    (["--out", ""], ["--out"]),
 ])
 def test_found_before_the_first_frame(folder: Path, args: list[str], said: list[str]) -> None:
     line = refused(["good.obj", "--size", "8x8", *args], folder)
@@ -128,6 +132,17 @@ def test_a_size_that_does_not_fit_into_memory(folder: Path) -> None:
     line = refused(["good.obj", "--size", "16384x16384", "--model", "none", "--aov", "position"], folder)
     assert "16384x16384" in line
     assert "--size" in line
+
+
+@pytest.mark.gl
+def test_more_lights_than_fit_into_the_uniform_block(folder: Path) -> None:
+    with contextlib.closing(Device()) as device:
+        most = device.ctx.info["GL_MAX_UNIFORM_BLOCK_SIZE"] // 128
+    if most > 10_000:
+        pytest.skip(f"this GL has room for {most} lights")
+    Path("crowd.json").write_text(json.dumps({"lightings": {"all": {"lights": [LAMP] * (most + 1)}}}))
+    line = refused(["good.obj", "--scene-json", "crowd.json", "--size", "8x8", "--model", "none"], folder)
+    assert all(word in line for word in (f"{most + 1} lights", "good", f"at most {most}")), line
 
 
 @pytest.mark.gl

@@ -220,8 +220,20 @@ def _old_version(gltf):
     gltf.json["asset"]["version"] = "1.0"
 
 
+def _far_light(gltf):
+    gltf.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point"}]}}
+    gltf.json["nodes"].append({"extensions": {"KHR_lights_punctual": {"light": 0}}, "translation": [0, 1e200, 0]})
+    gltf.json["scenes"][0]["nodes"] = [0, 1]
+
+
+def _far_camera(gltf):
+    gltf.json["cameras"] = [{"type": "perspective", "perspective": {"yfov": 1}}]
+    gltf.json["nodes"].append({"camera": 0, "translation": [0, 1e200, 0]})
+    gltf.json["scenes"][0]["nodes"] = [0, 1]
+
+
 @pytest.mark.parametrize("damage", [_cycle, _short_buffer, _huge_count, _bad_index, _no_such_mesh, _wrong_types,
-                                    _corrupt_image, _missing_buffer, _old_version])
+                                    _corrupt_image, _missing_buffer, _old_version, _far_light, _far_camera])
 def test_damaged_files_are_scene_errors(tmp_path, damage):
     gltf = Gltf()
     damage(gltf)

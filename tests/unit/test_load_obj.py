@@ -77,6 +77,13 @@ def test_missing_texture_is_a_notice_and_a_corrupt_one_an_error(tmp_path):
         load_scene(path)
 
 
+@pytest.mark.filterwarnings("error")
+def test_emission_beyond_all_bounds_is_held_at_the_brightest(tmp_path):
+    material, scene = only_material(write_obj(tmp_path, QUAD + "usemtl a\nf 1 2 3 4\n", "newmtl a\nKe 1e200 2 -1\n"))
+    assert material.emission == (1e30, 2, 0)
+    assert np.isfinite(np.float32(scene.lights[0].radiance)).all()
+
+
 def test_undefined_material_gets_the_default_and_a_notice(tmp_path):
     _, scene = only_material(write_obj(tmp_path, QUAD + "usemtl ghost\nf 1 2 3 4\n", "newmtl a\nKd 0 0 0\n"))
     assert any("ghost" in n for n in scene.notices)
@@ -94,8 +101,10 @@ def test_without_normals_the_face_normal_is_asked_for(tmp_path):
     assert not scene.meshes[0].normals.any()
 
 
-def test_broken_normals_and_vertices_are_left_out(tmp_path):
-    obj = QUAD + "v nan 0 0\nvn 0 0 2\nvn 0 0 0\nf 1//1 2//2 3//1\nf 1//1 3//1 5//1\nf 1//1 2//1 2//1\n"
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("broken", ["nan", "1e400", "-1e200"])
+def test_broken_normals_and_vertices_are_left_out(tmp_path, broken):
+    obj = QUAD + f"v {broken} 0 0\nvn 0 0 2\nvn 0 0 0\nf 1//1 2//2 3//1\nf 1//1 3//1 5//1\nf 1//1 2//1 2//1\n"
     scene = load_scene(write_obj(tmp_path, obj))
     assert scene.triangles == 1
     assert np.isfinite(scene.bounds).all()

@@ -146,6 +146,46 @@ def test_light_mistakes_name_the_key(load, light, key, expected):
         load(lit(POINT, light))
 
 
+def motion_with(**key):
+    return {"objects": {"quad": {"keys": [{"time": 0, **key}]}}}
+
+
+HUGE = [
+    ({"cameras": {"c": EYE | {"eye": [0, 1e200, 5]}}}, r"cameras\.c\.eye\[1\]", r"at most 1e\+15"),
+    ({"cameras": {"c": EYE | {"target": [0, 0, -1e16]}}}, r"cameras\.c\.target\[2\]", r"at least -1e\+15"),
+    ({"cameras": {"c": {"keys": [{"time": 1e300, **EYE}]}}}, r"keys\[0\]\.time", r"at most 1e\+09"),
+    (lit(POINT | {"position": [1e300, 0, 0]}), r"lights\[0\]\.position\[0\]", r"at most 1e\+15"),
+    (lit(POINT | {"radius": 1e40}), r"lights\[0\]\.radius", r"at most 1e\+15"),
+    (lit(POINT | {"intensity": [1, 1e39, 1]}), r"lights\[0\]\.intensity\[1\]", r"at most 1e\+30"),
+    (lit(RECTANGLE | {"edge_u": [1e20, 0, 0]}), r"lights\[0\]\.edge_u\[0\]", r"at most 1e\+15"),
+    (lit(emission=1e300), r"only\.emission", r"at most 1e\+30"),
+    (motion_with(translate=[0, 1e200, 0]), r"translate\[1\]", r"at most 1e\+15"),
+    (motion_with(rotate_deg=[0, 1e300, 0]), r"rotate_deg\[1\]", r"at most 1e\+09"),
+    (motion_with(rotate_deg={"axis": [0, 1, 0], "angle_deg": -1e300}), r"rotate_deg\.angle_deg", r"at least -1e\+09"),
+    (motion_with(scale=1e200), r"scale", r"at most 1e\+15"),
+    (motion_with(scale=[1, 1, 1e200]), r"scale\[2\]", r"at most 1e\+15"),
+]
+
+
+@pytest.mark.parametrize(("content", "where", "expected"), HUGE)
+def test_numbers_without_bounds_name_the_key(load, content, where, expected):
+    with pytest.raises(SceneError, match=rf"is out of range, .*scene\.json: .*{where}, expected {expected}$"):
+        load(content)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("content", [
+    {"cameras": {"c": {"eye": [1e15, -1e15, 1e15], "target": [0, 0, 0], "up": [0, 1e15, 0]}}},
+    lit(POINT | {"position": [1e15, 1e15, 1e15], "intensity": [1e30, 0, 0], "radius": 1e15},
+        RECTANGLE | {"center": [0, -1e15, 0], "edge_u": [1e15, 0, 0], "edge_v": [0, 1e15, 0]}, emission=1e30),
+    lit(SPOT | {"direction": [1e15, 1e15, 0]}),
+    motion_with(translate=[1e14, 0, 0], rotate_deg=[1e9, 0, 0], scale=1e14),
+])
+def test_numbers_at_their_bounds_are_taken(load, content):
+    scene = load(content)
+    assert np.isfinite(scene.bounds).all() and np.isfinite(scene.longest_edge)
+
+
 @pytest.mark.parametrize(("content", "match"), [
     ("{", "not a JSON file"), ("[]", "an object"), ('{"cameras": NaN}', "finite"), ("[" * 100_000, "not a JSON file"),
     ('{"lightings": {"a": {"lights": [], "emission": 1e999}}}', "finite"),
