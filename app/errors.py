@@ -51,3 +51,15 @@ class GraphError(AfterglowError):
 
 class ShaderError(AfterglowError):
     """A shader that does not compile, or a uniform that it does not have."""
+
+
+class MissingExtraError(AfterglowError):
+    """An optional package that this command needs is not installed."""
+
+
+class MetricError(AfterglowError):
+    """Images that can't be compared."""
+
+
+class TruthError(AfterglowError):
+    """A path tracer that failed, or a truth that does not fit the scene."""

@@ -1,0 +1,90 @@
+"""Errors: a configuration's layers against the truth's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app import metrics
+from app.bench.configurations import Configuration
+from app.bench.truth import Truth
+from app.renderer import Renderer
+from app.scene import Camera, Scene
+from app.settings import Settings
+
+F32 = NDArray[np.float32]
+Layers = dict[str, F32]
+Errors = dict[str, float]
+
+AMBIENT = "ambient (oracle)"
+SETTLE = 16          # frames until temporal anti-aliasing has settled, as for a still
+JUDGED = ("direct", "indirect", "final")
+METRICS: dict[str, Callable[..., float]] = {
+    "flip": metrics.flip, "psnr": metrics.psnr, "ssim": metrics.ssim, "rel_mse": metrics.rel_mse}
+HIGHER_IS_BETTER = ("psnr", "ssim")
+BRIGHTEST_AMBIENT = 16.0  # of the truth's mean indirect light
+
+
+def draw_layers(scene: Scene, camera: Camera, configuration: Configuration, provider: str) -> Layers:
+    """What is judged.
+
+    Returns
+    -------
+    dict of str to ndarray, float32, shape (H, W, 3)
+        ``direct`` and ``indirect`` of one frame through pixel centres, as the truth has them; ``final`` settled by
+        temporal anti-aliasing, as the truth's is averaged over each pixel.
+    """
+    settings = Settings(size=configuration.size, outputs=("direct", "indirect"), taa=False, provider=provider)
+    with Renderer(scene, settings, configuration.file) as renderer:
+        layers = renderer.render(camera)
+    with Renderer(scene, replace(settings, outputs=("final",), taa=True), configuration.file) as renderer:
+        for _ in range(SETTLE - 1):
+            renderer.advance(camera)
+        return {**layers, "final": renderer.render(camera)["final"]}
+
+
+def errors_of(layers: Layers, truth: Truth) -> dict[str, Errors]:
+    """All metrics of the layers that are there; ``indirect`` only where the truth's albedo is not black."""
+    return {name: {metric: f(layers[name], truth.layers[name], truth.demodulated if name == "indirect" else None)
+                   for metric, f in METRICS.items()} for name in JUDGED if name in layers}
+
+
+def draw_ambient(scene: Scene, camera: Camera, truth: Truth, provider: str) -> tuple[Layers, list[float]]:
+    """The picture with the best constant indirect light, and that constant.
+
+    Its parts are averages over jittered frames, so that its edges are as smooth as the others'.
+    """
+    settings = Settings(truth.size, ("final", "albedo", "direct", "emission", "specular"), provider=provider)
+    with Renderer(scene, settings) as renderer:
+        frames = [renderer.render(camera) for _ in range(SETTLE)]
+    albedo, *added = (np.mean([f[name] for f in frames], axis=0) for name in settings.outputs[1:])
+    base = np.sum(added, axis=0)
+    constant = best_ambient(base, albedo, truth.layers["final"])
+    surface = truth.layers["depth"] > 0
+    layers = {"final": base + albedo * constant,
+              "indirect": np.where(surface, constant, 0).astype(np.float32)}
+    return layers, constant.tolist()
+
+
+def best_ambient(base: F32, albedo: F32, final: F32) -> F32:
+    """The colour c, shape (3,), for which base + albedo · c, tone-mapped, is nearest to ``final`` in squared error."""
+    exposure = metrics.exposure_of(final)
+    shown = metrics.tone_map(final, exposure).astype(np.float64)
+    top = BRIGHTEST_AMBIENT * float(final.mean()) / max(float(albedo.mean()), 1e-6)
+
+    def error(constants: NDArray[np.float64], channel: int) -> list[float]:
+        return [float(((metrics.tone_map(base[..., channel] + albedo[..., channel] * c, exposure)
+                        - shown[..., channel]) ** 2).mean()) for c in constants]
+
+    best = []
+    for channel in range(3):
+        low, high, nearest = 0.0, top, 0.0
+        for _ in range(6):  # each grid is eight times finer than the one before
+            grid = np.linspace(low, high, 17)
+            index = int(np.argmin(error(grid, channel)))
+            low, nearest, high = grid[max(index - 1, 0)], grid[index], grid[min(index + 1, 16)]
+        best.append(nearest)
+    return np.array(best, np.float32)

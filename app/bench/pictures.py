@@ -1,0 +1,41 @@
+"""Linear pictures as small data URIs, for a page without other files."""
+
+from __future__ import annotations
+
+import base64
+import io
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from app.extras import extra_module
+from app.image import to_8bit
+from app.metrics import exposure_of, flip_map, tone_map
+
+F32 = NDArray[np.float32]
+
+QUALITY = 92
+
+
+def shown(pictures: dict[str, F32]) -> dict[str, dict[str, str]]:
+    """For each label the ``picture`` with the truth's exposure, and its ``flip`` map (dark is near the truth).
+
+    Parameters
+    ----------
+    pictures : dict of str to ndarray, float32, shape (H, W, 3)
+        Linear; the one called ``truth`` is what the others are compared with.
+    """
+    truth = pictures["truth"]
+    exposure = exposure_of(truth)
+    magma = extra_module("matplotlib", "judge").colormaps["magma"]
+    return {label: {"picture": _uri(to_8bit(tone_map(image, exposure))),
+                    "flip": _uri(to_8bit(np.asarray(magma(flip_map(image, truth)))[..., :3]))}
+            for label, image in pictures.items()}
+
+
+def _uri(pixels: NDArray[Any]) -> str:
+    data = io.BytesIO()
+    Image.fromarray(pixels).save(data, "webp", quality=QUALITY, method=6)
+    return "data:image/webp;base64," + base64.b64encode(data.getvalue()).decode()

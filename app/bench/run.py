@@ -1,0 +1,189 @@
+"""The flow of a benchmark: truth, pictures and their errors, times in turns, and what follows from them."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.bench import fresh, records
+from app.bench.configurations import Configuration
+from app.bench.headlines import HEADLINE_ERROR, headlines
+from app.bench.judge import AMBIENT, draw_ambient, draw_layers, errors_of
+from app.bench.machine import describe_machine
+from app.bench.measure import Contender, Race
+from app.bench.rivals import NAMES, TRACED, Rivals, Trace, traced_before, traced_now
+from app.bench.truth import Order, Truth, make_truth, read_truth
+from app.errors import SceneError, SettingsError
+from app.extras import extra_module
+from app.load import load_scene
+from app.scene import Camera, Scene
+
+VERSION = 1
+JUDGE = ("flip_evaluator", "matplotlib", "psutil", "pyoidn", "skimage")
+
+F32 = NDArray[np.float32]
+Json = dict[str, Any]
+Progress = Callable[[str], None]
+Pictures = dict[str, F32]
+
+
+@dataclass(frozen=True)
+class Options:
+    """What to measure.
+
+    Attributes
+    ----------
+    sizes : tuple of (int, int)
+        Errors are judged at the first one, or at the size of the truth in ``reference``.
+    reference : Path or None
+        Folder with ``truth.exr`` and ``truth.json``, or with such a folder for each scene's name; None: path-traced
+        now, or taken from the cache.
+    spp : int
+        Samples per pixel of a truth that is made now.
+    turns : int
+        How often each configuration takes its turn.
+    """
+
+    scenes: tuple[Path, ...]
+    sizes: tuple[tuple[int, int], ...]
+    lighting: str | None = None
+    camera: str | None = None
+    reference: Path | None = None
+    spp: int = 1024
+    turns: int = 5
+    provider: str = "auto"
+
+
+@dataclass
+class Outcome:
+    """``results`` as they go to JSON, and linear ``pictures`` [H, W, 3] by scene and label, the truth first."""
+
+    results: Json
+    pictures: dict[str, Pictures] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _Subject:
+    """One loaded scene with its camera and truth."""
+
+    file: Path
+    scene: Scene
+    camera: Camera
+    truth: Truth
+    trace: Trace
+
+
+def bench(options: Options, configurations: Sequence[Configuration], progress: Progress = lambda _: None) -> Outcome:
+    """Measure ``configurations`` on every scene.
+
+    Parameters
+    ----------
+    configurations : sequence of Configuration
+        In the options' sizes.
+    progress : callable, optional
+        Called with a line for each step.
+
+    Raises
+    ------
+    AfterglowError
+        When a scene, a model, the truth or the device can't be had.
+    """
+    for name in JUDGE:  # says at once what is missing
+        extra_module(name, "judge")
+    begin = time.perf_counter()
+    outcome = Outcome({"version": VERSION, "machine": describe_machine(), "scenes": []})
+    names = [file.stem for file in options.scenes]
+    if len(set(names)) < len(names):
+        raise SettingsError("two scenes of one name", ", ".join(names), "expected different file names")
+    for subject in [_subject(file, options, progress) for file in options.scenes]:
+        outcome.pictures[subject.scene.name] = pictures = {"truth": subject.truth.layers["final"]}
+        outcome.results["scenes"].append(_run(subject, options, configurations, pictures, progress))
+    outcome.results["headlines"] = headlines(outcome.results["scenes"])
+    outcome.results["seconds"] = round(time.perf_counter() - begin, 1)
+    return outcome
+
+
+def _subject(file: Path, options: Options, progress: Progress) -> _Subject:
+    progress(f"{file.stem}: loading")
+    scene = load_scene(file, lighting=options.lighting)
+    if options.camera is not None and options.camera not in scene.cameras:
+        raise SettingsError(f"no camera {options.camera!r} in {file}", "--camera",
+                            f"expected one of {', '.join(scene.cameras)}")
+    camera = scene.cameras[options.camera or scene.default_camera].at(0.0)
+    if options.reference is None:
+        order = Order(file, options.lighting, options.camera, options.sizes[0])
+        progress(f"{file.stem}: the path-traced truth")
+        return _Subject(file, scene, camera, make_truth(order, scene, camera, options.spp), traced_now(order))
+    own = options.reference / scene.name
+    folder = own if own.is_dir() else options.reference
+    truth = read_truth(folder)
+    if truth.size not in options.sizes:
+        raise SceneError(f"a truth of {truth.size[0]}x{truth.size[1]}", folder, "expected one of the --sizes")
+    return _Subject(file, scene, camera, truth, traced_before(folder))
+
+
+def _run(subject: _Subject, options: Options, configurations: Sequence[Configuration], pictures: Pictures,
+         progress: Progress) -> Json:
+    judged, ambient = _judge(subject, options, configurations, pictures, progress)
+    contenders, opponents = _take_turns(subject, options, configurations, progress)
+    entries = [records.contender(c) for c in contenders]
+    largest = max(options.sizes, key=math.prod)
+    for entry, c in zip(entries, configurations, strict=True):
+        entry["errors"] = judged[c.label] if c.size == subject.truth.size else None
+        if c.size == largest:
+            progress(f"{subject.scene.name}: starting {c.label} in a fresh process")
+            entry["fresh"] = fresh.start(subject.file, options.lighting, options.camera, c, options.provider)
+    result = {
+        "name": subject.scene.name, "lighting": subject.scene.lighting, "triangles": subject.scene.triangles,
+        "lights": len(subject.scene.lights), "truth": records.truth(subject.truth), "configurations": entries,
+        "ambient": ambient, "rivals": records.rivals(opponents, subject.truth),
+    }
+    _keep_pictures_of(opponents, result, pictures)
+    return result
+
+
+def _judge(subject: _Subject, options: Options, configurations: Sequence[Configuration], pictures: Pictures,
+           progress: Progress) -> tuple[dict[str, Json], Json]:
+    """Errors by label at the truth's size, and the ambient oracle; what was drawn goes to ``pictures``."""
+    judged = {}
+    for c in (c for c in configurations if c.size == subject.truth.size):
+        progress(f"{subject.scene.name}: judging {c.label}")
+        layers = draw_layers(subject.scene, subject.camera, c, options.provider)
+        judged[c.label], pictures[c.label] = records.errors(errors_of(layers, subject.truth)), layers["final"]
+    progress(f"{subject.scene.name}: judging {AMBIENT}")
+    layers, constant = draw_ambient(subject.scene, subject.camera, subject.truth, options.provider)
+    pictures[AMBIENT] = layers["final"]
+    return judged, {"constant": constant, "errors": records.errors(errors_of(layers, subject.truth))}
+
+
+def _take_turns(subject: _Subject, options: Options, configurations: Sequence[Configuration],
+                progress: Progress) -> tuple[list[Contender], Rivals]:
+    """Times of all configurations, those of one size in turns; halfway through the truth's, the path tracer's."""
+    opponents = Rivals(subject.trace)
+    contenders = [Contender(subject.scene, subject.camera, c) for c in configurations]
+    for size in dict.fromkeys(c.size for c in configurations):
+        with Race([c for c in contenders if c.configuration.size == size], options.provider) as race:
+            for turn in range(options.turns):
+                progress(f"{subject.scene.name}: {size[0]}x{size[1]}, turn {turn + 1} of {options.turns}")
+                race.turn()
+                if size == subject.truth.size and turn == options.turns // 2:
+                    opponents.turn()
+    return contenders, opponents
+
+
+def _keep_pictures_of(opponents: Rivals, scene: Json, pictures: Pictures) -> None:
+    """The path tracer's first picture, and of each denoiser the first and the first that is as near as a network."""
+    layer, metric = HEADLINE_ERROR
+    best = min((c["errors"][layer][metric] for c in scene["configurations"] if c["errors"] and c["grid"]), default=0.0)
+    for name in NAMES:
+        rows = [r for r in scene["rivals"] if r["name"] == name]
+        equal = [r for r in rows if r["errors"][layer][metric] <= best]
+        for r in [*rows[:1], *(equal[:1] if name != TRACED else [])]:
+            pictures[f"{name}, {r['spp']} spp"] = opponents.pictures[name, r["spp"]]

@@ -1,0 +1,184 @@
+"""The path-traced truth: made by ``python -m export reference`` in a process of its own, kept by content."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import metadata, util
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.atomic import replacing_folder
+from app.bench.content import content_key
+from app.bench.fresh import environment
+from app.errors import MissingExtraError, SceneError, TruthError
+from app.image import read_exr
+from app.scene import Camera, Scene
+
+F32 = NDArray[np.float32]
+
+LAYERS = ("final", "direct", "indirect", "albedo", "depth")
+LEAST_ALBEDO = 0.01  # where demodulated light counts
+
+
+@dataclass(frozen=True, eq=False)
+class Order:
+    """What the path tracer is to draw: a scene file, and which of its lightings and cameras."""
+
+    file: Path
+    lighting: str | None
+    camera: str | None
+    size: tuple[int, int]
+
+    @property
+    def arguments(self) -> list[str]:
+        """For ``python -m export reference``."""
+        names = {"--lighting": self.lighting, "--camera": self.camera}
+        chosen = [text for option, name in names.items() if name is not None for text in (option, name)]
+        return [str(self.file), "--size", f"{self.size[0]}x{self.size[1]}", *chosen]
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """Layers by name, [H, W, C], and what is known about them.
+
+    Attributes
+    ----------
+    about : dict
+        ``spp``, ``noise`` (relative standard error by layer), ``seconds`` and whatever else the path tracer says.
+    key : str
+        Equal for equal layers.
+    """
+
+    layers: dict[str, F32]
+    about: dict[str, Any]
+    key: str
+
+    @property
+    def size(self) -> tuple[int, int]:
+        height, width = self.layers["final"].shape[:2]
+        return width, height
+
+    @property
+    def demodulated(self) -> NDArray[np.bool_]:
+        """Where light divided by albedo is judged, shape (H, W)."""
+        return (self.layers["depth"][..., 0] > 0) & (self.layers["albedo"].max(axis=2) >= LEAST_ALBEDO)
+
+
+@dataclass(frozen=True, eq=False)
+class Plain:
+    """A path-traced picture of ``spp`` samples per pixel, with its guides and the seconds that it took."""
+
+    spp: int
+    seconds: float
+    final: F32
+    albedo: F32
+    normal: F32
+
+
+def read_truth(folder: Path) -> Truth:
+    """The truth in ``folder``: ``truth.exr`` and ``truth.json``.
+
+    Raises
+    ------
+    SceneError
+        When a file is missing or damaged.
+    """
+    layers = read_exr(folder / "truth.exr")
+    if "" in layers:
+        layers["final"] = layers.pop("")
+    missing = [name for name in LAYERS if name not in layers]
+    if missing:
+        raise SceneError(f"no layer {missing[0]!r}", folder / "truth.exr", f"expected {', '.join(LAYERS)}")
+    return Truth(layers, _read_json(folder / "truth.json"), content_key(layers))
+
+
+def make_truth(order: Order, scene: Scene, camera: Camera, spp: int) -> Truth:
+    """The truth for ``scene``, from the cache where the same was asked for before.
+
+    Raises
+    ------
+    MissingExtraError
+        When there is no path tracer here.
+    TruthError
+        When it fails.
+    """
+    key = content_key(scene, camera, order.size, spp, exporter_version())
+    folder = cache_folder() / key
+    if not folder.is_dir():
+        with replacing_folder(folder) as fresh:
+            _run([*order.arguments, "--spp", str(spp), "--out", str(fresh)])
+    return read_truth(folder)
+
+
+def make_plain(order: Order, counts: Sequence[int], folder: Path) -> list[Plain]:
+    """Path-traced pictures of so many samples per pixel, drawn now, since their time is what matters."""
+    _run([*order.arguments, "--plain", ",".join(map(str, counts)), "--out", str(folder)])
+    return read_plain(folder)
+
+
+def read_plain(folder: Path) -> list[Plain]:
+    """The plain pictures in ``folder``, by rising sample count; none where there is no ``plain.json``."""
+    if not (folder / "plain.json").is_file():
+        return []
+    found = []
+    for spp, seconds in _read_json(folder / "plain.json").items():
+        layers = read_exr(folder / f"plain_{int(spp):04d}.exr")
+        found.append(Plain(int(spp), float(seconds), layers[""], layers["albedo"], layers["normal"]))
+    return sorted(found, key=lambda plain: plain.spp)
+
+
+def cache_folder() -> Path:
+    """Where truths are kept, after the XDG base directory specification; safe to delete."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "afterglow" / "truth"
+
+
+def exporter_version() -> str:
+    """Changes when the path tracer or the code around it does.
+
+    Raises
+    ------
+    MissingExtraError
+        When one of both is not installed.
+    """
+    found = util.find_spec("export")  # finds the package without importing it
+    try:
+        tracer = metadata.version("mitsuba")
+    except metadata.PackageNotFoundError:
+        found = None
+    if found is None or not found.submodule_search_locations:
+        raise MissingExtraError("no path tracer to make the truth with", "--reference auto",
+                                "expected pip install 'afterglow[export]', or --reference DIR")
+    digest = hashlib.sha256(tracer.encode())
+    for file in sorted(Path(found.submodule_search_locations[0]).glob("*.py")):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()
+
+
+def _run(arguments: Sequence[str]) -> None:
+    exporter_version()
+    done = subprocess.run([sys.executable, "-m", "export", "reference", *arguments], capture_output=True, text=True,
+                          check=False, env=environment())
+    if done.returncode:
+        lines = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
+        reason = next((line for line in lines if line.startswith("error: ")), lines[-1]).removeprefix("error: ")
+        raise TruthError(f"the path tracer failed ({reason})", f"export reference {arguments[0]}",
+                         "expected it to draw the scene")
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    try:
+        value = json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError) as error:
+        raise SceneError(f"can't read the file ({error})", path, "expected what export reference writes") from None
+    if not isinstance(value, dict):
+        raise SceneError("this is no JSON object", path, "expected what export reference writes")
+    return value

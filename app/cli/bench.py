@@ -1,0 +1,187 @@
+"""``python -m app bench``: speed against error."""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from fractions import Fraction
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from app.cli.options import parse_folder, parse_names
+from app.errors import SettingsError
+from app.settings import Settings, parse_size
+
+WORSE = 1
+ALL, AUTO = "all", "auto"
+
+COLUMNS = {"size": "size", "frame.median_ms": "ms", "frame.p95_ms": "p95", "final.flip": "FLIP", "final.psnr": "PSNR",
+           "startup_s": "start s", "peak_mb": "MB"}
+WHAT, TRUTH, OUTPUT = "What is measured", "Truth", "Output"
+
+
+def bench(
+    scenes: Annotated[list[Path] | None, typer.Argument(
+        metavar="SCENE", help="Scene files; the embedded Cornell box without any.", show_default=False)] = None,
+    models: Annotated[str, typer.Option(
+        help="all (none, ssgi and the bundled networks), or names and paths.", metavar="all|NAME,…",
+        rich_help_panel=WHAT)] = ALL,
+    sizes: Annotated[str, typer.Option(
+        help="Pixels; errors are judged at the first size.", metavar="WxH,…",
+        rich_help_panel=WHAT)] = "256x192,1024x768",
+    scales: Annotated[str, typer.Option(
+        help="Networks' grids relative to the image, such as 1/8,1/4.", metavar="SCALE,…", show_default="their own",
+        rich_help_panel=WHAT)] = "",
+    precision: Annotated[str, typer.Option(
+        help="float32, float16: networks, or their variants NAME-float16.onnx.", metavar="TYPE,…",
+        show_default="their own", rich_help_panel=WHAT)] = "",
+    lighting: Annotated[str | None, typer.Option(
+        help="A named lighting that all scenes have.", metavar="NAME", show_default="each scene's own",
+        rich_help_panel=WHAT)] = None,
+    camera: Annotated[str | None, typer.Option(
+        help="A named camera that all scenes have.", metavar="NAME", show_default="each scene's own",
+        rich_help_panel=WHAT)] = None,
+    provider: Annotated[str, typer.Option(
+        help="onnxruntime execution provider.", metavar="auto|cpu|cuda|…", rich_help_panel=WHAT)] = AUTO,
+    repeats: Annotated[int, typer.Option(
+        help="Turns that each configuration takes.", min=1, metavar="N", rich_help_panel=WHAT)] = 5,
+    grow: Annotated[bool, typer.Option(
+        "--grow", help="Also sweep pixels, triangles, lights and queries in a generated scene.",
+        rich_help_panel=WHAT)] = False,
+    reference: Annotated[str, typer.Option(
+        help="Folder with the truth (or one for each scene's name), or auto: path-traced and kept.",
+        metavar="DIR|auto", rich_help_panel=TRUTH)] = AUTO,
+    spp: Annotated[int, typer.Option(
+        help="Samples per pixel of a truth that is made.", min=8, metavar="N", rich_help_panel=TRUTH)] = 1024,
+    out: Annotated[Path, typer.Option(
+        help="Folder for bench.json, bench.csv, pareto.svg and report.html.", metavar="DIR",
+        parser=parse_folder, rich_help_panel=OUTPUT)] = Path("out/bench"),
+    compare: Annotated[Path | None, typer.Option(
+        help="Result of an earlier run; exit code 1 when something became slower or worse beyond noise.",
+        metavar="OLD.json", show_default=False, rich_help_panel=OUTPUT)] = None,
+) -> None:
+    """Measure time and error of every model against the path-traced truth, beside what one would use instead.
+
+    Writes JSON, CSV and one HTML page with the speed-error scatter, the stages' times, pictures and FLIP maps.
+    Needs the extra [bold]judge[/bold], and [bold]export[/bold] for the truth and the path tracer.
+
+    [bold]Examples[/bold]
+
+    [cyan]python -m app bench sponza.glb room.obj[/cyan]  [dim]# all models, truth made and kept[/dim]
+
+    [cyan]python -m app bench room.obj --models none,mine.onnx --scales 1/16,1/8[/cyan]  [dim]# your own network[/dim]
+
+    [cyan]python -m app bench room.obj --compare bench/bench.json[/cyan]  [dim]# what did a change cost?[/dim]
+    """
+    from app.atomic import prepare_folders
+    from app.bench.compare import read_results
+    from app.bench.configurations import PRECISIONS, all_models, expand
+    from app.bench.grow import grow as measure_growth
+    from app.bench.run import Options
+    from app.bench.run import bench as measure
+    from app.infer import check_provider
+    from app.paths import data_dir
+
+    check_provider(provider)
+    old = None if compare is None else read_results(compare)
+    options = Options(
+        scenes=tuple(scenes or [data_dir() / "cornell-box.obj"]), sizes=_sizes(sizes), lighting=lighting,
+        camera=camera, reference=None if reference == AUTO else Path(reference), spp=spp, turns=repeats,
+        provider=provider)
+    names = all_models() if models == ALL else tuple(_list(models))
+    if not names:
+        raise SettingsError("no model given", "--models", "expected all, or names and paths")
+    precisions = parse_names(precision, PRECISIONS, "--precision") if precision else ()
+    with tempfile.TemporaryDirectory() as folder:
+        configurations, absent = expand(names, options.sizes, _scales(scales), precisions, Path(folder))
+        if not configurations:
+            raise SettingsError("; ".join(absent), "--precision", "expected a model that exists in that precision")
+        prepare_folders(out)
+        outcome = measure(options, configurations, _say)
+        outcome.results |= {"command": _command(), "absent": absent}
+        if grow:
+            outcome.results["growth"] = measure_growth(configurations, repeats, provider, Path(folder), _say)
+    _write(out, outcome)
+    _print(outcome.results)
+    typer.echo(f"wrote {out}/report.html, bench.json, bench.csv and pareto.svg")
+    if old is not None and _print_changes(old, outcome.results):
+        raise typer.Exit(WORSE)
+
+
+def _write(out: Path, outcome: Any) -> None:
+    from app.atomic import write_text
+    from app.bench.plots import scatter
+    from app.bench.report import html_report
+    from app.bench.tables import rows, to_csv
+
+    # The figures first: they took long.
+    write_text(out / "bench.json", json.dumps(outcome.results, indent=1, allow_nan=False) + "\n")
+    write_text(out / "bench.csv", to_csv(rows(outcome.results)))
+    write_text(out / "pareto.svg", scatter(outcome.results))
+    write_text(out / "report.html", html_report(outcome.results, outcome.pictures))
+
+
+def _print(results: dict[str, Any]) -> None:
+    """The renderer's own rows; those of its rivals are in the files."""
+    from app.bench.tables import number, rows
+
+    console = Console(highlight=False)
+    for scene in results["scenes"]:
+        table = Table(scene["name"], *COLUMNS.values(), box=box.SIMPLE)
+        for row in rows({**results, "scenes": [{**scene, "rivals": []}]}):
+            cells = [row.get(key) for key in COLUMNS]
+            table.add_row(str(row["label"]), *(number(c) if isinstance(c, float) else str(c or "") for c in cells))
+        console.print(table)
+    for row in results["headlines"]:
+        speed, error = (f"{row[key]['bound']}{number(row[key]['value'])}" for key in ("speed_up", "error_ratio"))
+        console.print(f"{row['model']} against {row['against']}: speed-up at equal error {speed}, error ratio at equal "
+                      f"time {error}", soft_wrap=True, markup=False)
+    for line in results["absent"]:
+        console.print(f"note: {line}", soft_wrap=True, markup=False)
+
+
+def _print_changes(old: dict[str, Any], new: dict[str, Any]) -> bool:
+    """Print what changed beyond noise; whether something became slower or worse."""
+    from app.bench.compare import compare
+
+    changes, notes = compare(old, new)
+    for line in [f"note: {note}" for note in notes] + [str(change) for change in changes]:
+        typer.echo(line)
+    if not changes:
+        typer.echo("nothing changed beyond noise")
+    return any(change.worse for change in changes)
+
+
+def _sizes(text: str) -> tuple[tuple[int, int], ...]:
+    found = tuple(dict.fromkeys(Settings(size=parse_size(part)).size for part in _list(text)))
+    if not found:
+        raise SettingsError("no size given", "--sizes", "expected such as 256x192,1024x768")
+    return found
+
+
+def _scales(text: str) -> tuple[float, ...]:
+    try:
+        found = tuple(float(Fraction(part)) for part in _list(text))
+    except (ValueError, ZeroDivisionError):
+        raise SettingsError(f"bad scales {text!r}", "--scales", "expected such as 1/8,0.25") from None
+    if any(not 0 < scale <= 1 for scale in found):
+        raise SettingsError(f"bad scales {text!r}", "--scales", "expected numbers above 0, at most 1")
+    return found
+
+
+def _list(text: str) -> list[str]:
+    return list(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
+
+
+def _command() -> str:
+    return " ".join(["python -m app", *sys.argv[1:]])
+
+
+def _say(line: str) -> None:
+    typer.secho(line, err=True, dim=True)

@@ -1,0 +1,142 @@
+"""The benchmark from end to end, on a generated scene with a truth that the renderer itself has drawn."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from app.bench.configurations import Configuration
+from app.bench.judge import draw_layers
+from app.cli import cli
+from app.contract import find_model
+from app.image import write_exr
+from app.load import load_scene
+from app.renderer import Renderer
+from app.settings import Settings
+
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+
+SIZE, LARGER = (32, 24), (64, 48)
+OBJ = """mtllib room.mtl
+v -1 0 -1
+v 1 0 -1
+v 1 0 1
+v -1 0 1
+v -1 2 -1
+v 1 2 -1
+usemtl grey
+f 1 4 3 2
+usemtl red
+f 1 2 6 5
+"""
+MTL = "newmtl grey\nKd 0.6 0.6 0.6\nnewmtl red\nKd 0.7 0.2 0.2\n"
+SIDECAR = {
+    "cameras": {"main": {"eye": [0, 1.2, 3], "target": [0, 0.6, 0], "fov_y_deg": 50}},
+    "lightings": {"lamp": {"lights": [{"type": "point", "position": [0.3, 1.6, 0.5], "intensity": [2, 2, 2]}]}},
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scene ``room.obj``, and its truth in ``reference/room``."""
+    folder = tmp_path_factory.mktemp("bench")
+    (folder / "room.obj").write_text(OBJ)
+    (folder / "room.mtl").write_text(MTL)
+    (folder / "room.json").write_text(json.dumps(SIDECAR))
+    write_truth(folder / "room.obj", folder / "reference" / "room")
+    return folder
+
+
+def write_truth(scene_file: Path, folder: Path) -> None:
+    """What ``--model gather`` draws, as if a path tracer had; and two noisier pictures of it."""
+    scene = load_scene(scene_file)
+    camera = scene.cameras["main"].at(0.0)
+    layers = draw_layers(scene, camera, Configuration("gather", find_model("gather"), SIZE), "cpu")
+    with Renderer(scene, Settings(SIZE, ("albedo", "depth", "normal"), taa=False)) as renderer:
+        guides = renderer.render(camera)
+    folder.mkdir(parents=True)
+    write_exr(folder / "truth.exr", {"": layers["final"], **{n: layers[n] for n in ("direct", "indirect")}, **guides})
+    (folder / "truth.json").write_text(json.dumps({"spp": 64, "noise": {"final": 0.01}, "seconds": 1.0}))
+    random = np.random.default_rng(3)
+    for spp in (1, 16):
+        noisy = layers["final"] * random.gamma(4 * spp, 1 / (4 * spp), layers["final"].shape).astype(np.float32)
+        write_exr(folder / f"plain_{spp:04d}.exr", {"": noisy, "albedo": guides["albedo"], "normal": guides["normal"]})
+    (folder / "plain.json").write_text(json.dumps({"1": 0.001, "16": 30.0}))
+
+
+def bench(folder: Path, out: str, *more: str) -> Any:
+    return CliRunner().invoke(cli, [
+        "bench", str(folder / "room.obj"), "--reference", str(folder / "reference"), "--sizes", "32x24,64x48",
+        "--repeats", "2", "--provider", "cpu", "--out", str(folder / out), *more])
+
+
+@pytest.fixture(scope="module")
+def whole(folder: Path) -> tuple[Path, str]:
+    """The files and the text of a whole run."""
+    run = bench(folder, "out", "--models", "none,gather", "--precision", "float32,float16")
+    assert run.exit_code == 0, run.output
+    return folder / "out", run.output
+
+
+def test_a_whole_benchmark(whole: tuple[Path, str]) -> None:
+    out, text = whole
+    results = json.loads((out / "bench.json").read_text())
+    (scene,) = results["scenes"]
+    assert scene["name"] == "room" and scene["lighting"] == "lamp" and scene["triangles"] == 4
+    found = {(c["label"], tuple(c["size"])): c for c in scene["configurations"]}
+    assert set(found) == {(n, s) for n in ("none", "gather float32") for s in (SIZE, LARGER)}
+    assert "gather in float16 is not available" in results["absent"][0] and "float16" in text
+
+    # The truth is gather's own picture, so gather is exactly right, and no indirect light is not.
+    gather, none = found["gather float32", SIZE], found["none", SIZE]
+    assert gather["errors"]["final"] == {"flip": 0, "psnr": None, "ssim": pytest.approx(1), "rel_mse": 0}
+    assert gather["errors"]["indirect"]["rel_mse"] == pytest.approx(0, abs=1e-9)
+    assert none["errors"]["direct"]["flip"] == 0
+    assert none["errors"]["indirect"]["flip"] > scene["ambient"]["errors"]["indirect"]["flip"] > 0
+    assert found["gather float32", LARGER]["errors"] is None
+
+    assert {"gbuffer", "direct", "network", "taa", "copy", "frame"} <= set(gather["stages"])
+    assert "network" not in none["stages"]
+    for c in found.values():
+        parts = [s["median"] for name, s in c["stages"].items() if name not in ("frame", "copy")]
+        assert c["stages"]["frame"]["median"] >= max(parts)
+        assert all(len(s["turns"]) == 2 and s["p95"] >= s["median"] >= 0 for s in c["stages"].values())
+    assert found["none", LARGER]["fresh"]["startup_s"] > 0 and found["none", LARGER]["fresh"]["peak_mb"] > 50
+
+    rivals = {(r["name"], r["spp"]): r for r in scene["rivals"]}
+    assert len(rivals) == 6
+    assert rivals["path tracer", 16]["ms"]["median"] == 30_000
+    assert rivals["denoised (high)", 1]["ms"]["median"] > rivals["path tracer", 1]["ms"]["median"]
+    noisy, clean = (rivals["path tracer", spp]["errors"]["final"]["flip"] for spp in (1, 16))
+    assert noisy > clean > 0
+    assert {h["against"] for h in results["headlines"]} == {"path tracer", "path tracer, denoised"}
+
+    table = list(csv.DictReader((out / "bench.csv").open()))
+    assert len(table) == 4 + 1 + 6
+    page = (out / "report.html").read_text()
+    assert "llvmpipe" in page or results["scenes"][0]["configurations"][0]["device"]["gl_renderer"] in page
+    assert (out / "pareto.svg").read_text().startswith("<svg xmlns")
+
+
+def test_a_run_can_be_compared_with_one_before(folder: Path, whole: tuple[Path, str]) -> None:
+    old = json.loads((whole[0] / "bench.json").read_text())
+    stages = old["scenes"][0]["configurations"][0]["stages"]
+    for stage in (stages[name] for name in stages if name != "copy"):
+        stage |= {"median": 1e-3 * stage["median"], "turns": [1e-3 * t for t in stage["turns"]]}
+    (folder / "old.json").write_text(json.dumps(old))
+    run = bench(folder, "again", "--models", "none", "--sizes", "32x24", "--compare", str(folder / "old.json"))
+    assert run.exit_code == 1
+    assert "worse: room, none at 32x24, frame ms" in run.output
+    assert "flip" not in run.output.partition("wrote")[2]  # the same frame has the same error
+
+
+def test_a_truth_of_another_size_is_refused(folder: Path) -> None:
+    run = bench(folder, "refused", "--sizes", "40x30")
+    assert run.exit_code == 2
+    assert "error: a truth of 32x24" in run.output

@@ -1,0 +1,410 @@
+"""The benchmark's arithmetic, its cache, its comparison and its page; nothing is drawn here."""
+
+from __future__ import annotations
+
+import copy
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.bench import truth
+from app.bench.compare import compare, read_results
+from app.bench.configurations import expand, rescaled
+from app.bench.content import content_key
+from app.bench.front import Point, Ratio, error_ratio, mean_ratio, pareto_front, speed_up
+from app.bench.grow import fit_power
+from app.bench.hall import hall
+from app.bench.headlines import headlines
+from app.bench.judge import best_ambient
+from app.bench.measure import Spread, swayed
+from app.bench.report import html_report
+from app.bench.tables import rows, to_csv
+from app.contract import find_model, read_contract
+from app.errors import MissingExtraError, ModelError, SceneError, SettingsError, TruthError
+from app.image import write_exr
+from app.load import embedded_scene
+from app.scene import Scene
+
+Json = dict[str, Any]
+
+
+def curve(*points: tuple[float, float]) -> list[Point]:
+    return [Point("rival", ms, error) for ms, error in points]
+
+
+# The front and the headline figures.
+
+def test_the_front_is_what_no_other_point_beats() -> None:
+    points = curve((4, 0.3), (1, 0.5), (2, 0.6), (4, 0.2), (9, 0.2), (3, 0.5))
+    assert [(p.ms, p.error) for p in pareto_front(points)] == [(1, 0.5), (4, 0.2)]
+
+
+def test_speed_up_is_interpolated_in_logarithms() -> None:
+    rival = curve((10, 0.4), (40, 0.1))
+    assert speed_up(Point("ours", 5, 0.2), rival) == Ratio(pytest.approx(4.0))
+    assert speed_up(Point("ours", 40, 0.2), rival) == Ratio(pytest.approx(0.5))
+
+
+def test_error_ratio_is_interpolated_in_logarithms() -> None:
+    rival = curve((10, 0.4), (40, 0.1))
+    assert error_ratio(Point("ours", 20, 0.1), rival) == Ratio(pytest.approx(2.0))
+    assert error_ratio(Point("ours", 20, 0.4), rival) == Ratio(pytest.approx(0.5))
+
+
+def test_nothing_is_extrapolated() -> None:
+    rival = curve((10, 0.4), (40, 0.1))
+    assert speed_up(Point("ours", 5, 0.5), rival) == Ratio(2.0, "≤")      # it is nearer even at its fastest
+    assert speed_up(Point("ours", 5, 0.05), rival) == Ratio(8.0, "≥")     # it never gets that near
+    assert error_ratio(Point("ours", 5, 0.2), rival) == Ratio(2.0, "≥")   # it has no picture yet
+    assert error_ratio(Point("ours", 80, 0.2), rival) == Ratio(0.5, "≤")  # it has long been done
+
+
+def test_a_point_against_itself_is_one() -> None:
+    own = Point("ours", 10, 0.4)
+    for rival in (curve((10, 0.4)), curve((10, 0.4), (40, 0.1))):
+        assert speed_up(own, rival) == error_ratio(own, rival) == Ratio(1.0)
+
+
+def test_rival_points_off_its_front_don_t_count() -> None:
+    rival = curve((10, 0.4), (20, 0.9), (40, 0.1), (400, 0.3))
+    assert speed_up(Point("ours", 5, 0.2), rival).value == pytest.approx(4.0)
+
+
+def test_means_are_geometric_and_keep_their_bound() -> None:
+    assert mean_ratio([Ratio(2.0), Ratio(8.0)]) == Ratio(pytest.approx(4.0))
+    assert mean_ratio([Ratio(2.0, "≥"), Ratio(8.0)]).bound == "≥"
+    assert mean_ratio([Ratio(2.0, "≥"), Ratio(8.0, "≤")]).bound == "≈"
+
+
+# Times.
+
+def test_a_spread_counts_all_frames_and_keeps_each_turn() -> None:
+    spread = Spread.of([[1, 2, 3], [4, 5, 60]])
+    assert spread.median == 3.5
+    assert spread.p95 == pytest.approx(np.percentile([1, 2, 3, 4, 5, 60], 95))
+    assert spread.turns == (2, 5)
+
+
+def test_the_camera_sways_sideways() -> None:
+    scene = embedded_scene()
+    camera = scene.cameras[scene.default_camera].at(0.0)
+    moved = [swayed(camera, scene, frame) for frame in range(1, 4)]
+    assert len({c.eye for c in moved}) == 3
+    for c in moved:
+        shift = np.subtract(c.eye, camera.eye)
+        assert 0 < np.linalg.norm(shift) <= 2e-3 * scene.longest_edge
+        assert shift @ np.subtract(camera.target, camera.eye) == pytest.approx(0, abs=1e-9)
+
+
+def test_the_exponent_of_a_power_is_found() -> None:
+    counts = [1, 10, 100, 1000]
+    fit = fit_power(counts, [3 * n**0.7 for n in counts])
+    assert fit.exponent == pytest.approx(0.7)
+    assert fit.error == pytest.approx(0, abs=1e-9)
+    assert fit_power(counts, [1, 10, 10, 100]).error > 0.1
+
+
+def test_the_hall_has_what_was_asked_for() -> None:
+    for triangles, lights in ((1_000, 1), (10_000, 7), (100_000, 2)):
+        scene = hall(triangles, lights)
+        assert scene.triangles == pytest.approx(triangles, rel=0.06)
+        assert len(scene.lights) == lights
+        assert sum(light.intensity[0] for light in scene.lights) == pytest.approx(12)
+        assert any(i.motion is not None for i in scene.instances)
+
+
+# The oracle.
+
+def test_the_best_ambient_is_the_constant_that_was_there() -> None:
+    random = np.random.default_rng(2)
+    base = random.random((12, 16, 3), np.float32)
+    albedo = random.random((12, 16, 3), np.float32)
+    constant = np.array([0.3, 0.05, 0.0], np.float32)
+    np.testing.assert_allclose(best_ambient(base, albedo, base + albedo * constant), constant, atol=1e-3)
+
+
+def test_without_light_the_best_ambient_is_none() -> None:
+    black = np.zeros((4, 4, 3), np.float32)
+    assert best_ambient(black, black + 0.5, black).tolist() == [0, 0, 0]
+
+
+# Configurations.
+
+def test_models_are_multiplied_out(tmp_path: Path) -> None:
+    found, absent = expand(["none", "ssgi", "gather"], [(256, 192), (1024, 768)], [1 / 16, 1 / 4], [], tmp_path)
+    assert not absent
+    assert [(c.label, c.size) for c in found[:4]] == [(n, (256, 192)) for n in (
+        "none", "ssgi", "gather at 1/16", "gather at 1/4")]
+    assert [c.grid for c in found[4:]] == [None, None, (64, 48), (256, 192)]
+    assert [c.precision for c in found[:4]] == [None, None, "float32", "float32"]
+
+
+def test_only_precisions_that_exist_are_measured() -> None:
+    found, absent = expand(["none", "gather"], [(64, 48)], [], ["float32", "float16"])
+    assert [c.label for c in found] == ["none", "gather float32"]
+    assert absent == ["gather in float16 is not available (there is no gather-float16.onnx)"]
+
+
+def test_a_rescaled_network_is_the_same_but_for_its_scale(tmp_path: Path) -> None:
+    network = find_model("gather")
+    assert isinstance(network, Path)
+    contract = read_contract(rescaled(network, 0.25, tmp_path))
+    assert contract == replace(read_contract(network), scale=0.25)
+
+
+def test_models_that_can_t_be_told_apart_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="no network 'gathr'"):
+        expand(["gathr"], [(64, 48)])
+    network = find_model("gather")
+    assert isinstance(network, Path)
+    (tmp_path / "gather.onnx").write_bytes(network.read_bytes())
+    with pytest.raises(ModelError, match="two models are called 'gather'"):
+        expand(["gather", str(tmp_path / "gather.onnx")], [(64, 48)])
+
+
+# The key of a truth, and its cache.
+
+def test_the_key_is_that_of_the_content() -> None:
+    assert content_key(embedded_scene()) == content_key(embedded_scene())
+    assert content_key({"a": 1, "b": 2.0}) == content_key({"b": 2.0, "a": 1})
+
+
+def test_whatever_changes_the_picture_changes_the_key() -> None:
+    scene = embedded_scene()
+    mesh = scene.meshes[0]
+    moved = mesh.positions.copy()
+    moved[3, 1] += 1e-3
+    others = [
+        embedded_scene(lighting="emissive"), scene.with_lights(), replace(scene, instances=scene.instances[:-1]),
+        replace(scene, meshes=(replace(mesh, positions=moved), *scene.meshes[1:])),
+        replace(scene, materials=(replace(scene.materials[0], albedo=(0.1, 0.2, 0.3)), *scene.materials[1:])),
+    ]
+    assert len({content_key(s) for s in [scene, *others]}) == 1 + len(others)
+    assert len({content_key(np.zeros(4, np.float32)), content_key(np.zeros((2, 2), np.float32)),
+                content_key(np.zeros(4, np.int32)), content_key("0"), content_key(0), content_key(())}) == 6
+
+
+def test_what_has_no_content_has_no_key() -> None:
+    with pytest.raises(TypeError):
+        content_key(object())
+
+
+class FakeTracer:
+    """Writes black layers, and remembers what it was asked for."""
+
+    def __init__(self) -> None:
+        self.calls: list[Sequence[str]] = []
+
+    def __call__(self, arguments: Sequence[str]) -> None:
+        self.calls.append(arguments)
+        out = Path(arguments[arguments.index("--out") + 1])
+        black = np.zeros((3, 4, 3), np.float32)
+        layers = {"": black, "direct": black, "indirect": black, "albedo": black, "depth": black[..., :1]}
+        write_exr(out / "truth.exr", layers)
+        (out / "truth.json").write_text(json.dumps({"spp": 8, "noise": {"final": 0.01}, "seconds": 1.0}))
+
+
+@pytest.fixture
+def tracer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeTracer:
+    fake = FakeTracer()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(truth, "exporter_version", lambda: "1")
+    monkeypatch.setattr(truth, "_run", fake)
+    return fake
+
+
+def make(scene: Scene, spp: int = 8) -> truth.Truth:
+    order = truth.Order(Path("box.obj"), "lamp", None, (4, 3))
+    return truth.make_truth(order, scene, scene.cameras[scene.default_camera].at(0.0), spp)
+
+
+def test_the_same_truth_is_made_once(tracer: FakeTracer) -> None:
+    first = make(embedded_scene())
+    assert first.size == (4, 3) and first.about["spp"] == 8
+    assert make(embedded_scene()).key == first.key
+    assert tracer.calls[0][:-1] == ["box.obj", "--size", "4x3", "--lighting", "lamp", "--spp", "8", "--out"]
+    assert len(tracer.calls) == 1
+    make(embedded_scene(), spp=16)
+    make(embedded_scene(lighting="emissive"))
+    assert len(tracer.calls) == 3
+
+
+def test_another_path_tracer_makes_the_truth_anew(tracer: FakeTracer, monkeypatch: pytest.MonkeyPatch) -> None:
+    make(embedded_scene())
+    monkeypatch.setattr(truth, "exporter_version", lambda: "2")
+    make(embedded_scene())
+    assert len(tracer.calls) == 2
+
+
+def test_a_truth_that_failed_is_not_kept(tracer: FakeTracer, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(arguments: Sequence[str]) -> None:
+        tracer(arguments)
+        raise TruthError("it failed", "here", "expected better")
+
+    monkeypatch.setattr(truth, "_run", fail)
+    with pytest.raises(TruthError):
+        make(embedded_scene())
+    monkeypatch.setattr(truth, "_run", tracer)
+    make(embedded_scene())
+    assert len(tracer.calls) == 2
+
+
+def test_without_path_tracer_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    def none(package: str) -> str:
+        raise metadata.PackageNotFoundError(package)
+
+    monkeypatch.setattr(metadata, "version", none)
+    with pytest.raises(MissingExtraError, match=r"pip install 'afterglow\[export\]', or --reference DIR"):
+        make(embedded_scene())
+
+
+@pytest.mark.parametrize(("damage", "said"), [
+    (lambda folder: (folder / "truth.json").unlink(), "truth.json"),
+    (lambda folder: (folder / "truth.json").write_text("[]"), "no JSON object"),
+    (lambda folder: write_exr(folder / "truth.exr", {"": np.zeros((3, 4, 3), np.float32)}), "no layer 'direct'"),
+])
+def test_a_damaged_truth_is_refused(tracer: FakeTracer, tmp_path: Path, damage: Any, said: str) -> None:
+    tracer(["--out", str(tmp_path)])
+    damage(tmp_path)
+    with pytest.raises(SceneError, match=said):
+        truth.read_truth(tmp_path)
+
+
+# Results: comparison, table, page.
+
+def configuration(label: str, ms: float, flip: float, grid: list[int] | None) -> Json:
+    errors = {"flip": flip, "psnr": 30.0, "ssim": 0.9, "rel_mse": 0.1}
+    return {"label": label, "size": [4, 3], "grid": grid, "precision": grid and "float32",
+            "errors": {layer: dict(errors) for layer in ("direct", "indirect", "final")},
+            "device": {"gl_renderer": "soft", "gl_version": "4.5", "provider": "cpu"},
+            "fresh": {"startup_s": 0.5, "peak_mb": 250.0},
+            "stages": {n: {"median": m, "p95": 2 * m, "turns": [m, 1.01 * m, 0.99 * m]}
+                       for n, m in (("direct", ms / 2), ("tiny", 0.01), ("copy", 1.0), ("frame", ms))}}
+
+
+def rival(name: str, spp: int, ms: float, flip: float) -> Json:
+    return {"name": name, "spp": spp, "ms": {"median": ms, "p95": ms, "turns": [ms]},
+            "errors": {"final": {"flip": flip, "psnr": 30.0, "ssim": 0.9, "rel_mse": 0.1}}}
+
+
+@pytest.fixture
+def results() -> Json:
+    scene = {
+        "name": "<box>", "lighting": "lamp", "triangles": 32, "lights": 1,
+        "truth": {"spp": 8, "noise": {"final": 0.01}, "size": [4, 3], "key": "k"},
+        "configurations": [configuration("none", 5.0, 0.5, None), configuration("net", 10.0, 0.2, [2, 2])],
+        "ambient": {"constant": [1, 1, 1],
+                    "errors": {"final": {"flip": 0.3, "psnr": None, "ssim": 1.0, "rel_mse": 0.0}}},
+        "rivals": [rival("path tracer", 1, 20, 0.4), rival("path tracer", 4, 80, 0.1),
+                   rival("denoised (fast)", 1, 30, 0.1)],
+    }
+    return {"version": 1, "command": "bench", "absent": [], "seconds": 3.0, "scenes": [scene],
+            "headlines": headlines([scene]),
+            "machine": {"processor": "cpu", "cores": 2, "physical_cores": 2, "memory_gb": 8.0, "system": "Linux",
+                        "python": "3.11", "load_average": 0.1, "versions": {"numpy": "2"}}}
+
+
+def test_the_headline_is_against_every_rival(results: Json) -> None:
+    found = {row["against"]: row for row in results["headlines"]}
+    assert set(found) == {"path tracer", "path tracer, denoised"}
+    assert found["path tracer"]["speed_up"] == {"value": pytest.approx(4.0), "bound": ""}
+    assert found["path tracer"]["error_ratio"] == {"value": pytest.approx(2.0), "bound": "≥"}
+    assert found["path tracer, denoised"]["speed_up"] == {"value": pytest.approx(3.0), "bound": "≤"}
+
+
+def test_equal_results_show_no_change(results: Json) -> None:
+    assert compare(results, results) == ([], [])
+
+
+def test_what_became_slower_beyond_noise_is_named(results: Json) -> None:
+    new = copy.deepcopy(results)
+    stages = new["scenes"][0]["configurations"][1]["stages"]
+    stages["frame"]["median"] *= 1.015  # within both runs' spread of 1 % each
+    stages["direct"]["median"] *= 1.10
+    stages["tiny"]["median"] *= 4.0
+    changes, notes = compare(results, new)
+    assert not notes
+    assert [(c.where, c.figure, c.worse) for c in changes] == [("<box>, net at 4x3", "direct ms", True)]
+    assert not compare(new, results)[0][0].worse
+
+
+def test_what_a_slower_machine_explains_is_no_change(results: Json) -> None:
+    new = copy.deepcopy(results)
+    for c in new["scenes"][0]["configurations"]:
+        for stage in c["stages"].values():
+            stage |= {"median": 1.5 * stage["median"], "turns": [1.5 * t for t in stage["turns"]]}
+    changes, notes = compare(results, new)
+    assert not changes
+    assert "copy takes 50% more" in notes[0]
+    new["scenes"][0]["configurations"][1]["stages"]["direct"]["median"] *= 1.2
+    assert [c.figure for c in compare(results, new)[0]] == ["direct ms"]
+
+
+def test_what_became_worse_is_named(results: Json) -> None:
+    new = copy.deepcopy(results)
+    final = new["scenes"][0]["configurations"][0]["errors"]["final"]
+    final["flip"] *= 1.02
+    final["psnr"] += 0.5
+    final["ssim"] -= 0.0005
+    changes, _ = compare(results, new)
+    assert {(c.figure, c.worse) for c in changes} == {("final flip", True), ("final psnr", False)}
+
+
+def test_times_of_another_machine_are_not_compared(results: Json) -> None:
+    new = copy.deepcopy(results)
+    new["machine"]["processor"] = "another"
+    new["scenes"][0]["configurations"][1]["stages"]["direct"]["median"] *= 9
+    new["scenes"][0]["truth"]["key"] = "other"
+    changes, notes = compare(results, new)
+    assert not changes
+    assert len(notes) == 2 and "times are not compared" in notes[0] and "another truth" in notes[1]
+
+
+def test_what_is_new_is_noted(results: Json) -> None:
+    new = copy.deepcopy(results)
+    new["scenes"][0]["configurations"].append(configuration("fresh", 1.0, 0.1, None))
+    assert compare(results, new) == ([], ["<box>, fresh at 4x3 is new"])
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"version": 0}'])
+def test_only_results_can_be_compared_with(text: str, tmp_path: Path) -> None:
+    (tmp_path / "old.json").write_text(text)
+    with pytest.raises(SettingsError, match=r"expected the bench\.json of a run"):
+        read_results(tmp_path / "old.json")
+
+
+def test_the_table_has_a_row_for_everything(results: Json) -> None:
+    lines = to_csv(rows(results)).splitlines()
+    assert len(lines) == 1 + 2 + 1 + 3
+    header = lines[0].split(",")
+    assert {"scene", "label", "frame.median_ms", "frame.p95_ms", "final.flip", "indirect.psnr", "spp",
+            "startup_s", "peak_mb"} <= set(header)
+    assert dict(zip(header, lines[2].split(","), strict=True))["frame.median_ms"] == "10.0"
+
+
+def test_the_page_needs_no_other_file(results: Json) -> None:
+    image = np.full((12, 16, 3), 0.5, np.float32)
+    results["growth"] = {"model": "net", "fixed": "width", "sweeps": {"lights": {
+        "counts": [1, 2], "stages": {"frame": {"ms": [1.0, 2.0], "exponent": 1.0, "error": 0.0},
+                                     "tiny": {"ms": [0.01, 0.01], "exponent": None, "error": None}}}}}
+    page = html_report(results, {"<box>": {"truth": image, "net": image * 2}})
+    assert "<box>" not in re.sub(r"<script>.*</script>", "", page, flags=re.S)  # names are escaped
+    assert not re.search(r"(src|href)\s*=\s*[\"'](?!data:|#)", page)
+    assert page.count("</script>") == 1
+    for text in ("Speed-up at equal error", "4×", "≥2×", "path tracer, 4 spp", "1.00 ± 0.00", "cpu, 2 logical"):
+        assert text in page
+    pictures = json.loads(re.search(r"const pictures = (.*);\n", page)[1])  # type: ignore[index]
+    assert set(pictures["<box>"]["net"]) == {"picture", "flip"}
+    assert pictures["<box>"]["net"]["picture"].startswith("data:image/webp;base64,")
+
+
+def test_the_same_results_make_the_same_page(results: Json) -> None:
+    image = {"<box>": {"truth": np.full((12, 16, 3), 0.5, np.float32)}}
+    assert html_report(results, image) == html_report(results, image)

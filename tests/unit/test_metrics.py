@@ -1,0 +1,169 @@
+"""The metrics against closed forms, and what they refuse."""
+
+from __future__ import annotations
+
+import math
+import sys
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from app import metrics
+from app.errors import MetricError, MissingExtraError
+
+F32 = NDArray[np.float32]
+ALL = (metrics.psnr, metrics.ssim, metrics.rel_mse, metrics.flip)
+
+
+def grey(value: float, size: tuple[int, int] = (16, 20)) -> F32:
+    return np.full((*size, 3), value, np.float32)
+
+
+def picture(size: tuple[int, int] = (24, 32)) -> F32:
+    y, x = np.mgrid[:size[0], :size[1]] / 8
+    return np.stack([1 + np.sin(x), 1 + np.cos(y), 1 + np.sin(x + y)], axis=2).astype(np.float32)
+
+
+def linear(encoded: float) -> float:
+    """What the sRGB transfer turns into ``encoded``; above 0.04045."""
+    return float(((encoded + 0.055) / 1.055) ** 2.4)
+
+
+def test_exposure_is_one_over_the_95th_percentile_luminance() -> None:
+    truth = np.repeat(np.arange(101, dtype=np.float32)[:, None, None], 3, axis=2)
+    assert metrics.exposure_of(truth) == pytest.approx(1 / 95)
+    green = np.zeros((4, 4, 3), np.float32)
+    green[..., 1] = 2
+    assert metrics.exposure_of(green) == pytest.approx(1 / (2 * 0.7152))
+
+
+def test_a_black_truth_has_an_exposure() -> None:
+    assert metrics.exposure_of(grey(0)) == 1e12
+
+
+def test_a_small_bright_spot_is_not_all_that_shows() -> None:
+    truth = grey(0, (10, 10))
+    truth[0, 0] = 1
+    assert metrics.exposure_of(truth) == pytest.approx(1e4)
+
+
+def test_tone_map_is_srgb_of_the_clamped_product() -> None:
+    image = np.array([[[-1, 0.1, 50]]], np.float32)
+    np.testing.assert_allclose(metrics.tone_map(image, 2.0), [[[0, 1.055 * 0.2 ** (1 / 2.4) - 0.055, 1]]], atol=1e-6)
+
+
+def test_psnr_of_a_constant_offset() -> None:
+    # The exposure turns a constant truth into white; the image is off by 0.1 after the transfer: 20 dB.
+    assert metrics.psnr(grey(3 * linear(0.9)), grey(3)) == pytest.approx(20, abs=1e-4)
+
+
+def test_psnr_knows_no_unit() -> None:
+    truth = picture()
+    assert metrics.psnr(truth * 0.8, truth) == pytest.approx(metrics.psnr(truth * 8e5, truth * 1e6), abs=1e-3)
+
+
+def test_rel_mse_by_hand() -> None:
+    truth, image = grey(1), grey(1)
+    truth[:8], image[:8], image[8:] = 3, 4, 1.5
+    epsilon = 0.01 * 2**2
+    assert metrics.rel_mse(image, truth) == pytest.approx((1 / (9 + epsilon) + 0.25 / (1 + epsilon)) / 2)
+
+
+def test_ssim_of_a_constant_pair() -> None:
+    # Without structure only the luminance term is left: (2 a b + c1) / (a² + b² + c1), c1 = 0.01².
+    expected = (2 * 0.5 + 1e-4) / (1 + 0.25 + 1e-4)
+    assert metrics.ssim(grey(linear(0.5)), grey(1)) == pytest.approx(expected, abs=1e-5)
+
+
+def test_equal_images() -> None:
+    truth = picture()
+    assert metrics.psnr(truth, truth) == math.inf
+    assert metrics.ssim(truth, truth) == pytest.approx(1)
+    assert metrics.rel_mse(truth, truth) == 0
+    assert metrics.flip(truth, truth) == 0
+
+
+def test_metrics_order_images_as_an_eye_does() -> None:
+    truth = picture()
+    noise = np.random.default_rng(1).normal(size=truth.shape).astype(np.float32)
+    images = [np.maximum(truth + amount * noise, 0) for amount in (0.02, 0.1, 0.5)]
+    for metric, sign in ((metrics.psnr, -1), (metrics.ssim, -1), (metrics.rel_mse, 1), (metrics.flip, 1)):
+        values = [sign * metric(image, truth) for image in images]
+        assert values == sorted(values)
+
+
+def test_flip_sees_a_difference_where_it_is() -> None:
+    truth, image = grey(1, (48, 48)), grey(1, (48, 48))
+    image[4:12, 4:12] = 0
+    errors = metrics.flip_map(image, truth)
+    assert errors.shape == (48, 48) and errors.dtype == np.float32
+    assert errors[8, 8] > 0.5
+    assert errors[30:, 30:].max() == 0
+    assert metrics.flip(image, truth) == pytest.approx(float(errors.mean()))
+
+
+def test_flip_keeps_to_numbers_at_the_ends_of_the_range() -> None:
+    bright, truth = grey(1), grey(1)
+    bright[3, 3] = 3e38
+    assert 0 < metrics.flip(bright, truth) < 1
+    assert metrics.flip(grey(1e-38), grey(1e-38)) == 0
+
+
+def test_a_black_truth_is_survived() -> None:
+    black = grey(0)
+    assert [metric(black, black) for metric in ALL] == [math.inf, pytest.approx(1), 0, 0]
+    assert metrics.flip(grey(1), black) > 0.9
+    assert metrics.psnr(grey(1), black) == pytest.approx(0, abs=1e-5)
+    assert metrics.ssim(grey(1), black) < 1e-3
+    assert metrics.temporal_error([black, black], [black, black]) == 0
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("metric", ALL)
+def test_one_value_that_is_no_number_is_refused(metric, bad) -> None:
+    poisoned = picture()
+    poisoned[5, 6, 1] = bad
+    with pytest.raises(MetricError, match="1 texels are not finite, image"):
+        metric(poisoned, picture())
+    with pytest.raises(MetricError, match="1 texels are not finite, truth"):
+        metric(picture(), poisoned)
+
+
+@pytest.mark.parametrize("metric", ALL)
+def test_unlike_shapes_are_refused(metric) -> None:
+    for image, truth in ((grey(1)[:-1], grey(1)), (grey(1)[..., :1], grey(1)[..., :1]), (grey(1)[:0], grey(1)[:0])):
+        with pytest.raises(MetricError, match="expected \\(H, W, 3\\)"):
+            metric(image, truth)
+
+
+def test_ssim_refuses_less_than_its_window() -> None:
+    with pytest.raises(MetricError, match="11x11"):
+        metrics.ssim(grey(1, (10, 40)), grey(1, (10, 40)))
+
+
+@pytest.mark.parametrize("metric", ALL)
+def test_what_lies_outside_the_mask_does_not_count(metric) -> None:
+    truth, image, other = picture(), picture() * 0.7, picture() * 0.7
+    mask = np.zeros(truth.shape[:2], bool)
+    mask[6:20, 4:28] = True
+    other[~mask] = np.nan
+    assert metric(image, truth, mask) == pytest.approx(metric(other, truth, mask))
+    with pytest.raises(MetricError, match="mask"):
+        metric(image, truth, np.zeros_like(mask))
+
+
+def test_temporal_error_counts_flicker_and_no_bias() -> None:
+    truths = [grey(1), grey(1), grey(1)]
+    assert metrics.temporal_error([grey(linear(0.5))] * 3, truths) == 0
+    flicker = [grey(linear(0.5)), grey(linear(0.7)), grey(linear(0.5))]
+    assert metrics.temporal_error(flicker, truths) == pytest.approx(0.2, abs=1e-6)
+    assert metrics.temporal_error(flicker, flicker) == 0
+    with pytest.raises(MetricError, match="two or more"):
+        metrics.temporal_error(truths[:1], truths[:1])
+
+
+def test_a_missing_extra_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "flip_evaluator", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'afterglow\[judge\]'"):
+        metrics.flip(picture(), picture())
