@@ -25,6 +25,12 @@ def srgb_encode(linear: NDArray[np.floating[Any]]) -> F32:
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** np.float32(1 / 2.4) - 0.055).astype(np.float32)
 
 
+def srgb_decode(encoded: NDArray[np.floating[Any]]) -> F32:
+    """The linear values that ``srgb_encode`` maps to 0..1."""
+    x = np.clip(encoded, 0.0, 1.0).astype(np.float32)
+    return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** np.float32(2.4)).astype(np.float32)
+
+
 def to_8bit(values: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
     """Round 0..1 to the nearest of 256 levels."""
     return (np.clip(values, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
@@ -113,13 +119,19 @@ def _write(path: Path, spec: Any, pixels: NDArray[Any]) -> None:
 
 
 def _read(path: Path, kind: Any) -> tuple[Any, tuple[str, ...]]:
-    source = oiio.ImageInput.open(str(path))
-    if source is None:
-        raise SceneError(f"can't read the image ({oiio.geterror()})", path, "expected a whole EXR or PNG file")
-    pixels = source.read_image(0, 0, 0, source.spec().nchannels, kind)
-    names = source.spec().channelnames
-    reason = source.geterror()
-    source.close()
+    try:
+        source = oiio.ImageInput.open(str(path))
+        if source is None:
+            raise _unreadable(oiio.geterror(), path)
+        pixels, names = source.read_image(0, 0, 0, source.spec().nchannels, kind), source.spec().channelnames
+        reason = source.geterror()
+        source.close()
+    except UnicodeDecodeError:
+        raise _unreadable("its text is no UTF-8", path) from None
     if pixels is None or reason:
-        raise SceneError(f"can't read the image ({reason})", path, "expected a whole EXR or PNG file")
+        raise _unreadable(reason, path)
     return pixels, names
+
+
+def _unreadable(reason: str, path: Path) -> SceneError:
+    return SceneError(f"can't read the image ({' '.join(reason.split())})", path, "expected a whole EXR or PNG file")

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
+
+SHADERS = "AFTERGLOW_SHADERS"  # environment variable: another folder of shaders, to try a change without touching these
 
 _PACKAGE = Path(__file__).resolve().parent
 
 
 def shader_dir() -> Path:
-    """Folder of the shader entry files."""
-    return _find("shaders")
+    """Folder of the shader entry files: ``$AFTERGLOW_SHADERS``, or the one that comes with the program."""
+    return Path(os.environ[SHADERS]) if os.environ.get(SHADERS) else _find("shaders")
 
 
 def nets_dir() -> Path:

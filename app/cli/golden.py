@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,67 +13,110 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from app.atomic import prepare_folders, write_text
 from app.cli.options import unknown
+from app.errors import SettingsError
 
 if TYPE_CHECKING:
     from app.golden import Case, Finding, Report
 
 FOLDER = Path("tests/golden/images")
+REPORT = Path("out/golden.html")
 FAILED = 1
 
 Names = Annotated[list[str] | None, typer.Argument(metavar="[SCENE]...", help="Some scenes of the catalogue.",
                                                    show_default="all")]
-Folder = Annotated[Path, typer.Option("--golden", metavar="DIR", help="Folder of the golden images.")]
+Catalogue = Annotated[Path | None, typer.Option(
+    "--catalogue", metavar="FILE.json", help="Your own scenes and models; needs --golden.",
+    show_default="the generated scenes")]
+Folder = Annotated[Path | None, typer.Option("--golden", metavar="DIR", help="Folder of the golden images.",
+                                             show_default=str(FOLDER))]
 
 golden = typer.Typer(no_args_is_help=True, rich_markup_mode="rich",
                      help="Keep golden images of every pass, and compare with them.")
 
 
 @golden.command("check")
-def check_command(names: Names = None, folder: Folder = FOLDER) -> None:
+def check_command(
+    names: Names = None, catalogue: Catalogue = None, folder: Folder = None,
+    report: Annotated[Path | None, typer.Option(
+        "--report", metavar="FILE.html", help="Page with golden, current and difference of each broken stage.",
+        show_default=f"{REPORT}, on failure")] = None,
+) -> None:
     """Compare every pass with its golden images; exit code 1 when one differs.
 
-    Each generated scene is drawn twice, which must give the same bits. A golden that is missing, or that no pass
-    writes, is a failure too.
+    Each scene is drawn twice, which must give the same bits. Missing goldens
+    and files that no pass writes fail too. On another renderer than the
+    goldens' own a wider tolerance holds.
 
     [bold]Examples[/bold]
 
-    [cyan]python -m app golden check[/cyan]  [dim]# all scenes[/dim]
+    [cyan]python -m app golden check[/cyan]  [dim]# all generated scenes[/dim]
 
     [cyan]python -m app golden check room --golden /tmp/before[/cyan]  [dim]# one scene, other goldens[/dim]
-    """
-    from app.golden import catalogue, check, orphan_cases
 
-    cases = _chosen(names)
+    [cyan]python -m app golden check --catalogue mine.json --golden mine/[/cyan]  [dim]# your scenes and networks[/dim]
+    """
+    from app.golden import check, orphan_cases, page
+
+    known, folder = _known(catalogue), _folder(catalogue, folder)
+    cases = _chosen(names, known)
+    if report is not None:
+        prepare_folders(report.parent)
     with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("drawing", total=len(cases))
-        report = check(cases, folder, progress=lambda name: bar.update(task, description=name, advance=1))
+        found = check(cases, folder, progress=lambda name: bar.update(task, description=name, advance=1))
     if not names:
-        report.findings.extend(orphan_cases(folder, catalogue()))
-    _print(report)
-    if report.broken:
+        found.findings.extend(orphan_cases(folder, known))
+    _print(found)
+    if found.broken or report is not None:
+        path = report or REPORT
+        prepare_folders(path.parent)
+        write_text(path, page(found))
+        typer.echo(f"wrote {path}")
+    if found.broken:
         raise typer.Exit(FAILED)
 
 
 @golden.command("update")
-def update_command(names: Names = None, folder: Folder = FOLDER) -> None:
+def update_command(
+    names: Names = None, catalogue: Catalogue = None, folder: Folder = None,
+    looked: Annotated[bool, typer.Option(
+        "--i-looked", help="Overwrite goldens of another renderer too: you compared the pictures.")] = False,
+) -> None:
     """Draw the scenes and make the result the golden images; look at what changed before you commit it.
+
+    The tensors that networks are fed stay as they were saved first; delete
+    tensor_*.exr in SCENE.network to save new ones.
 
     [bold]Examples[/bold]
 
-    [cyan]python -m app golden update[/cyan]  [dim]# all scenes[/dim]
-    """
-    from app.golden import catalogue, update
+    [cyan]python -m app golden update[/cyan]  [dim]# all generated scenes[/dim]
 
-    files = update(_chosen(names), folder, catalogue())
+    [cyan]python -m app golden update hall --catalogue mine.json --golden mine/[/cyan]  [dim]# one of your own[/dim]
+    """
+    from app.golden import update
+
+    known, folder = _known(catalogue), _folder(catalogue, folder)
+    files = update(_chosen(names, known), folder, known, looked)
     size = sum(file.stat().st_size for file in files)
     typer.echo(f"wrote {len(files)} images, {size / 1e6:.1f} MB, to {folder}")
 
 
-def _chosen(names: list[str] | None) -> list[Case]:
-    from app.golden import catalogue
+def _known(path: Path | None) -> dict[str, Case]:
+    from app.golden import catalogue, read_catalogue
 
-    known = catalogue()
+    return catalogue() if path is None else read_catalogue(path)
+
+
+def _folder(catalogue: Path | None, folder: Path | None) -> Path:
+    """The goldens' folder; other scenes than the generated ones must not end up among those goldens."""
+    if catalogue is not None and folder is None:
+        raise SettingsError("no folder for the goldens of the catalogue", "--golden", "expected --golden DIR")
+    return folder or FOLDER
+
+
+def _chosen(names: list[str] | None, known: dict[str, Case]) -> list[Case]:
     for name in names or ():
         if name not in known:
             raise unknown(name, known, "golden")
@@ -80,35 +124,34 @@ def _chosen(names: list[str] | None) -> list[Case]:
 
 
 def _print(report: Report) -> None:
-    from app.golden.compare import OTHER_RENDERER, SAME_RENDERER
-
     console = Console(highlight=False)
-    console.print(report.renderer, soft_wrap=True, markup=False)
+
+    def say(text: str, style: str = "") -> None:
+        console.print(text, style=style, soft_wrap=True, markup=False)
+
+    for origin in report.origins:
+        say(origin)
     for case, origin in report.foreign.items():
-        console.print(f"{case}: the goldens come from {origin}, so the wider tolerance holds", soft_wrap=True,
-                      markup=False)
-    table = Table("scene", "stage", "resource", box=box.SIMPLE)
-    for column in ("difference", "off"):
-        table.add_column(column, justify="right")
-    table.add_column("verdict")
-    for finding in _worst(report.findings):
-        table.add_row(finding.case, finding.stage or "–", finding.resource, f"{finding.difference:.2g}",
-                      f"{finding.share:.2%}", f"[{'green' if finding.ok else 'bold red'}]{finding.verdict}[/]")
-    console.print(table)
-    for name, tolerance in (("same renderer", SAME_RENDERER), ("another one", OTHER_RENDERER)):
-        console.print(f"tolerance, {name}: a texel is off beyond {tolerance.difference:g} of 1 + |golden|, "
-                      f"and {tolerance.share:.2%} of the texels may be", style="dim", soft_wrap=True)
+        say(f"{case}: the goldens come from {origin}, so the wider tolerance holds")
+    others = [f for f in report.findings if f.verdict != "same"]
+    say(f"{len(report.findings) - len(others)} of {len(report.findings)} images are the same")
+    if others:
+        console.print(_table(others))
+        say("difference: the largest, relative to 1 + |golden|; off: share of the texels beyond the tolerance", "dim")
+    if importlib.util.find_spec("flip_evaluator") is None:
+        say("no FLIP: pip install 'afterglow[judge]'", "dim")
     for case in dict.fromkeys(f.case for f in report.broken):
         first = next(f for f in report.broken if f.case == case)
-        console.print(f"first broken stage of {case}: {first.stage or '–'} ({first.resource}, {first.verdict})",
-                      soft_wrap=True, markup=False)
+        say(f"first broken stage of {case}: {first.stage or '–'} ({first.resource}, {first.verdict})")
 
 
-def _worst(findings: list[Finding]) -> list[Finding]:
-    """The worst finding of each stage, and every file that belongs to none, in their order."""
-    worst: dict[tuple[str, str], Finding] = {}
+def _table(findings: list[Finding]) -> Table:
+    table = Table("scene", "stage", "resource", box=box.SIMPLE)
+    for column in ("difference", "off", "FLIP"):
+        table.add_column(column, justify="right")
+    table.add_column("verdict")
     for f in findings:
-        key = (f.case, f.stage or f.resource)
-        if key not in worst or (f.ok, -f.difference) < (worst[key].ok, -worst[key].difference):
-            worst[key] = f
-    return list(worst.values())
+        table.add_row(f.case, f.stage or "–", f.resource, f"{f.distance.difference:.2g}", f"{f.distance.share:.2%}",
+                      "–" if f.distance.flip is None else f"{f.distance.flip:.4f}",
+                      f"[{'green' if f.ok else 'bold red'}]{f.verdict}[/]")
+    return table

@@ -1,6 +1,13 @@
-"""Golden images: what every pass writes for a catalogue of generated scenes, kept and compared."""
+"""Golden images: what every pass writes for a catalogue of scenes, kept and compared."""
 
-from app.golden.compare import Finding, Report, check, draw, orphan_cases, update
-from app.golden.scenes import Case, catalogue
+from app.golden.case import Case, Picture
+from app.golden.catalogue import catalogue
+from app.golden.check import Report, check, orphan_cases
+from app.golden.judge import Finding
+from app.golden.page import page
+from app.golden.scene_case import SceneCase, Shot
+from app.golden.update import update
+from app.golden.user_catalogue import read_catalogue
 
-__all__ = ["Case", "Finding", "Report", "catalogue", "check", "draw", "orphan_cases", "update"]
+__all__ = ["Case", "Finding", "Picture", "Report", "SceneCase", "Shot", "catalogue", "check", "orphan_cases",
+           "page", "read_catalogue", "update"]

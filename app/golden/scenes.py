@@ -1,18 +1,22 @@
-"""The catalogue: small scenes made in code, so that no file, loader or network download stands behind a golden."""
+"""Small scenes made in code, so that no file and no loader stands behind a golden.
+
+Together they take every branch of every shader; each scene's docstring says which of them are its own.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.math3d import translation
+from app.golden.shapes import F64, ball, block, mirrored, quads, turned
 from app.scene import (
     Camera,
     CameraPath,
     DirectionalLight,
     Instance,
+    Light,
     Material,
     Mesh,
     Motion,
@@ -25,43 +29,11 @@ from app.scene import (
 )
 
 FRAME_SECONDS = 1 / 30
-
-Triple = tuple[float, float, float]
-F64 = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Case:
-    """One scene of the catalogue.
-
-    Attributes
-    ----------
-    model : str or None
-        A bundled network, or none.
-    frames : int
-        Length of the sequence; the scene's default camera moves, 1/30 s a frame.
-    kept : tuple of int
-        Frames whose images become goldens, counted from 1.
-    """
-
-    scene: Scene
-    model: str | None
-    frames: int = 3
-    kept: tuple[int, ...] = (3,)
-    size: tuple[int, int] = (256, 192)
-
-    @property
-    def name(self) -> str:
-        return self.scene.name
-
-
-def catalogue() -> dict[str, Case]:
-    """All cases by name, in the order in which they are checked."""
-    return {case.name: case for case in (Case(room(), "radiosity"), Case(outdoor(), "gather"))}
+SEQUENCE = 60  # frames until the camera of ``room`` has arrived
 
 
 def room() -> Scene:
-    """A box with coloured walls, a sphere light, a glossy block and ball, a rough block and a glowing panel."""
+    """A box with coloured walls, a sphere light, a moving glossy ball, a rough block and a glowing panel."""
     materials = (
         Material("white", albedo=(0.75, 0.75, 0.75)),
         Material("red", albedo=(0.65, 0.06, 0.05)),
@@ -81,28 +53,26 @@ def room() -> Scene:
     )
     places = {3: turned(0.35, (-0.45, -0.45, -0.35)), 4: turned(-0.3, (0.4, -0.8, -0.2)),
               5: turned(0.0, (0.4, -0.38, -0.2))}
+    ways = np.stack([turned(0.0, offset) for offset in ((0, 0, 0), (0.1, 0.5, 0.3), (0, 0, 0))])
+    motions = {5: Motion(FRAME_SECONDS * np.array([0.0, SEQUENCE / 2, SEQUENCE]), ways)}
     lights = (PointLight((0.1, 0.75, 0.1), (1.4, 1.3, 1.1), radius=0.12),)
     first = Camera((0.0, 0.05, 0.98), (0.0, -0.2, -0.5), fov_y_deg=75.0)
-    return _scene("room", meshes, places, materials, lights, first, replace(first, eye=(0.03, 0.06, 0.96)))
+    path = _move(first, replace(first, eye=(0.35, 0.2, 0.75)), SEQUENCE)
+    corner = CameraPath.still(Camera((-0.85, 0.6, 0.8), (0.3, -0.5, -0.4), fov_y_deg=70.0))
+    return _scene("room", meshes, places, materials, lights, {"path": path, "corner": corner}, motions)
 
 
 def outdoor() -> Scene:
-    """Sun, hard spot and glowing rectangle over a coloured ground, with a masked card and a block that moves."""
-    pattern = np.full((16, 16, 4), 255, np.uint8)
-    pattern[..., 1] = np.arange(16)[:, None] * 16
-    pattern[..., 2] = np.arange(16) * 16
-    pattern[..., 3] = 255 * ((np.arange(16)[:, None] // 4 + np.arange(16) // 4) % 2)
+    """Soft sun, hard spot and a rectangle that shows, over coloured ground, with a masked card and a moving block."""
     materials = (
         Material("ground"),
-        Material("card", albedo=(0.9, 0.9, 0.9), albedo_map=Texture(pattern), alpha_cutoff=0.5),
+        Material("card", albedo=(0.9, 0.9, 0.9), albedo_map=Texture(_chequers()), alpha_cutoff=0.5),
         Material("block", albedo=(0.2, 0.35, 0.7), roughness=0.4, specular=(0.04, 0.04, 0.04)),
         Material("lamp", emission=(4.0, 3.0, 2.0), analytic=True),
     )
-    ground = quads("ground", 0, ((-4, 0, 4), (8, 0, 0), (0, 0, -8)))
-    corners = np.array([[0.8, 0.3, 0.2, 1], [0.3, 0.8, 0.2, 1], [0.3, 0.3, 0.9, 1], [0.8, 0.8, 0.8, 1]], np.float32)
     edge_u, edge_v = (0.0, 0.6, 0.0), (0.0, 0.0, 0.8)
     meshes = (
-        replace(ground, colors=corners),
+        _coloured(quads("ground", 0, ((-4, 0, 4), (8, 0, 0), (0, 0, -8)))),
         quads("card", 1, ((-0.9, 0.0, -0.6), (1.4, 0, 0), (0, 1.4, 0))),
         block("block", 2, (0.5, 0.5, 0.5)),
         quads("lamp", 3, ((-1.9, 0.5, -0.4), edge_u, edge_v)),
@@ -115,58 +85,137 @@ def outdoor() -> Scene:
         RectLight((-1.9, 0.8, 0.0), edge_u, edge_v, (4.0, 3.0, 2.0)),
     )
     first = Camera((0.5, 1.1, 3.4), (0.0, 0.45, 0.0), fov_y_deg=45.0)
-    return _scene("outdoor", meshes, {2: turned(0.2, (0.9, 0.3, 0.5))}, materials, lights, first,
-                  replace(first, eye=(0.45, 1.12, 3.4)), motions)
+    path = _move(first, replace(first, eye=(0.45, 1.12, 3.4)), 4)
+    return _scene("outdoor", meshes, {2: turned(0.2, (0.9, 0.3, 0.5))}, materials, lights, {"path": path}, motions)
 
 
-def quads(name: str, material: int, *parallelograms: tuple[Triple, Triple, Triple]) -> Mesh:
-    """Parallelograms from a corner along two edges, seen from the side of edge u × edge v."""
-    corner, u, v = np.moveaxis(np.array(parallelograms, np.float64), 1, 0)
-    positions = np.stack([corner, corner + u, corner + u + v, corner + v], axis=1)
-    normals = np.cross(u, v)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    count = len(parallelograms)
-    triangles = np.array([[0, 1, 2], [0, 2, 3]]) + 4 * np.arange(count)[:, None, None]
-    return Mesh(name, positions.reshape(-1, 3).astype(np.float32), np.repeat(normals, 4, axis=0).astype(np.float32),
-                triangles.reshape(-1, 3).astype(np.uint32), material,
-                uvs=np.tile(np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32), (count, 1)))
+def hard() -> Scene:
+    """Lights without a size: point, sun, narrow and wide spot; masks by texture and by vertices; face normals."""
+    flipped = np.array([[0.0, 1.0, 0.0], [1.5, 0.0, -0.2], [0.0, 0.0, 1.0]])
+    materials = (
+        Material("ground", albedo=(0.7, 0.7, 0.7)),
+        Material("card", albedo_map=Texture(_chequers(), flipped, (False, False)), alpha_cutoff=0.5),
+        Material("veil", albedo=(0.9, 0.8, 0.3), alpha=0.9, alpha_cutoff=0.4),
+        Material("plain", albedo=(0.3, 0.5, 0.7), alpha=0.8, alpha_cutoff=0.7),
+    )
+    pebble = ball("pebble", 3, 0.35, rows=5)
+    meshes = (
+        quads("ground", 0, ((-3, 0, 3), (6, 0, 0), (0, 0, -6))),
+        quads("card", 1, ((-1.3, 0.1, -0.4), (1.1, 0, 0), (0, 1.2, 0))),
+        _coloured(quads("veil", 2, ((0.2, 0.1, -0.6), (1.0, 0, 0.4), (0, 1.2, 0))), (1.0, 0.2, 0.9, 0.6)),
+        replace(pebble, normals=np.zeros_like(pebble.normals)),
+    )
+    lights = (
+        PointLight((-1.6, 1.4, 1.0), (2.0, 1.0, 0.6)),
+        DirectionalLight((0.4, -1.0, -0.6), (0.8, 0.9, 1.0)),
+        SpotLight((1.2, 2.0, 1.2), (-0.5, -1.0, -0.8), (3.0, 3.0, 1.0), inner_deg=18.0, outer_deg=25.0),
+        SpotLight((0.2, 1.8, 1.6), (0.0, -1.0, -0.3), (0.5, 1.5, 0.8), inner_deg=30.0, outer_deg=70.0),
+    )
+    still = CameraPath.still(Camera((0.3, 1.4, 3.2), (0.0, 0.4, 0.0), fov_y_deg=48.0))
+    return _scene("hard", meshes, {3: turned(0.0, (0.1, 0.35, 0.8))}, materials, lights, {"main": still})
 
 
-def block(name: str, material: int, size: Triple) -> Mesh:
-    """An axis-parallel block around the origin."""
-    x, y, z = size
-    a, b, c = -x / 2, -y / 2, -z / 2
-    return quads(name, material, ((a, b, -c), (x, 0, 0), (0, y, 0)), ((-a, b, c), (-x, 0, 0), (0, y, 0)),
-                 ((-a, b, -c), (0, 0, -z), (0, y, 0)), ((a, b, c), (0, 0, z), (0, y, 0)),
-                 ((a, -b, -c), (x, 0, 0), (0, 0, -z)), ((a, b, c), (x, 0, 0), (0, 0, z)))
+def lamps() -> Scene:
+    """A two-sided rectangle, a sphere and a wide spot with a size over a glossy floor; an emission map, mirrored."""
+    glow = np.zeros((8, 8, 4), np.float32)
+    glow[..., :3] = np.linspace(0.0, 2.0, 8)[:, None, None] * (1.0, 0.6, 0.2)
+    glow[..., 3] = 1.0
+    materials = (
+        Material("floor", albedo=(0.4, 0.4, 0.45), roughness=0.3, specular=(0.3, 0.3, 0.3)),
+        Material("post", albedo=(0.6, 0.3, 0.2)),
+        Material("sign", emission=(1.0, 1.0, 1.0), emission_map=Texture(glow), double_sided=False),
+        Material("lamp", emission=(2.0, 2.5, 3.0), analytic=True),
+    )
+    edge_u, edge_v = (0.7, 0.0, 0.0), (0.0, 0.5, 0.3)
+    sign = quads("sign", 2, ((0.0, 0.0, 0.0), (0.6, 0, 0), (0, 0.5, 0)))
+    meshes = (
+        quads("floor", 0, ((-3, 0, 3), (6, 0, 0), (0, 0, -6))),
+        block("post", 1, (0.15, 1.2, 0.15)),
+        sign,
+        replace(sign, name="mirrored sign"),
+        quads("lamp", 3, ((-0.9, 0.6, -1.0), edge_u, edge_v)),
+    )
+    places = {1: turned(0.5, (0.1, 0.6, 0.3)), 2: turned(0.3, (0.7, 0.1, -0.3)), 3: mirrored((-0.7, 0.1, 0.7))}
+    lights = (
+        RectLight((-0.55, 0.85, -0.85), edge_u, edge_v, (2.0, 2.5, 3.0), two_sided=True),
+        PointLight((1.2, 1.0, 0.6), (0.8, 0.5, 0.3), radius=0.1),
+        SpotLight((-1.3, 1.5, 1.1), (0.8, -1.0, -0.6), (1.2, 0.3, 0.9), inner_deg=20.0, outer_deg=60.0, radius=0.08),
+    )
+    first = Camera((0.0, 1.1, 3.0), (0.0, 0.35, 0.0), fov_y_deg=50.0)
+    path = _move(first, replace(first, eye=(0.1, 1.1, 3.0)), 4)
+    return _scene("lamps", meshes, places, materials, lights, {"path": path})
 
 
-def ball(name: str, material: int, radius: float, rows: int = 12) -> Mesh:
-    """A sphere around the origin with smooth normals."""
-    columns = 2 * rows
-    theta, phi = np.meshgrid(np.linspace(0, np.pi, rows + 1), np.linspace(0, 2 * np.pi, columns + 1), indexing="ij")
-    normals = np.stack([np.sin(theta) * np.sin(phi), np.cos(theta), np.sin(theta) * np.cos(phi)], axis=-1)
-    normals = normals.reshape(-1, 3)
-    at = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).ravel()
-    below = at + columns + 1
-    triangles = np.concatenate([np.stack([at, below, at + 1], axis=1), np.stack([at + 1, below, below + 1], axis=1)])
-    return Mesh(name, (radius * normals).astype(np.float32), normals.astype(np.float32), triangles.astype(np.uint32),
-                material)
+def stage() -> Scene:
+    """Narrow spots alone, one with a size and one without, on a glossy ball and the ground."""
+    materials = (Material("ground", albedo=(0.6, 0.6, 0.6)),
+                 Material("ball", albedo=(0.5, 0.1, 0.1), roughness=0.35, specular=(0.5, 0.5, 0.5)))
+    meshes = (quads("ground", 0, ((-2, 0, 2), (4, 0, 0), (0, 0, -4))), ball("ball", 1, 0.4))
+    lights = (
+        SpotLight((-1.2, 1.8, 0.9), (1.2, -1.5, -0.9), (4.0, 3.6, 3.0), inner_deg=12.0, outer_deg=22.0, radius=0.1),
+        SpotLight((1.3, 1.6, 1.0), (-1.3, -1.3, -1.0), (0.6, 1.2, 3.0), inner_deg=10.0, outer_deg=25.0),
+    )
+    still = CameraPath.still(Camera((0.2, 1.2, 2.6), (0.0, 0.3, 0.0), fov_y_deg=45.0))
+    return _scene("stage", meshes, {1: turned(0.0, (0.0, 0.4, 0.0))}, materials, lights, {"main": still})
 
 
-def turned(angle: float, offset: Triple) -> F64:
-    """Matrix that turns by ``angle`` radians about y, then moves by ``offset``."""
-    m = translation(np.asarray(offset, np.float64))
-    m[0, 0] = m[2, 2] = np.cos(angle)
-    m[0, 2], m[2, 0] = np.sin(angle), -np.sin(angle)
-    return m
+def terrace() -> Scene:
+    """Soft sun alone, on rough and glossy steps, beside one emitter that lights others and one that doesn't."""
+    materials = (
+        Material("stone", albedo=(0.7, 0.65, 0.55)),
+        Material("tile", albedo=(0.1, 0.3, 0.3), roughness=0.5, specular=(0.1, 0.1, 0.1)),
+        Material("window", albedo=(0.2, 0.2, 0.2), emission=(0.6, 0.5, 0.2)),
+        Material("screen", albedo=(0.2, 0.2, 0.2), emission=(0.2, 0.3, 0.8), analytic=True),
+    )
+    meshes = (
+        quads("ground", 0, ((-2, 0, 2), (4, 0, 0), (0, 0, -4)), ((-1.2, 0, -1), (2.4, 0, 0), (0, 1.6, 0))),
+        block("step", 1, (1.4, 0.4, 0.8)),
+        quads("window", 2, ((-0.9, 0.7, -0.98), (0.6, 0, 0), (0, 0.6, 0))),
+        quads("screen", 3, ((0.3, 0.7, -0.98), (0.6, 0, 0), (0, 0.6, 0))),
+    )
+    lights = (DirectionalLight((0.7, -1.0, -0.5), (2.0, 1.9, 1.6), angular_radius_deg=3.0),)
+    still = CameraPath.still(Camera((0.5, 1.5, 1.7), (0.0, 0.4, -0.6), (0.2, 1.0, 0.0), fov_y_deg=60.0))
+    return _scene("terrace", meshes, {1: turned(0.3, (0.0, 0.2, -0.2))}, materials, lights, {"main": still})
+
+
+def glow() -> Scene:
+    """No light but two glowing panels in a closed, matt box."""
+    materials = (Material("wall", albedo=(0.6, 0.6, 0.6)), Material("warm", emission=(3.0, 1.5, 0.6)),
+                 Material("cold", emission=(0.3, 0.8, 2.0)))
+    meshes = (
+        block("walls", 0, (2.0, 1.6, 2.4)),
+        quads("warm", 1, ((-0.99, -0.4, -0.6), (0, 0.8, 0), (0, 0, 0.8))),
+        quads("cold", 2, ((0.1, 0.79, -0.8), (0.7, 0, 0), (0, 0, 0.7))),
+        block("crate", 0, (0.5, 0.5, 0.5)),
+    )
+    still = CameraPath.still(Camera((0.2, 0.1, 1.1), (0.0, -0.2, -0.5), fov_y_deg=70.0))
+    return _scene("glow", meshes, {3: turned(0.6, (0.1, -0.55, -0.2))}, materials, (), {"main": still})
+
+
+def _chequers() -> NDArray[np.uint8]:
+    """A texture with a gradient in green and blue, every other square of it clear."""
+    pixels = np.full((16, 16, 4), 255, np.uint8)
+    pixels[..., 1] = np.arange(16)[:, None] * 16
+    pixels[..., 2] = np.arange(16) * 16
+    pixels[..., 3] = 255 * ((np.arange(16)[:, None] // 4 + np.arange(16) // 4) % 2)
+    return pixels
+
+
+def _coloured(mesh: Mesh, alpha: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)) -> Mesh:
+    """One parallelogram with a colour and an opacity at each corner."""
+    corners = np.array([[0.8, 0.3, 0.2], [0.3, 0.8, 0.2], [0.3, 0.3, 0.9], [0.8, 0.8, 0.8]])
+    return replace(mesh, colors=np.column_stack([corners, alpha]).astype(np.float32))
+
+
+def _move(first: Camera, last: Camera, frames: int) -> CameraPath:
+    return CameraPath((0.0, frames * FRAME_SECONDS), (first, last))
 
 
 def _scene(name: str, meshes: tuple[Mesh, ...], places: dict[int, F64], materials: tuple[Material, ...],
-           lights: tuple[PointLight | DirectionalLight | SpotLight | RectLight, ...], first: Camera, last: Camera,
+           lights: tuple[Light, ...], cameras: dict[str, CameraPath],
            motions: dict[int, Motion] | None = None) -> Scene:
-    """One instance of each mesh, and a camera that goes from ``first`` to ``last`` within four frames."""
+    """One instance of each mesh; the first camera is the default one."""
     instances = tuple(Instance(m.name, i, places.get(i, np.eye(4)), (motions or {}).get(i))
                       for i, m in enumerate(meshes))
-    path = CameraPath((0.0, 4 * FRAME_SECONDS), (first, last))
-    return Scene(name, meshes, instances, materials, lights, {"path": path}, "path", bounds_of(meshes, instances))
+    return Scene(name, meshes, instances, materials, lights, cameras, next(iter(cameras)),
+                 bounds_of(meshes, instances))

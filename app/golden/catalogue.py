@@ -1,0 +1,55 @@
+"""The catalogue: which scenes are drawn, with which model, and which frames of them are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from app.contract import SSGI, Model, find_model
+from app.golden import scenes
+from app.golden.case import Case
+from app.golden.copy_case import CopyCase
+from app.golden.network_case import NetworkCase
+from app.golden.scene_case import SceneCase, Shot
+from app.scene import Scene
+
+PROBE = Path(__file__).with_name("probe.onnx")  # reads every channel, with a cube that turns with the camera
+SETTLING = 3                                     # frames after which accumulation and TAA have a history to show
+
+
+def catalogue() -> dict[str, Case]:
+    """All cases by name, in the order in which they are checked."""
+    radiosity, gather = find_model("radiosity"), find_model("gather")
+    # The sequence ends a few frames after its cut, while histories are still short.
+    sequence = (Shot("path", scenes.SEQUENCE), Shot("corner", 4))
+    cases: list[SceneCase] = [
+        SceneCase("room", scenes.room(), radiosity, sequence, kept=(1, 16, 64)),
+        _settled("outdoor", scenes.outdoor(), gather),
+        _single("hard", scenes.hard(), PROBE),
+        _settled("lamps", scenes.lamps(), None),
+        _single("stage", scenes.stage(), None),
+        _single("terrace", scenes.terrace(), PROBE),
+        _single("glow", scenes.glow(), radiosity),
+        _settled("ssgi", scenes.room(), SSGI),
+    ]
+    return {case.name: case for case in (*with_networks(cases), CopyCase())}
+
+
+def with_networks(cases: Iterable[SceneCase]) -> list[Case]:
+    """Each case, and after it the case of its network alone, if it has one."""
+    found: list[Case] = []
+    for case in cases:
+        found.append(case)
+        if isinstance(case.model, Path):
+            found.append(NetworkCase(case, case.model))
+    return found
+
+
+def _settled(name: str, scene: Scene, model: Model | None) -> SceneCase:
+    """The last of a few frames, with temporal anti-aliasing."""
+    return SceneCase(name, scene, model, (Shot(scene.default_camera, SETTLING),), (SETTLING,))
+
+
+def _single(name: str, scene: Scene, model: Model | None) -> SceneCase:
+    """One frame, without temporal anti-aliasing."""
+    return SceneCase(name, scene, model, (Shot(scene.default_camera, 1),), (1,), taa=False)

@@ -1,0 +1,51 @@
+"""How far each stage may be from its golden."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Bounds of one stage's difference.
+
+    Attributes
+    ----------
+    difference : float
+        A texel is off when one of its components differs by more than this times 1 + |golden|.
+    share : float
+        Largest share of the texels that may be off.
+    flip : float
+        Largest mean HDR-FLIP, of pictures alone; a last bit of half precision off in every texel makes 0.004.
+    """
+
+    difference: float
+    share: float
+    flip: float
+
+
+PICTURES = frozenset({"direct", "specular", "indirect", "emission", "lit", "taa", "display"})
+
+REST = "every other stage"
+
+# The same renderer may round otherwise on another CPU. TAA's count of frames hangs on rounding most of all; one of the
+# 255 levels of the display image is 0.004.
+SAME_RENDERER = {
+    "taa": Tolerance(2e-2, 1e-2, 5e-3),
+    "output": Tolerance(5e-3, 1e-3, 5e-3),
+    REST: Tolerance(2e-3, 5e-4, 5e-3),
+}
+# Another one also rasterises edges, filters textures and orders sums otherwise.
+OTHER_RENDERER = {
+    "direct": Tolerance(2e-2, 2e-2, 2e-2),
+    "composite": Tolerance(2e-2, 2e-2, 2e-2),
+    "taa": Tolerance(2e-1, 5e-2, 2e-2),
+    "output": Tolerance(2e-2, 2e-2, 2e-2),
+    REST: Tolerance(2e-2, 1e-2, 2e-2),
+}
+
+
+def tolerance(stage: str, foreign: bool) -> Tolerance:
+    """Of a stage; ``foreign`` when its golden comes from another renderer."""
+    table = OTHER_RENDERER if foreign else SAME_RENDERER
+    return table.get(stage, table[REST])

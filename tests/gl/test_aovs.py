@@ -1,0 +1,28 @@
+"""An image is the same whether it is asked for alone or with others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app.golden.scenes import lamps
+from app.renderer import Renderer
+from app.settings import Settings
+
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+SIZE = (48, 36)
+AOVS = ("albedo", "normal", "depth", "position", "motion", "direct", "specular", "emission", "lit")
+
+
+def test_an_image_does_not_depend_on_what_else_is_written() -> None:
+    scene = lamps()  # its emission comes from a texture
+    camera = scene.cameras[scene.default_camera].at(0.0)
+
+    def draw(*outputs: str) -> dict[str, np.ndarray]:
+        with Renderer(scene, Settings(size=SIZE, outputs=outputs, taa=False)) as renderer:
+            return renderer.render(camera)
+
+    together = draw(*AOVS)
+    assert together["emission"].max() > 1
+    for name in AOVS:
+        np.testing.assert_array_equal(draw(name)[name], together[name], err_msg=name)

@@ -1,0 +1,87 @@
+"""The catalogue takes every branch of every shader, and reads every channel."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import app.gl.context
+from app.channels import CHANNELS
+from app.contract import read_contract
+from app.gl.shader import Program, compile_program, resolve
+from app.golden import SceneCase, Shot, catalogue
+from app.golden.catalogue import PROBE
+from app.golden.copy_case import CopyCase
+from app.paths import shader_dir
+
+Line = tuple[str, int]
+LINE = re.compile(r"#line (\d+) (\d+)")
+
+
+def lines(text: str) -> Iterator[tuple[int, str]]:
+    """Lines of code with their numbers: no comments, directives or braces."""
+    for number, line in enumerate(text.splitlines(), 1):
+        code = line.split("//")[0].strip()
+        if code.strip("{};") and not code.startswith("#"):
+            yield number, code
+
+
+def holds(condition: str, defined: set[str]) -> bool:
+    """``#ifdef`` and ``#if`` of names; ``LIGHT_COUNT > 0`` and the like are not used by the shaders."""
+    if condition.startswith("#ifdef"):
+        return condition.split()[1] in defined
+    names = re.sub(r"defined\((\w+)\)", lambda m: str(m[1] in defined), condition.removeprefix("#if"))
+    return bool(eval(names.replace("||", " or ").replace("&&", " and ").replace("!", " not ")))
+
+
+def compiled(stage: str, defines: Mapping[str, object]) -> Iterator[Line]:
+    """File and number of every line that the preprocessor lets through."""
+    files: list[Path] = []
+    defined, open_blocks = set(defines), [True]
+    place, number = 0, 0
+    for line in resolve(shader_dir() / stage, defines, files).splitlines():
+        directive = line.strip()
+        if match := LINE.match(directive):
+            number, place = int(match[1]) - 1, int(match[2])
+            continue
+        number += 1
+        if directive.startswith("#if"):
+            open_blocks.append(open_blocks[-1] and holds(directive, defined))
+        elif directive.startswith("#else"):
+            taken = open_blocks.pop()
+            open_blocks.append(open_blocks[-1] and not taken)
+        elif directive.startswith("#endif"):
+            open_blocks.pop()
+        elif open_blocks[-1] and files:
+            yield files[place].name, number
+
+
+@pytest.mark.gl
+def test_every_line_of_every_shader_is_compiled(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    found: set[Line] = set()
+
+    def spy(ctx: Any, stages: Sequence[str], defines: Mapping[str, object]) -> Program:
+        for stage in stages:
+            found.update(compiled(stage, defines))
+        return compile_program(ctx, stages, defines)
+
+    monkeypatch.setattr(app.gl.context, "compile_program", spy)
+    CopyCase().draw(tmp_path)
+    for case in catalogue().values():
+        if isinstance(case, SceneCase):
+            frames = min(2, case.shots[0].frames)
+            replace(case, size=(24, 18), shots=(Shot(case.shots[0].camera, frames),), kept=(frames,)).draw(tmp_path)
+    files = [f for f in shader_dir().rglob("*.*") if f.is_file()]
+    missing = [f"{f.name}:{n}: {code}" for f in files for n, code in lines(f.read_text()) if (f.name, n) not in found]
+    assert not missing, "\n".join(missing)
+
+
+def test_the_probe_reads_every_channel() -> None:
+    """Otherwise run scripts/probe_network.py again."""
+    read = {(name, spec.grid) for spec in read_contract(PROBE).inputs.values() for name in spec.channels}
+    assert read == {(name, grid) for name, c in CHANNELS.items() if not c.output for grid in c.grids}

@@ -1,0 +1,102 @@
+"""A user's own scenes and models: a JSON file, and goldens of their own."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from app.cli import cli
+from app.errors import AfterglowError
+from app.golden import SceneCase, Shot, read_catalogue
+from app.golden.network_case import NetworkCase
+from tests.tiny_network import write_tiny_network
+
+BOX = """v -1 0 -1
+v 1 0 -1
+v 1 0 1
+v -1 0 1
+f 1 4 3 2
+"""
+SIDECAR = {
+    "cameras": {"near": {"eye": [0, 1, 2], "target": [0, 0, 0]}, "far": {"eye": [0, 3, 4], "target": [0, 0, 0]}},
+    "lightings": {"lamp": {"lights": [{"type": "point", "position": [0, 1, 0], "intensity": [1, 1, 1]}]},
+                  "dark": {"lights": []}},
+}
+HALL: dict[str, Any] = {
+    "scene": "floor.obj", "lighting": "lamp", "model": "tiny.onnx", "size": [32, 24],
+    "shots": [{"camera": "near", "frames": 2}, {"camera": "far", "frames": 1}], "kept": [1, 3],
+}
+
+
+@pytest.fixture
+def catalogue(tmp_path: Path) -> Path:
+    (tmp_path / "floor.obj").write_text(BOX)
+    (tmp_path / "floor.json").write_text(json.dumps(SIDECAR))
+    write_tiny_network(tmp_path / "tiny.onnx")
+    path = tmp_path / "mine.json"
+    path.write_text(json.dumps({"cases": {"hall": HALL, "plain": {"scene": "floor.obj"}}}))
+    return path
+
+
+def test_cases_are_what_the_file_says(catalogue: Path) -> None:
+    cases = read_catalogue(catalogue)
+    assert list(cases) == ["hall", "hall.network", "plain"]
+    hall, network, plain = cases.values()
+    assert isinstance(hall, SceneCase)
+    assert isinstance(network, NetworkCase)
+    assert isinstance(plain, SceneCase)
+    assert (hall.size, hall.kept, hall.taa, hall.scene.lighting) == ((32, 24), (1, 3), True, "lamp")
+    assert hall.shots == (Shot("near", 2), Shot("far", 1))
+    assert network.model == catalogue.parent / "tiny.onnx"
+    assert (plain.size, plain.kept, plain.shots, plain.model) == ((256, 192), (3,), (Shot("near", 3),), None)
+
+
+@pytest.mark.gl
+def test_update_then_check(catalogue: Path) -> None:
+    folder, page = catalogue.parent / "goldens", catalogue.parent / "page.html"
+    options = ["--catalogue", str(catalogue), "--golden", str(folder)]
+    run = CliRunner()
+    assert run.invoke(cli, ["golden", "check", *options, "--report", str(page)]).exit_code == 1
+    assert run.invoke(cli, ["golden", "update", *options]).exit_code == 0
+    assert sorted(f.name for f in folder.iterdir()) == ["hall", "hall.network", "plain"]
+    assert run.invoke(cli, ["golden", "check", *options]).exit_code == 0
+    catalogue.write_text(json.dumps({"cases": {"hall": HALL | {"lighting": "dark"}}}))
+    result = run.invoke(cli, ["golden", "check", *options, "--report", str(page)])
+    assert result.exit_code == 1
+    assert "first broken stage of hall: " in result.stdout
+    assert "first broken stage of plain: – (plain, orphan)" in result.stdout
+
+
+@pytest.mark.parametrize(("change", "said"), [
+    ({"modell": "none"}, "unknown key 'modell', {file}: cases.hall.modell, did you mean 'model'?"),
+    ({"scene": 3}, "wrong kind of value 3.0, {file}: cases.hall.scene, expected a text"),
+    ({"size": [32]}, "1 values, {file}: cases.hall.size, expected at least 2"),
+    ({"size": [0, 24]}, "0.0 is out of range, {file}: cases.hall.size[0], expected at least 1"),
+    ({"size": [31.5, 24]}, "wrong kind of value 31.5, {file}: cases.hall.size[0], expected a whole number"),
+    ({"kept": [4]}, "frame 4 of 3, {file}: cases.hall.kept, expected frames from 1 to 3"),
+    ({"shots": [{"camera": "fra"}]}, "no camera 'fra', {file}: cases.hall.shots[0].camera, did you mean 'far'?"),
+    ({"shots": []}, "0 values, {file}: cases.hall.shots, expected at least 1"),
+    ({"model": "gathr"}, "no network 'gathr', {file}: cases.hall.model"),
+    ({"lighting": "lmap"}, "'lmap'"),
+    ({"scene": "none.obj"}, "no such scene file"),
+])
+def test_mistakes_name_their_key(catalogue: Path, change: dict[str, Any], said: str) -> None:
+    catalogue.write_text(json.dumps({"cases": {"hall": HALL | change}}))
+    with pytest.raises(AfterglowError) as caught:
+        read_catalogue(catalogue)
+    assert said.format(file=catalogue) in str(caught.value)
+
+
+@pytest.mark.parametrize(("content", "said"), [
+    ({}, "missing key 'cases'"), ({"cases": {}}, "expected at least 1"), ({"cases": {"../x": HALL}}, "the name '../x'"),
+    ({"cases": {"hall": {}}}, "missing key 'scene'"),
+])
+def test_a_catalogue_needs_cases_with_names_and_scenes(catalogue: Path, content: object, said: str) -> None:
+    catalogue.write_text(json.dumps(content))
+    with pytest.raises(AfterglowError) as caught:
+        read_catalogue(catalogue)
+    assert said in str(caught.value)
