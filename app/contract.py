@@ -8,19 +8,23 @@ from __future__ import annotations
 import difflib
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, Literal
 
 from app.channels import CHANNELS, CUBE, SCREEN
 from app.errors import ModelError
 from app.paths import nets_dir
 
+SSGI: Final = "ssgi"  # the classical screen-space method, chosen where a network may be
+Model = Path | Literal["ssgi"]
+
 KEY = "afterglow"
 VERSION = 1
 GRIDS = (SCREEN, CUBE)
 SHORTEST_SIDE, LARGEST_RAISED_SCALE = 48, 0.5
+MOST_TEXELS, LARGEST_NUMBER = 1024, 1e30  # along an edge, so that a mistyped contract can't fill the memory
 
 
 @dataclass(frozen=True)
@@ -112,7 +116,7 @@ class ModelContract:
         need(_number(self.scale) and 0 < self.scale <= 1, f"bad scale {self.scale!r}", "a number above 0, at most 1")
         need(_number(self.scene_extent) and self.scene_extent > 0, f"bad scene_extent {self.scene_extent!r}",
              "a number above 0")
-        need(_whole(self.multiple_of), f"bad multiple_of {self.multiple_of!r}", "a whole number, 1 or more")
+        need(_whole(self.multiple_of), f"bad multiple_of {self.multiple_of!r}", f"a whole number, 1 to {MOST_TEXELS}")
         for key, allowed in _CHOICES.items():
             need(getattr(self, key) in allowed, f"bad {key} {getattr(self, key)!r}", _one_of(allowed))
         need(bool(self.inputs) and bool(self.outputs), "no inputs or no outputs", "at least one tensor of each")
@@ -120,21 +124,21 @@ class ModelContract:
         for tensor, spec in tensors.items():
             need(spec.grid in GRIDS, f"bad grid {spec.grid!r} of tensor {tensor!r}", _one_of(GRIDS))
             need((spec.grid == CUBE) == _whole(spec.size), f"bad size {spec.size!r} of tensor {tensor!r}",
-                 "texels along the edge of a face on the cube, and no size on the screen")
+                 f"texels along the edge of a face on the cube, 1 to {MOST_TEXELS}, and no size on the screen")
             need(bool(spec.channels), f"tensor {tensor!r} has no channels", "at least one")
-            for name in spec.channels:
+            for name in dict.fromkeys(spec.channels):
                 need(name in CHANNELS, f"unknown channel {name!r} of tensor {tensor!r}", _suggest(name, CHANNELS))
                 need(spec.grid in CHANNELS[name].grids, f"channel {name!r} is not provided on the {spec.grid} grid",
                      _one_of(CHANNELS[name].grids))
         for tensor, spec in self.inputs.items():
-            for name in spec.channels:
+            for name in dict.fromkeys(spec.channels):
                 need(not CHANNELS[name].output, f"channel {name!r} of input {tensor!r} can't be read",
                      "a channel that the renderer makes")
         faces = {spec.size for spec in tensors.values() if spec.grid == CUBE}
         need(len(faces) <= 1, f"cube tensors of different sizes {sorted(faces, key=str)}", "one size for all")
         writable = [name for name, channel in CHANNELS.items() if channel.output]
         for tensor, spec in self.outputs.items():
-            for name in spec.channels:
+            for name in dict.fromkeys(spec.channels):
                 need(CHANNELS[name].output, f"channel {name!r} of output {tensor!r} can't be written",
                      _one_of(writable))
         on_cube = any(spec.grid == CUBE for spec in tensors.values())
@@ -175,7 +179,7 @@ class ModelContract:
         """
         try:
             value = json.loads(text)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise ModelError(f"the contract is no JSON ({error})", where, "expected one JSON object") from None
         # The version goes first: another version may well have other keys.
         if isinstance(value, dict) and value.get("version") != VERSION:
@@ -204,20 +208,23 @@ def bundled_models() -> dict[str, Path]:
     return {path.stem: path for path in sorted(nets_dir().glob("*.onnx"))}
 
 
-def find_model(name: str) -> Path:
-    """File of a bundled network's name, or of a path.
+def find_model(name: str) -> Model:
+    """File of a bundled network's name, or of a path; ``ssgi``, which has no file, as it is.
 
     Raises
     ------
     ModelError
         When it is neither.
     """
+    if name == SSGI:
+        return SSGI
     bundled = bundled_models()
     if name in bundled:
         return bundled[name]
     if Path(name).is_file():
         return Path(name)
-    raise ModelError(f"no network {name!r}", "--model", "expected an .onnx file, none, or " + _suggest(name, bundled))
+    raise ModelError(f"no network {name!r}", "--model",
+                     "expected an .onnx file, none, or " + _suggest(name, (*bundled, SSGI)))
 
 
 def read_contract(path: Path | str) -> ModelContract:
@@ -241,14 +248,18 @@ def _metadata(path: Path) -> dict[str, str]:
         data = path.read_bytes()
     except OSError as error:
         raise ModelError(f"can't read the network ({error.strerror})", path, "expected an .onnx file") from None
+    has_graph, entries = False, {}
     try:
-        top = list(_protobuf(memoryview(data)))
-        if not any(number == 7 for number, _ in top):
+        for number, value in _protobuf(memoryview(data)):
+            has_graph |= number == 7
+            if number == 14:
+                entry = dict(_protobuf(value))
+                entries[bytes(entry[1]).decode()] = bytes(entry[2]).decode()
+        if not has_graph:
             raise ValueError("no graph")
-        entries = [dict(_protobuf(value)) for number, value in top if number == 14]
-        return {bytes(entry[1]).decode(): bytes(entry[2]).decode() for entry in entries}
     except (ValueError, KeyError, IndexError):
         raise ModelError("not a readable ONNX file", path, "expected a network saved as ONNX") from None
+    return entries
 
 
 def _protobuf(data: memoryview) -> Iterator[tuple[int, memoryview]]:
@@ -281,6 +292,8 @@ def _varint(data: memoryview, at: int) -> tuple[int, int]:
         at += 1
         value |= (byte & 127) << shift
         shift += 7
+        if shift > 70:  # ten bytes hold 64 bits
+            raise ValueError("an endless number")
         if byte < 128:
             return value, at
 
@@ -307,8 +320,8 @@ def _checked_keys(value: Any, kind: type, what: str, where: object) -> dict[str,
     return dict(value)
 
 
-def _suggest(word: str, known: Mapping[str, object]) -> str:
-    close = difflib.get_close_matches(word, known, n=1)
+def _suggest(word: str, known: Iterable[str]) -> str:
+    close = difflib.get_close_matches(word, list(known), n=1)
     return (f"{close[0]!r}? Known: " if close else "") + _one_of(known)
 
 
@@ -317,8 +330,8 @@ def _one_of(names: Any) -> str:
 
 
 def _number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_NUMBER
 
 
 def _whole(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and value >= 1
+    return isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= MOST_TEXELS

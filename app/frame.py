@@ -4,27 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
 
 from app.channels import CUBE
 from app.errors import SettingsError
 from app.gl.lights import LightSet
 from app.graph import Pass, Plan, compile_graph
-from app.infer import Network
 from app.passes import (
     accumulate,
     composite,
     direct,
     downsample,
+    fill,
     gbuffer,
     network,
     output,
     position,
     shadow,
+    ssgi,
     taa,
     upsample,
 )
 from app.scene import Scene
 from app.settings import Settings
+
+if TYPE_CHECKING:
+    from app.infer import Network
 
 AOVS: dict[str, str] = {
     "final": "the finished picture, linear radiance, W/(sr m²)",
@@ -39,6 +44,7 @@ AOVS: dict[str, str] = {
     "emission": "emitted radiance, W/(sr m²)",
     "lit": "the composite before temporal anti-aliasing, W/(sr m²)",
 }
+NETWORK_PASSES = ("surround", "surround_direct", "downsample", "network")
 # On the GPU these are multiplied by LightSet.scale.
 RADIANCE = frozenset({"final", "direct", "specular", "indirect", "emission", "lit"})
 
@@ -73,13 +79,14 @@ class Frame:
         return compile_graph(self.passes, [*wanted, "display"] if "final" in outputs else wanted, self.absent)
 
 
-def build_frame(scene: Scene, settings: Settings, lights: LightSet, model: Network | None) -> Frame:
+def build_frame(scene: Scene, settings: Settings, lights: LightSet,
+                model: Network | Literal["ssgi"] | None) -> Frame:
     """List the passes of one frame, in the order of its flow.
 
     Parameters
     ----------
-    model : Network or None
-        None renders direct light only.
+    model : Network, ``ssgi`` or None
+        What makes the indirect light; None renders direct light only.
     """
     shiny = any(m.shiny for m in scene.materials)
     absent: dict[str, str] = {}
@@ -92,8 +99,7 @@ def build_frame(scene: Scene, settings: Settings, lights: LightSet, model: Netwo
     if model is not None:
         passes += _indirect(scene, settings, lights, model, absent)
     else:
-        absent |= dict.fromkeys(("surround", "surround_direct", "downsample", "network", "accumulate", "upsample"),
-                                "no network was chosen")
+        absent |= dict.fromkeys((*NETWORK_PASSES, "ssgi", "accumulate", "fill", "upsample"), "no model was chosen")
     passes.append(composite.declare(has_indirect=model is not None))
     if settings.taa:
         passes.append(taa.declare())
@@ -104,11 +110,27 @@ def build_frame(scene: Scene, settings: Settings, lights: LightSet, model: Netwo
     return Frame(tuple(passes), absent, finished)
 
 
-def _indirect(scene: Scene, settings: Settings, lights: LightSet, model: Network,
+def _indirect(scene: Scene, settings: Settings, lights: LightSet, model: Network | Literal["ssgi"],
               absent: dict[str, str]) -> list[Pass]:
-    """The passes around a network, for the grids that it asks for."""
+    """The passes that make indirect light at low resolution, and those that bring it to the image's."""
+    target = "indirect_now" if settings.taa else "indirect_low"
+    if isinstance(model, str):
+        grid = ssgi.grid(settings.size)
+        passes = [ssgi.declare_picks(grid), ssgi.declare(grid, settings.taa), *ssgi.declare_filters(grid, target)]
+        absent |= dict.fromkeys(NETWORK_PASSES, "the model is no network")
+    else:
+        grid = model.contract.screen_size(settings.size)
+        passes = _network(scene, settings, lights, model, grid, target, absent)
+        absent["ssgi"] = "a network was chosen"
+    if settings.taa:
+        passes.append(accumulate.declare(grid, noisy=isinstance(model, str)))
+    return [*passes, fill.declare(grid), upsample.declare(grid)]
+
+
+def _network(scene: Scene, settings: Settings, lights: LightSet, model: Network, grid: tuple[int, int], target: str,
+             absent: dict[str, str]) -> list[Pass]:
+    """A network that writes ``target``, and the passes that make what it reads, for the grids that it asks for."""
     contract = model.contract
-    grid = contract.screen_size(settings.size)
     passes: list[Pass] = []
     faces = {spec.size for spec in contract.inputs.values() if spec.grid == CUBE and spec.size}
     camera_axes = contract.cube_axes == "camera"
@@ -117,11 +139,7 @@ def _indirect(scene: Scene, settings: Settings, lights: LightSet, model: Network
                    direct.declare_surround(lights, face, camera_axes)]
     if not faces:
         absent |= dict.fromkeys(("surround", "surround_direct"), "the network reads no cube")
-    passes += [downsample.declare(contract, t, settings.size, scene.longest_edge) for t in contract.inputs]
+    passes.append(downsample.declare(contract, settings.size, scene.longest_edge))
     tensors = {t: downsample.tensor_name(t) for t in contract.inputs}
     shapes = {t: downsample.tensor_shape(spec, grid) for t, spec in contract.inputs.items()}
-    if settings.taa:
-        passes += [network.declare(model, tensors, shapes, grid, "indirect_now"), accumulate.declare(grid)]
-    else:
-        passes.append(network.declare(model, tensors, shapes, grid, "indirect_low"))
-    return [*passes, upsample.declare(grid)]
+    return [*passes, network.declare(model, tensors, shapes, grid, target)]

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from time import perf_counter
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.contract import read_contract
+from app.contract import SSGI, Model, read_contract
 from app.frame import RADIANCE, build_frame
 from app.gl.context import Device
 from app.gl.frame_state import CameraBlock, FrameState
@@ -20,10 +19,12 @@ from app.gl.lights import LightSet
 from app.gl.pool import Pool, Resources
 from app.gl.timer import Timer
 from app.graph import BoundPass, Buf, Tex
-from app.infer import Network
 from app.math3d import View, halton
 from app.scene import Camera, Scene
 from app.settings import Settings
+
+if TYPE_CHECKING:
+    from app.infer import Network
 
 NEAR = 1e-4           # of the scene's longest edge
 JITTER_PERIOD = 64    # frames after which the sub-pixel offsets repeat
@@ -40,8 +41,9 @@ class Renderer:
 
     Parameters
     ----------
-    model : path or None
-        The network that infers indirect light; None draws direct light only.
+    model : path, ``ssgi`` or None
+        What makes the indirect light: a network's file, or the classical screen-space method. None draws direct
+        light only.
 
     Attributes
     ----------
@@ -56,12 +58,9 @@ class Renderer:
         When the scene, the settings, the network and the device don't fit together.
     """
 
-    def __init__(self, scene: Scene, settings: Settings, model: Path | None = None) -> None:
+    def __init__(self, scene: Scene, settings: Settings, model: Model | None = None) -> None:
         self.scene, self.settings = scene, settings
-        self._network = None
-        if model is not None:
-            grid = read_contract(model).screen_size(settings.size)
-            self._network = Network(model, grid, settings.provider, settings.strict_device)
+        self._model = _load(model, settings)
         self._gl = Device(settings.strict_device)
         try:
             self._set_up()
@@ -69,14 +68,14 @@ class Renderer:
             self._gl.close()
             raise
         self.device = {"gl_renderer": self._gl.renderer, "gl_version": self._gl.version,
-                       "provider": self._network.provider if self._network else "none"}
+                       "provider": getattr(self._model, "provider", "none")}
 
     def _set_up(self) -> None:
         scene, settings = self.scene, self.settings
         self._geometry = GpuScene(self._gl, scene)
         self._lights = LightSet(self._gl, scene)
         self._camera = CameraBlock(self._gl)
-        frame = build_frame(scene, settings, self._lights, self._network)
+        frame = build_frame(scene, settings, self._lights, self._model)
         self._sources = {o: frame.resource(o) for o in settings.outputs}
         self.missing = tuple(o for o, source in self._sources.items() if source is None)
         self.plan = frame.compile(settings.outputs)
@@ -186,7 +185,8 @@ class Renderer:
         view = View.of(camera, self.settings.size, NEAR * self.scene.longest_edge)
         self._geometry.update(time, cut)
         frame = FrameState(self.settings.size, view, self._previous or view, self._jitter(), not cut,
-                           (self.settings.seed * GOLDEN) % 1.0, self.settings.exposure, self._geometry, self._lights)
+                           (self.settings.seed * GOLDEN) % 1.0, self._index, self.settings.exposure, self._geometry,
+                           self._lights)
         self._lights.upload(view.eye)
         self._camera.upload(frame)
         with self._timer.frame():
@@ -256,6 +256,17 @@ class Renderer:
             return 0
         components = 0 if isinstance(resource, Buf) else -1
         return int(np.count_nonzero(~np.isfinite(self._pixels(name)).all(axis=components)))
+
+
+def _load(model: Model | None, settings: Settings) -> Network | Literal["ssgi"] | None:
+    if model is None:
+        return None
+    if model == SSGI:
+        return SSGI
+    from app.infer import Network  # not before a network is wanted: it imports onnxruntime
+
+    grid = read_contract(model).screen_size(settings.size)
+    return Network(model, grid, settings.provider, settings.strict_device)
 
 
 class _Yardstick:

@@ -7,6 +7,7 @@
 const float DEPTH_TOLERANCE = 0.05;  // relative
 const float SAME_NORMAL = 0.9;       // cosine
 const float BRIGHTEST = 4.0;         // history counts as at most this many times what is now, or a flash would linger
+const float AROUND = 4.0;            // level of the mean that noisy light is compared with: of 16x16 texels
 
 uniform sampler2D indirect_now;
 uniform sampler2D normal;
@@ -53,7 +54,12 @@ void main()
     add(base + ivec2(1, 1), f.x * f.y, n, before, sum, weight);
     bool keep = history_valid && weight > 0.05 && is_surface(d);
     vec4 history = sum / max(weight, 1e-6);
-    history.rgb = min(history.rgb, BRIGHTEST * max(max(now.r, now.g), now.b));
+    vec3 bright = now;
+#ifdef NOISY
+    vec2 here = gl_FragCoord.xy / vec2(textureSize(indirect_now, 0));
+    bright = max(now, sanitize_radiance(textureLod(indirect_now, here, AROUND).rgb));
+#endif
+    history.rgb = min(history.rgb, BRIGHTEST * max(max(bright.r, bright.g), bright.b));
     float frames = keep ? min(history.a + 1.0, longest) : 1.0;
     out_indirect_low = vec4(keep ? mix(history.rgb, now, 1.0 / frames) : now, frames);
 }

@@ -6,8 +6,9 @@
 
 const float PLANE_SIGMA = 0.02;  // of the receiver's depth
 const float FLOOR = 1e-5;        // keeps the texel most alike where none is on the same surface
+const float SKY = 1e-30;         // keeps what was filled in where no texel shows any
 
-uniform sampler2D indirect_low;
+uniform sampler2D indirect_filled;
 uniform sampler2D normal;
 uniform sampler2D depth;
 uniform vec2 ratio;  // full-resolution texels per low-resolution texel
@@ -30,7 +31,7 @@ vec3 image_position(vec2 pixel)
 // rgb: weighted light, a: weight of one low-resolution texel.
 vec4 tap(ivec2 low, float closeness, Receiver r)
 {
-    low = clamp(low, ivec2(0), textureSize(indirect_low, 0) - 1);
+    low = clamp(low, ivec2(0), textureSize(indirect_filled, 0) - 1);
     ivec2 full = representative(low, ratio);
     float d = texelFetch(depth, full, 0).r;
     float plane = (dot(r.slope, image_position(vec2(full) + 0.5)) * d - r.here) * r.inverse_sigma;
@@ -39,7 +40,7 @@ vec4 tap(ivec2 low, float closeness, Receiver r)
     facing *= facing;
     facing *= facing;
     float alike = (facing * facing + FLOOR) / (1.0 + plane * plane);
-    return vec4(texelFetch(indirect_low, low, 0).rgb, 1.0) * (is_surface(d) ? closeness * alike : 0.0);
+    return vec4(texelFetch(indirect_filled, low, 0).rgb, 1.0) * (closeness * (is_surface(d) ? alike : SKY));
 }
 
 void main()

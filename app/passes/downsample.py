@@ -42,20 +42,35 @@ def tensor_shape(spec: TensorSpec, grid: tuple[int, int]) -> tuple[int, ...]:
     return spec.components, grid[1], grid[0]
 
 
-def declare(contract: ModelContract, tensor: str, size: tuple[int, int], extent: float) -> Pass:
-    """Packs input ``tensor``; ``extent`` is the length of the scene's longest edge in scene units."""
-    spec = contract.inputs[tensor]
+def declare(contract: ModelContract, size: tuple[int, int], extent: float) -> Pass:
+    """Packs all inputs of a network; ``extent`` is the length of the scene's longest edge in scene units."""
     grid = contract.screen_size(size)
-    reads, optional = _sources(spec)
-    return Pass(f"downsample_{tensor}", reads=reads, optional=optional,
-                writes={tensor_name(tensor): Buf(tensor_shape(spec, grid))},
-                make=lambda device, bound: make(device, bound, contract, spec, grid, extent))
+    names = dict.fromkeys(name for spec in contract.inputs.values() for name in _sources(spec))
+    return Pass("downsample", reads=tuple(n for n in names if not n.endswith("?")),
+                optional=tuple(n.removesuffix("?") for n in names if n.endswith("?")),
+                writes={tensor_name(t): Buf(tensor_shape(spec, grid)) for t, spec in contract.inputs.items()},
+                make=lambda device, bound: make(device, bound, contract, grid, extent))
 
 
-def make(device: Device, bound: BoundPass, contract: ModelContract, spec: TensorSpec, grid: tuple[int, int],
+def make(device: Device, bound: BoundPass, contract: ModelContract, grid: tuple[int, int],
          extent: float) -> Callable[[FrameState, Resources], None]:
+    packers = [_packer(device, bound, contract, t, grid, extent) for t in contract.inputs]
+
+    def execute(frame: FrameState, resources: Resources) -> None:
+        for pack in packers:
+            pack(frame, resources)
+        device.ctx.memory_barrier()
+
+    return execute
+
+
+def _packer(device: Device, bound: BoundPass, contract: ModelContract, tensor: str, grid: tuple[int, int],
+            extent: float) -> Callable[[FrameState, Resources], None]:
+    spec = contract.inputs[tensor]
     cube = spec.grid == CUBE
-    defines: dict[str, object] = {"HAS_" + r.removeprefix(SURROUND).upper(): 1 for r in bound.reads}
+    sources = [name.removesuffix("?") for name in _sources(spec)]
+    reads = tuple(r for r in bound.reads if r in sources)
+    defines: dict[str, object] = {"HAS_" + r.removeprefix(SURROUND).upper(): 1 for r in reads}
     defines["PACK_CHANNELS"] = _stores(spec)
     if cube:
         defines |= {"GRID_CUBE": 1, "CUBE_SIZE": spec.size}
@@ -65,22 +80,20 @@ def make(device: Device, bound: BoundPass, contract: ModelContract, spec: Tensor
     width, height = (spec.size or 0, spec.size or 0) if cube else grid
     groups = (-(-width // GROUP), -(-height // GROUP), 6 if cube else 1)
 
-    def execute(frame: FrameState, resources: Resources) -> None:
-        resources.bind(program, strip=SURROUND)
-        resources.buffer(bound.writes[0]).bind_to_storage_buffer(0)
+    def pack(frame: FrameState, resources: Resources) -> None:
+        resources.bind(program, strip=SURROUND, reads=reads)
+        resources.buffer(tensor_name(tensor)).bind_to_storage_buffer(0)
         span = (1.0, 1.0) if cube else (frame.size[0] / grid[0], frame.size[1] / grid[1])
         program.set(extent=contract.scene_extent / extent, texel_span=span, grid=(width, height))
         program.raw.run(*groups)
-        device.ctx.memory_barrier()
 
-    return execute
+    return pack
 
 
-def _sources(spec: TensorSpec) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _sources(spec: TensorSpec) -> tuple[str, ...]:
+    """The targets that a tensor is made from, as in ``SOURCES``."""
     prefix = SURROUND if spec.grid == CUBE else ""
-    names = dict.fromkeys(source for channel in spec.channels for source in SOURCES[channel])
-    return (tuple(prefix + n for n in names if not n.endswith("?")),
-            tuple(prefix + n.removesuffix("?") for n in names if n.endswith("?")))
+    return tuple(dict.fromkeys(prefix + source for channel in spec.channels for source in SOURCES[channel]))
 
 
 def _stores(spec: TensorSpec) -> str:

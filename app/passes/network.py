@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,7 +11,9 @@ from app.gl.context import Device
 from app.gl.frame_state import FrameState
 from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
-from app.infer import Network
+
+if TYPE_CHECKING:
+    from app.infer import Network
 
 OUTPUT = "indirect.rgb"
 

@@ -8,6 +8,6 @@ from app.graph import Pass, Tex
 
 def declare(grid: tuple[int, int]) -> Pass:
     """From a low-resolution ``grid`` of width and height."""
-    return Pass("upsample", reads=("indirect_low", "normal", "depth"), writes={"indirect": Tex("f2", 4)},
+    return Pass("upsample", reads=("indirect_filled", "normal", "depth"), writes={"indirect": Tex("f2", 4)},
                 make=lambda device, bound: make_fullscreen(device, bound, "upsample.frag", lambda frame: {
                     "ratio": (frame.size[0] / grid[0], frame.size[1] / grid[1])}))

@@ -5,6 +5,7 @@ const int POINT = 0;
 const int SPOT = 1;
 const int DIRECTIONAL = 2;
 const int RECT = 3;
+const float IN_PLANE = 1e-4;  // of a rectangle's size
 
 struct Light {
     vec4 position;  // relative space (directional: unit vector towards the light); w: radius, or its tangent
@@ -86,8 +87,11 @@ vec3 irradiance(Light light, vec3 p, vec3 n)
     vec3 to_light = light.position.xyz - p;
 #ifdef HAS_RECT_LIGHT
     if (kind == RECT) {
-        float side = -dot(to_light, cross(light.u.xyz, light.v.xyz));
-        if (side <= 0.0 && light.v.w < 0.5) return vec3(0.0);
+        vec3 facing = cross(light.u.xyz, light.v.xyz);
+        float side = -dot(to_light, facing);
+        // In the light's own plane, where the surface lies that shows it, rounding would choose between all and none.
+        float least = IN_PLANE * length(facing) * (length(light.u.xyz) + length(light.v.xyz));
+        if (abs(side) <= least || (side < 0.0 && light.v.w < 0.5)) return vec3(0.0);
         return light.color.rgb * rect_form(to_light, light.u.xyz, light.v.xyz, n);
     }
 #endif

@@ -3,6 +3,7 @@
 // and rectangles share one code. It compares its texel with the receiver's plane in the tap's direction, so flat
 // receivers need no more bias for wide kernels. And the four texels of a quad search together.
 #include "lights.glsl"
+#include "noise.glsl"
 #include "quad.glsl"
 #include "shadow_tile.glsl"
 
@@ -25,14 +26,7 @@ uniform sampler2D shadow;
 #ifdef HAS_SOFT_LIGHT
 uniform sampler2D shadow_nearest;
 #endif
-uniform float noise_phase;  // turns the sampling pattern, from the seed
 uniform int edge_taps = TAPS;  // no constant: unrolled, the program outgrows a CPU's instruction cache (1.4 times slower)
-
-// Fixed per texel, so that still pictures stay still (Jimenez 2014, interleaved gradient noise).
-float texel_noise(vec2 pixel)
-{
-    return fract(52.9829189 * fract(dot(pixel, vec2(0.06711056, 0.00583715))) + noise_phase);
-}
 
 // The same for all texels of a quad, so that they share their points: noise, and where angles start.
 struct QuadNoise {
@@ -54,10 +48,11 @@ struct Pattern {
     vec2 spiral;
 };
 
+const mat2 TURN = mat2(-0.90525386, -0.42487109, 0.42487109, -0.90525386);  // from one point to the next
+
 // The next point: on the unit disc or, for rectangles, in the square [-1, 1]².
 vec2 next_point(inout Pattern s, bool square)
 {
-    const mat2 TURN = mat2(-0.90525386, -0.42487109, 0.42487109, -0.90525386);
     float u = fract(0.5 + 0.75487767 * s.k);
     vec2 at = s.spiral * sqrt(u);
 #ifdef HAS_RECT_LIGHT
@@ -74,13 +69,27 @@ vec2 rotate(vec2 a, vec2 b)
     return vec2(a.x * b.x - a.y * b.y, a.x * b.y + a.y * b.x);
 }
 
-// A texel's stretch of the points that its quad shares.
-Pattern quad_pattern(QuadNoise noise)
+// A texel's stretch of the points that its quad shares, when each takes that many.
+Pattern quad_pattern(QuadNoise noise, int points)
 {
-    const vec2 STARTS[4] = vec2[4](vec2(1.00000000, 0.00000000), vec2(0.99025607, -0.13925845), vec2(0.96121417, -0.27580306), vec2(0.91344026, -0.40697285));
+    const vec2 STARTS[4] = vec2[4](vec2(1.0, 0.0), vec2(0.63896911, 0.76923239), vec2(-0.18343695, 0.98303148), vec2(-0.87339020, 0.48702111));
     float lane = quad_lane();
     vec2 start = lane < 2.0 ? (lane < 1.0 ? STARTS[0] : STARTS[1]) : (lane < 3.0 ? STARTS[2] : STARTS[3]);
-    return Pattern(lane * float(PENUMBRA_TAPS), noise.value, rotate(noise.turn, start));
+    return Pattern(lane * float(points), noise.value, rotate(noise.turn, start));
+}
+
+// The next point to search a blocker through. They lie closer towards the middle, where blockers near the receiver
+// are, whose share of the light's image is small.
+vec2 search_point(inout Pattern s, bool square)
+{
+    float u = (s.k + 0.5) / float(4 * TAPS);
+    vec2 at = s.spiral * (u * u);
+#ifdef HAS_RECT_LIGHT
+    if (square) at /= max(abs(s.spiral.x), abs(s.spiral.y));
+#endif
+    s.spiral = TURN * s.spiral;
+    s.k += 1.0;
+    return at;
 }
 
 // A texel's first point to look for a shadow's edge at; the second lies opposite. The quad's eight are six around
@@ -96,15 +105,23 @@ vec2 rim_point(bool square, QuadNoise noise)
     return at * (lane > 2.0 ? 0.4 : 1.1);
 }
 
-// Visibility where the filter ran; where a whole quad lies on one plane in a penumbra, blended with its mean.
-float filtered_visibility(float passed, int taps, vec3 p, vec3 n)
+// Whether the quad's taps that look for a shadow's edge, of which seen saw the light, found one.
+bool parted(float seen)
+{
+    return seen > 0.0 && seen < 4.0 * float(TAPS);
+}
+
+// Visibility by passed of the filter's taps in a penumbra, elsewhere all or nothing; where a whole quad lies on one
+// plane in a penumbra, blended with its mean.
+float soft_visibility(float seen, bool penumbra, float passed, int taps, vec3 p, vec3 n)
 {
     float lit = passed / float(PENUMBRA_TAPS);
     vec3 dx = dFdxFine(p), dy = dFdyFine(p);
     float up_x = dot(n, dx), up_y = dot(n, dy);
     bool flat_here = up_x * up_x < 0.01 * dot(dx, dx) && up_y * up_y < 0.01 * dot(dy, dy);
     float together = quad_sum(flat_here && taps > 0 ? 1.0 : 0.0);
-    return mix(lit, 0.25 * quad_sum(lit), together == 4.0 ? QUAD_BLEND : 0.0);
+    float filtered = mix(lit, 0.25 * quad_sum(lit), together == 4.0 ? QUAD_BLEND : 0.0);
+    return penumbra ? filtered : seen > 0.0 ? 1.0 : 0.0;
 }
 #endif
 
@@ -220,9 +237,9 @@ float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool want
         disc.axis_v = light.v.xyz;
     }
 #endif
-    Pattern pattern = quad_pattern(noise);
+    Pattern pattern = quad_pattern(noise, TAPS);
     vec2 sum = vec2(0.0);
-    for (int i = 0; i < TAPS; ++i) sum += nearest_blocker(light, r, tap(r, disc, next_point(pattern, square)));
+    for (int i = 0; i < TAPS; ++i) sum += nearest_blocker(light, r, tap(r, disc, search_point(pattern, square)));
     float weight = quad_sum(sum.y);
     float blocker = quad_sum(sum.x) / max(weight, 1e-30) / reach;
     float smallest = radius / (radius + HARD_KERNEL * 2.0 / light.tile.z * reach);
@@ -234,15 +251,14 @@ float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool want
     seen = quad_sum(seen);
     // Eight taps can't judge a wide kernel with fine blockers in it, such as the bars before a window.
     bool wide = weight > 0.0 && radius / reach * (1.0 - disc.share) / disc.share * light.tile.z > WIDE_KERNEL;
-    bool penumbra = wide || (seen > 0.0 && seen < 4.0 * float(TAPS));
+    bool penumbra = wide || parted(seen);
     int taps = wanted && penumbra ? PENUMBRA_TAPS : 0;
-    pattern = quad_pattern(noise);
+    pattern = quad_pattern(noise, PENUMBRA_TAPS);
     float passed = 0.0;
     for (int i = 0; i < taps; ++i) {
         passed += texel_blocks(light, r, tap(r, disc, next_point(pattern, square))) ? 0.0 : 1.0;
     }
-    float filtered = filtered_visibility(passed, taps, r.p, r.n);
-    return penumbra ? filtered : seen > 0.0 ? 1.0 : 0.0;
+    return soft_visibility(seen, penumbra, passed, taps, r.p, r.n);
 }
 #endif
 
@@ -322,10 +338,10 @@ float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, 
 {
     float spread = 0.5 * light.position.w / light.u.x;  // growth of the kernel, in map fractions per unit of depth
     float width = spread * min(r.depth, LONGEST_THROW * light.u.x);
-    Pattern pattern = quad_pattern(noise);
+    Pattern pattern = quad_pattern(noise, TAPS);
     vec2 sum = vec2(0.0);
     for (int i = 0; i < TAPS; ++i) {
-        sum += nearest_parallel_blocker(light, r, r.fraction + next_point(pattern, false) * width, spread);
+        sum += nearest_parallel_blocker(light, r, r.fraction + search_point(pattern, false) * width, spread);
     }
     float weight = quad_sum(sum.y);
     float blocker = quad_sum(sum.x) / max(weight, 1e-30);
@@ -337,15 +353,14 @@ float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, 
         seen += parallel_texel_blocks(light, r, r.fraction + (i == 0 ? rim : -rim), spread) ? 0.0 : 1.0;
     }
     seen = quad_sum(seen);
-    bool penumbra = seen > 0.0 && seen < 4.0 * float(TAPS);
+    bool penumbra = parted(seen);
     int taps = wanted && penumbra ? PENUMBRA_TAPS : 0;
-    pattern = quad_pattern(noise);
+    pattern = quad_pattern(noise, PENUMBRA_TAPS);
     float passed = 0.0;
     for (int i = 0; i < taps; ++i) {
         passed += parallel_texel_blocks(light, r, r.fraction + next_point(pattern, false) * width, spread) ? 0.0 : 1.0;
     }
-    float filtered = filtered_visibility(passed, taps, p, n);
-    return penumbra ? filtered : seen > 0.0 ? 1.0 : 0.0;
+    return soft_visibility(seen, penumbra, passed, taps, p, n);
 }
 #endif
 

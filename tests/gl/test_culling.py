@@ -45,9 +45,15 @@ def test_no_network_no_surround_view() -> None:
     assert "albedo" in found["gbuffer"]  # direct light needs it
 
 
+def test_passes_are_culled_under_the_names_that_they_run_by() -> None:
+    with Renderer(PLAIN, Settings(size=(32, 24), taa=False)) as renderer:
+        culled = set(renderer.plan.culled)
+    assert set(plan(PLAIN, model=find_model("gather"), taa=False)) - set(plan(PLAIN, taa=False)) <= culled
+
+
 def test_a_network_that_reads_no_cube_gets_none(tmp_path: Path) -> None:
     found = plan(PLAIN, model=write_tiny_network(tmp_path / "tiny.onnx"))
-    assert "network" in found and "downsample_x" in found
+    assert "network" in found and "downsample" in found
     assert not [name for name in found if name.startswith("surround")]
 
 

@@ -81,6 +81,11 @@ def test_rectangle_shines_to_one_side_or_to_both() -> None:
     np.testing.assert_allclose(one + other, two, rtol=2e-3, atol=1e-3 * float(two.max()))
 
 
+def test_rectangle_does_not_light_the_surface_that_shows_it() -> None:
+    light = RectLight((0.3, 0.0, 0.2), (1.1, 0.0, 0.3), (-0.3, 0.0, 1.1), (2.0,) * 3, two_sided=True)
+    assert lit_plane(light)[0].max() == 0
+
+
 @pytest.mark.parametrize(("inner", "outer"), [(0.0, 30.0), (10.0, 40.0), (25.0, 25.0), (20.0, 75.0)])
 def test_spot_falls_off_linearly_in_angle(inner: float, outer: float) -> None:
     position, direction = np.array([0.5, 1.5, 0.5]), exact.unit(np.array([-0.3, -1.0, -0.2]))

@@ -11,7 +11,7 @@ from app.renderer import Renderer
 from app.scene import Camera, Material, PointLight, Scene
 from app.settings import Settings
 from tests.gl.closed_forms import polygon_irradiance
-from tests.gl.scenes import Point, box, draw, make_scene, quad
+from tests.gl.scenes import Point, box, draw, floor, make_scene, quad
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
@@ -91,3 +91,21 @@ def mean_over_walls(scene: Scene, eye: Point, name: str) -> float:
             total += (texel * view["indirect"][..., 1]).sum()
             area += texel.sum()
     return total / area
+
+
+@pytest.mark.parametrize("taa", [True, False])
+def test_a_wire_before_the_sky_is_lit_like_what_surrounds_it(taa: bool) -> None:
+    """One pixel wide, it lies between the texels that a network sees, so that all of those show the sky."""
+    wire = quad((0.02, 0, -10), (0.07, 0, 0), (0, 9, 0))
+    camera = Camera((0, 0, 0), (0, 0, -1), fov_y_deg=90)
+    scene = make_scene([floor(100.0, y=-3.0), wire], camera=camera)
+    settings = Settings(size=(256, 192), outputs=("indirect", "depth"), taa=taa, provider="cpu")
+    inferred = np.where(np.arange(48)[:, None, None] > 24, 0.5, 9.0)  # 9: the sky's, which means nothing
+    with Renderer(scene, settings, find_model("gather")) as renderer:
+        renderer.override("indirect_now" if taa else "indirect_low", inferred)
+        images = renderer.render(camera)
+    seen, found = images["depth"][..., 0] > 0, images["indirect"]
+    assert seen[:90].any(axis=0).sum() == 1
+    np.testing.assert_allclose(found[:90][seen[:90]], 0.5, rtol=1e-3)
+    np.testing.assert_allclose(found[104:], 0.5, rtol=1e-3)
+    assert not found[~seen].any()

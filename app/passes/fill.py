@@ -1,0 +1,47 @@
+"""Fills the sky of the low-resolution indirect light, so that surfaces too thin for its texels find some."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import moderngl
+
+from app.gl.context import Device
+from app.gl.frame_state import FrameState
+from app.gl.pool import Resources
+from app.graph import BoundPass, Pass, Tex
+
+
+def declare(grid: tuple[int, int]) -> Pass:
+    """Over a low-resolution ``grid`` of width and height."""
+    return Pass("fill", reads=("indirect_low", "depth"), writes={"indirect_filled": Tex("f4", 4, size=grid)},
+                make=lambda device, bound: make(device, bound, grid))
+
+
+def make(device: Device, bound: BoundPass, grid: tuple[int, int]) -> Callable[[FrameState, Resources], None]:
+    mask, fill = device.fullscreen("fill_mask.frag"), device.fullscreen("fill.frag")
+    size = _power_of_two(grid[0]), _power_of_two(grid[1])  # levels of other sizes leave texels out
+    pyramid = device.ctx.texture(size, 4, dtype="f4")
+    pyramid.repeat_x = pyramid.repeat_y = False
+    finest = device.ctx.framebuffer([pyramid])
+
+    def execute(frame: FrameState, resources: Resources) -> None:
+        ratio = (frame.size[0] / grid[0], frame.size[1] / grid[1])
+        device.ctx.enable_only(moderngl.NOTHING)
+        finest.use()
+        resources.bind(mask)
+        mask.set(ratio=ratio, span=(grid[0] / size[0], grid[1] / size[1]))
+        device.draw_fullscreen(mask)
+        pyramid.build_mipmaps()
+        resources.target()
+        resources.bind(fill)
+        pyramid.use(len(bound.reads))
+        fill.set(ratio=ratio, pyramid=len(bound.reads))
+        device.draw_fullscreen(fill)
+
+    return execute
+
+
+def _power_of_two(n: int) -> int:
+    """The smallest that is at least ``n``."""
+    return 1 << (n - 1).bit_length()

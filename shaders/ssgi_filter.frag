@@ -1,0 +1,56 @@
+// Gathers the walks of 3x3 texels on the same surface. Two runs, over texels that are 1 and 3 apart, see 9x9 (Dammertz
+// et al. 2010, "Edge-Avoiding À-Trous Wavelet Transform for fast Global Illumination Filtering").
+#include "numbers.glsl"
+#include "grid.glsl"
+#include "pick.glsl"
+
+const float PLANE_SIGMA = 0.02;  // of the receiver's depth
+
+uniform sampler2D WALKS;  // rgb: light times a, a: weight
+uniform sampler2D ssgi_surface;
+uniform vec2 ratio;       // full-resolution texels per low-resolution texel
+uniform int apart;        // texels from one to the next
+uniform int rows = 3;     // no constant, so that the loop stays a loop
+
+layout(location = 0) out vec4 out_light;
+
+struct Receiver {
+    vec3 normal;
+    float here;   // its distance along the normal
+    float inverse_sigma;
+};
+
+// Adds one texel, as far as it shows the same surface.
+void add(ivec2 low, Receiver r, inout vec4 sum, inout float total)
+{
+    low = clamp(low, ivec2(0), textureSize(ssgi_surface, 0) - 1);
+    vec4 surface = texelFetch(ssgi_surface, low, 0), walks = texelFetch(WALKS, low, 0);
+    vec3 ray = surface_ray(vec2(representative(low, ratio)) + 0.5);
+    float plane = (dot(r.normal, ray) * surface.a - r.here) * r.inverse_sigma;
+    float facing = max(dot(r.normal, surface.xyz), 0.0);
+    facing *= facing;
+    facing *= facing;
+    float alike = facing * facing / (1.0 + plane * plane);
+    bool counts = alike > 0.0 && is_surface(surface.a) && is_finite(dot(walks, vec4(1.0)));
+    sum += counts ? walks * alike : vec4(0.0);
+    total += counts ? alike : 0.0;
+}
+
+void main()
+{
+    ivec2 texel = ivec2(gl_FragCoord.xy);
+    vec4 here = texelFetch(ssgi_surface, texel, 0);
+    vec3 n = sanitize_normal(here.xyz);
+    vec3 ray = surface_ray(vec2(representative(texel, ratio)) + 0.5);
+    Receiver r = Receiver(n, dot(n, ray) * here.a, 1.0 / (PLANE_SIGMA * here.a));
+    vec4 sum = vec4(0.0);
+    float total = 0.0;
+    for (int y = 0; y < rows; ++y) {
+        for (int x = -1; x <= 1; ++x) add(texel + ivec2(x, y - rows / 2) * apart, r, sum, total);
+    }
+#ifdef WRITE_SSGI_GATHERED
+    out_light = total > 0.0 ? vec4(sanitize_radiance(sum.rgb / total), max(sum.a / total, 0.0)) : vec4(0.0);
+#else
+    out_light = vec4(sum.a > 0.0 ? sanitize_radiance(sum.rgb / sum.a) : vec3(0.0), 1.0);
+#endif
+}
