@@ -25,12 +25,12 @@ pytestmark = pytest.mark.gl
 POISONS = {"nan": np.nan, "+inf": np.inf, "-inf": -np.inf, "-100": -100.0}
 SIZE = (61, 47)
 POISONED, FADING, HEALING = 3, 3, 40  # frames
-SCENES = {"room": (room(), "radiosity"), "outdoor": (outdoor(), "gather")}
+SCENES = {"room": (room(), "radiosity"), "outdoor": (outdoor(), "gather"), "screen space": (room(), "ssgi")}
 G_BUFFER = ("albedo", "normal", "depth", "emission", "gloss", "motion")
 PER_TEXEL = (*G_BUFFER, "direct", "specular", "indirect", "lit")
 REACH = 2                  # texels: a quad, or what filters around it
-AT = (17, 17)              # row and column of the one poisoned texel; the networks don't look there
-SEEN = (24, 22)            # a texel that stands for one of the network's
+AT = (17, 17)              # row and column of the one poisoned texel; no low-resolution texel looks there
+SEEN = (24, 22)            # a texel that stands for one of the low resolution
 
 Image = NDArray[Any]
 

@@ -1,0 +1,51 @@
+"""Whether a scene holds only numbers that can be drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from app.scene import Scene
+
+LIGHT = ("intensity", "irradiance", "radiance", "radius", "angular_radius_deg")
+
+
+def broken_numbers(scene: Scene) -> list[str]:
+    """Names of what is not finite, or outside its range."""
+    return [name for name, values, low, high in _numbers(scene)
+            if not (np.isfinite(values).all() and np.all(values >= low) and np.all(values <= high))]
+
+
+def _numbers(scene: Scene) -> Iterator[tuple[str, Any, float, float]]:
+    """Name, values, and smallest and largest allowed value of everything numeric."""
+    inf = np.inf
+    yield "bounds", scene.bounds, -inf, inf
+    for mesh in scene.meshes:
+        yield "positions", mesh.positions, -inf, inf
+        yield "normals", mesh.normals, -1.001, 1.001
+        yield "uvs", np.zeros(1) if mesh.uvs is None else mesh.uvs, -inf, inf
+        yield "colors", np.zeros(1) if mesh.colors is None else mesh.colors, 0, 1
+        yield "triangles", mesh.triangles, 0, len(mesh.positions) - 1
+    for instance in scene.instances:
+        yield "transform", instance.transform, -inf, inf
+        if instance.motion is not None:
+            yield "motion", instance.motion.transforms, -inf, inf
+            yield "times", np.diff(instance.motion.times), 0, inf
+    for m in scene.materials:
+        yield "albedo", np.array(m.albedo), 0, 1
+        yield "specular", np.array(m.specular), 0, 1
+        yield "roughness, alpha", np.array([m.roughness, m.alpha]), 0, 1
+        yield "emission", np.array(m.emission), 0, inf
+        for texture in (m.albedo_map, m.emission_map):
+            if texture is not None:
+                yield "texture transform", texture.transform, -inf, inf
+    for light in scene.lights:
+        for field in fields(light):
+            low = 0.0 if field.name in LIGHT else -inf
+            yield field.name, np.asarray(getattr(light, field.name), np.float64), low, inf
+    for path in scene.cameras.values():
+        for camera in path.keys:
+            yield "camera", np.array([*camera.eye, *camera.target, *camera.up, camera.fov_y_deg]), -inf, inf
