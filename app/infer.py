@@ -198,7 +198,8 @@ def _open(path: Path, provider: str) -> ort.InferenceSession:
     options.use_deterministic_compute = True
     options.log_severity_level = 4
     try:
-        return ort.InferenceSession(str(path), options, providers=wanted)
+        # The CPU has nothing to fall back to; onnxruntime would try again, and say so on the terminal.
+        return ort.InferenceSession(str(path), options, providers=wanted, enable_fallback=chosen != "cpu")
     except Exception as error:  # onnxruntime's own exceptions share no public base class
         raise ModelError(f"onnxruntime can't load the network ({_line(error)})", path,
                          "expected an ONNX graph that this onnxruntime knows") from None

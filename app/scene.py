@@ -270,14 +270,19 @@ class Scene:
 
 
 def bounds_of(meshes: tuple[Mesh, ...], instances: tuple[Instance, ...], time: float = 0.0) -> F64:
-    """World-space bounding box, shape (2, 3), of all instances at ``time`` seconds."""
+    """World-space bounding box, shape (2, 3), of all instances at ``time`` seconds; zeros for none."""
+    if not instances:
+        return np.zeros((2, 3))
     corners = [world_box(meshes[i.mesh], i.transform_at(time)) for i in instances]
     return np.stack([np.min([c[0] for c in corners], axis=0), np.max([c[1] for c in corners], axis=0)])
 
 
 def world_box(mesh: Mesh, transform: F64) -> F64:
-    """World-space box, shape (2, 3), of the mesh's transformed object-space box."""
+    """World-space box, shape (2, 3), of the mesh's transformed object-space box; broken corners don't count."""
     low, high = mesh.positions.min(axis=0).astype(np.float64), mesh.positions.max(axis=0).astype(np.float64)
+    if not np.isfinite([low, high]).all():
+        sound = mesh.positions[np.isfinite(mesh.positions).all(axis=1)].astype(np.float64)
+        low, high = (sound.min(axis=0), sound.max(axis=0)) if len(sound) else (np.zeros(3), np.zeros(3))
     center, half = (low + high) / 2, (high - low) / 2
     world_center = transform[:3, :3] @ center + transform[:3, 3]
     world_half = np.abs(transform[:3, :3]) @ half

@@ -1,4 +1,6 @@
-"""``python -m export``: write the bundled networks, put a contract into somebody else's, or trace the truth."""
+"""``python -m export``: write the bundled networks, put a contract into somebody else's, trace the truth, or try half
+precision.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ import typer
 from rich.console import Console
 from rich.progress import Progress
 
-from app.atomic import prepare_folders
+from app.atomic import prepare_folders, write_text
 from app.contract import ModelContract
 from app.errors import AfterglowError, ModelError, SettingsError
 from app.load import embedded_scene, load_scene
@@ -27,9 +29,7 @@ cli = typer.Typer(add_completion=False, no_args_is_help=True, help=__doc__)
 def onnx(names: Annotated[list[str] | None, typer.Argument(help="Networks to export; all without any.")] = None,
          out: Annotated[Path | None, typer.Option(help="Folder to write to; nets/ by default.")] = None) -> None:
     """Export networks with their contracts, checked against torch."""
-    for name in names or MODULES:
-        if name not in MODULES:
-            raise ModelError(f"no network {name!r}", "export onnx", f"expected one of {', '.join(MODULES)}")
+    for name in _known(names):
         print(export_network(name, out or nets_dir()))
 
 
@@ -42,6 +42,28 @@ def stamp(model: Annotated[Path, typer.Argument(help="An .onnx file; it is rewri
     except OSError as error:
         raise ModelError(f"can't read the contract ({error.strerror})", contract, "expected a JSON file") from None
     stamp_file(model, ModelContract.from_json(text, contract))
+
+
+@cli.command()
+def precision(names: Annotated[list[str] | None, typer.Argument(help="Networks; all without any.")] = None,
+              scene: Annotated[list[Path] | None, typer.Option(
+                  help="Scene files to take real inputs from; the bundled scenes without any.")] = None,
+              json: Annotated[Path | None, typer.Option(help="Write the rows as JSON too.", metavar="FILE")] = None,
+              ) -> None:
+    """Print a table of what half precision changes in networks, and where it overflows."""
+    from export.precision import as_json, as_markdown, default_scenes, table
+
+    rows = table(_known(names), {path.stem: load_scene(path) for path in scene} if scene else default_scenes())
+    if json is not None:
+        write_text(json, as_json(rows))
+    print(as_markdown(rows))
+
+
+def _known(names: list[str] | None) -> list[str]:
+    for name in names or ():
+        if name not in MODULES:
+            raise ModelError(f"no network {name!r}", "python -m export", f"expected one of {', '.join(MODULES)}")
+    return names or list(MODULES)
 
 
 SCENE = typer.Argument(metavar="[SCENE]", help="Scene file; the embedded Cornell box without it.")

@@ -85,7 +85,7 @@ def compare(module: torch.nn.Module, model: bytes) -> None:
     """
     contract: ModelContract = module.contract  # type: ignore[assignment]
     session = ort.InferenceSession(model, providers=["CPUExecutionProvider"])
-    for label, inputs in _cases(contract):
+    for label, inputs in cases(contract):
         with torch.no_grad():
             truth = module(*_torch(inputs)).numpy()
         found = session.run(list(contract.outputs), inputs)[0]
@@ -97,7 +97,7 @@ def compare(module: torch.nn.Module, model: bytes) -> None:
                              f"expected at most {TOLERANCE[label]}")
 
 
-def _cases(contract: ModelContract) -> Iterator[tuple[str, Arrays]]:
+def cases(contract: ModelContract) -> Iterator[tuple[str, Arrays]]:
     """Labelled inputs of several sizes; those with a label outside ``TOLERANCE`` only have to stay numbers."""
     rng = np.random.default_rng(1)
     for size in SIZES:

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from app import __version__
+from app.cli.bench import bench
 from app.cli.golden import golden
 from app.cli.group import DefaultGroup
 from app.cli.models import models
@@ -23,6 +24,7 @@ cli = typer.Typer(
 )
 cli.command("render")(render)
 cli.command("models")(models)
+cli.command("bench")(bench)
 cli.add_typer(golden, name="golden")
 
 

@@ -1,4 +1,4 @@
-"""``python -m app models``: the networks that come along, with their contracts."""
+"""``python -m app models``: what can make indirect light, and the contracts of networks."""
 
 from __future__ import annotations
 
@@ -13,35 +13,46 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from app.contract import ModelContract, TensorSpec, bundled_models, read_contract
+from app.contract import SSGI, ModelContract, TensorSpec, bundled_models, read_contract
+
+CLASSICAL = {
+    SSGI: {
+        "reads": "screen: direct.rgb, emission.rgb, normal.world.xyz, depth",
+        "writes": "screen: indirect.rgb",
+        "scale": "0.5 of the image",
+        "bounces": "single",
+        "paper": "Therrien, Levesque and Gilet 2023, Screen Space Indirect Lighting with Visibility Bitmask",
+    },
+}
 
 
 def models(
     as_json: Annotated[bool, typer.Option("--json", help="Print a JSON object by name instead of a table.")] = False,
 ) -> None:
-    """List networks with their contracts.
+    """List what `--model` knows by name: networks with their contracts, and the classical method.
 
     [bold]Examples[/bold]
 
     [cyan]python -m app models[/cyan]  [dim]# a table[/dim]
 
-    [cyan]python -m app models --json[/cyan]  [dim]# file and contract of each network, for programs[/dim]
+    [cyan]python -m app models --json[/cyan]  [dim]# the same for programs; only networks have files[/dim]
     """
     found = {name: (path, read_contract(path)) for name, path in bundled_models().items()}
     if as_json:
-        typer.echo(json.dumps({name: {"file": str(path), "contract": json.loads(contract.to_json())}
-                               for name, (path, contract) in found.items()}, indent=2))
+        networks = {name: {"file": str(path), "contract": json.loads(contract.to_json())}
+                    for name, (path, contract) in found.items()}
+        typer.echo(json.dumps({**networks, **CLASSICAL}, indent=2))
     else:
         Console(highlight=False).print(_table(found))
 
 
 def _table(found: Mapping[str, tuple[Path, ModelContract]]) -> Table:
-    table = Table("network", "contract", box=box.ROUNDED, show_lines=True)
-    for name, (path, contract) in found.items():
+    networks = {name: [*_rows(contract), ("file", str(path))] for name, (path, contract) in found.items()}
+    table = Table("model", "contract", box=box.ROUNDED, show_lines=True)
+    for name, rows in (networks | {name: list(about.items()) for name, about in CLASSICAL.items()}).items():
         inner = Table.grid(padding=(0, 2))
-        for label, text in _rows(contract):
+        for label, text in rows:
             inner.add_row(f"[dim]{label}[/dim]", escape(text))
-        inner.add_row("[dim]file[/dim]", escape(str(path)))
         table.add_row(f"[bold]{escape(name)}[/bold]", inner)
     return table
 

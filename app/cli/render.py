@@ -13,14 +13,14 @@ from rich.progress import Progress
 
 from app.atomic import prepare_folders
 from app.channels import HALF_MAX
-from app.cli.options import FORMATS, parse_names, parse_size, unknown
+from app.cli.options import FORMATS, parse_folder, parse_names, unknown
 from app.cli.preview import preview
 from app.cli.report import print_summary, write_timing
 from app.contract import find_model
 from app.errors import SettingsError
 from app.image import Image, write_exr, write_png
 from app.scene import CameraPath, Scene
-from app.settings import Settings
+from app.settings import Settings, parse_size
 
 if TYPE_CHECKING:
     from app.renderer import Renderer
@@ -47,7 +47,8 @@ def render(
         "--scene-json", help="Cameras, lightings and motion.", metavar="FILE",
         show_default="same stem beside the scene", rich_help_panel=SCENE)] = None,
     out: Annotated[Path, typer.Option(
-        help="Folder for the frames; made if missing.", metavar="DIR", rich_help_panel=PICTURE)] = Path("out"),
+        help="Folder for the frames; made if missing.", metavar="DIR", parser=parse_folder,
+        rich_help_panel=PICTURE)] = Path("out"),
     size: Annotated[str, typer.Option(
         help="Width and height in pixels.", metavar="WxH", rich_help_panel=PICTURE)] = "1024x768",
     frames: Annotated[int, typer.Option(
@@ -102,7 +103,6 @@ def render(
     """
     # Heavy imports wait until there is something to render, so that help stays quick.
     from app.frame import AOVS
-    from app.infer import check_provider
     from app.load import embedded_scene, load_scene
     from app.renderer import Renderer
 
@@ -111,7 +111,10 @@ def render(
         provider=provider, strict_device=strict_device,
         # The summary shows each pass's time, so each pass is waited for.
         timing=True, check=check)
-    check_provider(provider)
+    if provider != "auto":
+        from app.infer import check_provider  # imports onnxruntime
+
+        check_provider(provider)
     kinds = parse_names(formats, FORMATS, "--format")
     if timing is not None and timing.is_dir():
         raise SettingsError(f"{timing} is a folder", "--timing", "expected the name of a JSON file")
@@ -137,7 +140,7 @@ def render(
         images = _draw(renderer, path, settings, frames, settle, out, kinds)
         report = {
             **renderer.timing(), "culled": dict(renderer.plan.culled), "device": renderer.device,
-            "model": network and network.stem, "size": list(settings.size), "scene": loaded.name,
+            "model": network and Path(network).stem, "size": list(settings.size), "scene": loaded.name,
             "triangles": loaded.triangles, "frames": frames,
         }
     if timing is not None:

@@ -52,7 +52,7 @@ def print_summary(report: Mapping[str, Any], images: Sequence[Path], timing: Pat
     if YARDSTICK in report["passes"]:
         table.add_row("(a full-screen copy)", *_times(report["passes"][YARDSTICK]))
     for line in (
-        f"{report['scene']}, {report['triangles']} triangles, {width}x{height}, network {report['model'] or 'none'}",
+        f"{report['scene']}, {report['triangles']} triangles, {width}x{height}, model {report['model'] or 'none'}",
         f"{report['device']['gl_renderer']}, {report['device']['provider']}",
         table,
         "wrote " + ", ".join([_range(images), *([str(timing)] if timing else [])]),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import ctypes.util
+import weakref
 from collections.abc import Mapping
 from typing import Any
 
@@ -48,6 +49,9 @@ class Device:
             renderer = self.renderer
             self.ctx.release()
             raise DeviceError(f"software renderer {renderer!r}", "--strict-device", "expected a GPU with an EGL driver")
+        # The driver's memory would outlive a device that nobody closes.
+        self._destroy = weakref.finalize(self, self.ctx.release)
+        self._destroy.atexit = False
         # llvmpipe's anisotropic lookups take more time than all other passes together (docs/design.md).
         self.anisotropy = 1.0 if self.software else ANISOTROPY
         self._functions = _EglFunctions()
@@ -89,7 +93,7 @@ class Device:
                 vao.release()
             for program in self._programs.values():
                 program.raw.release()
-        self.ctx.release()
+        self._destroy()
 
 
 class _EglFunctions:

@@ -39,6 +39,8 @@ class FrameState:
         False in the first frame, after a cut and after a resize.
     noise_phase : float
         In [0, 1), from the seed.
+    index : int
+        Frames since the last cut.
     """
 
     size: tuple[int, int]
@@ -47,6 +49,7 @@ class FrameState:
     jitter: tuple[float, float]
     history_valid: bool
     noise_phase: float
+    index: int
     exposure: float
     geometry: GpuScene
     lights: LightSet

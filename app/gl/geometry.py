@@ -57,8 +57,8 @@ class GpuScene:
             self._time = time
             if not self.transforms or not np.array_equal(places, self.transforms):
                 self.transforms = places
-                self.boxes = np.stack([world_box(self.scene.meshes[i.mesh], m)
-                                       for i, m in zip(self.scene.instances, places, strict=True)])
+                self.boxes = np.array([world_box(self.scene.meshes[i.mesh], m)
+                                       for i, m in zip(self.scene.instances, places, strict=True)]).reshape(-1, 2, 3)
                 self.changes += 1
         if cut:
             self.previous = self.transforms
@@ -92,7 +92,8 @@ class GpuScene:
 
     def _set_material(self, program: Program, d: Drawable, place: F64, scale: float) -> None:
         m = d.material
-        if "normal_from_object" in program:
+        surface = program.declares("normal_from_object")  # a caster needs no more than its mask
+        if surface:
             cofactor = normal_matrix(place)
             program.set(normal_from_object=cofactor / max(float(np.abs(cofactor).max()), 1e-30))
             program.set(albedo=m.albedo, gloss=(*m.specular, m.roughness),
@@ -102,7 +103,7 @@ class GpuScene:
         if m.albedo_map is not None and "ALBEDO_MAP" in d.features:
             self._texture(m.albedo_map).use(ALBEDO_UNIT)
             program.set(albedo_map=ALBEDO_UNIT, albedo_uv=m.albedo_map.transform)
-        if m.emission_map is not None and "EMISSION_MAP" in d.features:
+        if surface and m.emission_map is not None and "EMISSION_MAP" in d.features:
             self._texture(m.emission_map).use(EMISSION_UNIT)
             program.set(emission_map=EMISSION_UNIT, emission_uv=m.emission_map.transform)
         if d.masked:
@@ -155,7 +156,9 @@ def _upload_mesh(ctx: moderngl.Context, mesh: Mesh) -> tuple[Attributes, moderng
               "in_uv": (mesh.uvs, "2f4"), "in_color": (mesh.colors, "4f4")}
     attributes = {name: (ctx.buffer(np.ascontiguousarray(a, np.float32).tobytes()), kind)
                   for name, (a, kind) in arrays.items() if a is not None}
-    return attributes, ctx.buffer(np.ascontiguousarray(mesh.triangles, np.uint32).tobytes())
+    sound = np.asarray(np.isfinite(mesh.positions).all(axis=1))
+    triangles = mesh.triangles if sound.all() else mesh.triangles[sound[mesh.triangles].all(axis=1)]
+    return attributes, ctx.buffer(triangles.astype(np.uint32).tobytes() or bytes(12))  # GL refuses empty buffers
 
 
 def _upload_texture(device: Device, texture: Texture) -> moderngl.Texture:

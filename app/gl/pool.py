@@ -106,9 +106,12 @@ class Resources:
         target.use()
         return target
 
-    def bind(self, program: Program, strip: str = "") -> None:
-        """Bind every texture read to its sampler uniform: same name, ``@prev`` as ``_prev``, without ``strip``."""
-        textures = [r for r in self._bound.reads if self._pool.holds_texture(r)]
+    def bind(self, program: Program, strip: str = "", reads: tuple[str, ...] | None = None) -> None:
+        """Bind every texture read to its sampler uniform: same name, ``@prev`` as ``_prev``, without ``strip``.
+
+        ``reads`` are those that ``program`` has a use for; all without it.
+        """
+        textures = [r for r in (self._bound.reads if reads is None else reads) if self._pool.holds_texture(r)]
         for unit, name in enumerate(textures):
             self._pool.texture(name).use(unit)
             program.set(**{name.replace(PREVIOUS, "_prev").removeprefix(strip): unit})

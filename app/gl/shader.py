@@ -32,6 +32,10 @@ class Program:
         """Whether this variant really uses attribute, uniform or block ``name``."""
         return name in self._active
 
+    def declares(self, name: str) -> bool:
+        """Whether a source of the program declares uniform ``name``, used by this variant or not."""
+        return name in self._declared
+
     def set(self, **values: Any) -> None:
         """Set uniforms; texture units are ints, matrices numpy arrays of row-major math.
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections import defaultdict
-from collections.abc import Iterator
+from collections import defaultdict, deque
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from app.gl.context import Device
 
 MILLI, NANO_PER_MILLI = 1e3, 1e6
+NEWEST = 4096  # frames that are kept, so that memory stays flat
 
 
 class Timer:
@@ -22,23 +23,23 @@ class Timer:
     """
 
     def __init__(self, device: Device, wait: bool) -> None:
-        self._device, self._wait = device, wait
-        self._cpu: dict[str, list[float]] = defaultdict(list)
-        self._gpu: dict[str, list[float]] = defaultdict(list)
+        self._device = device
+        self._query = device.ctx.query(time=True) if wait else None  # one for all: moderngl can't give one back
+        self._cpu: dict[str, deque[float]] = defaultdict(lambda: deque(maxlen=NEWEST))
+        self._gpu: dict[str, deque[float]] = defaultdict(lambda: deque(maxlen=NEWEST))
         self._gpu_sum = 0.0
 
     @contextmanager
     def measure(self, name: str) -> Iterator[None]:
         """Time the block under ``name``; such blocks can't be nested, since GL has one timer."""
         start = time.perf_counter()
-        if self._wait:
-            query = self._device.ctx.query(time=True)
-            with query:
+        if self._query is not None:
+            with self._query:
                 yield
             self._device.ctx.finish()
             wall = (time.perf_counter() - start) * MILLI
             # A context's first query counts from nowhere on llvmpipe, and no block can take longer than the clock says.
-            self._gpu[name].append(min(query.elapsed / NANO_PER_MILLI, wall))
+            self._gpu[name].append(min(self._query.elapsed / NANO_PER_MILLI, wall))
             self._gpu_sum += self._gpu[name][-1]
         else:
             yield
@@ -58,7 +59,7 @@ class Timer:
             self._cpu[name][-1] += cpu_ms
 
     def report(self) -> dict[str, dict[str, dict[str, float]]]:
-        """``{name: {"cpu_ms": {"median", "p95"}, "gpu_ms": {…}}}`` over all frames so far."""
+        """``{name: {"cpu_ms": {"median", "p95"}, "gpu_ms": {…}}}`` over the newest frames."""
         return {name: {"cpu_ms": _summary(values), "gpu_ms": _summary(self._gpu[name])}
                 for name, values in self._cpu.items()}
 
@@ -67,7 +68,7 @@ class Timer:
         self._gpu.clear()
 
 
-def _summary(values: list[float]) -> dict[str, float]:
+def _summary(values: Collection[float]) -> dict[str, float]:
     if not values:
         return {"median": 0.0, "p95": 0.0}
-    return {"median": float(np.median(values)), "p95": float(np.percentile(values, 95))}
+    return {"median": float(np.median(list(values))), "p95": float(np.percentile(list(values), 95))}

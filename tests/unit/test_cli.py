@@ -15,13 +15,13 @@ import pytest
 from typer.testing import CliRunner
 
 from app.cli import cli
-from app.cli.options import parse_names, parse_size
+from app.cli.options import parse_names
 from app.cli.preview import preview
 from app.errors import DeviceError, SettingsError
 from app.graph import BoundPass, Pass, Plan
 from app.image import read_exr, read_png
 from app.scene import Camera
-from app.settings import Settings
+from app.settings import Settings, parse_size
 
 ROOT = Path(__file__).parents[2]
 AOVS = {"final": "what the camera sees", "normal": "world space", "depth": "linear", "motion": "pixels"}
@@ -195,6 +195,7 @@ def test_models_lists_contracts() -> None:
     assert all(name in table.stdout for name in found)
     assert "radiosity" in found
     assert found["radiosity"]["contract"]["bounces"] == "multi"
+    assert found["ssgi"]["bounces"] == "single"
 
 
 def test_help_names_every_option() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from app.contract import ModelContract, bundled_models, find_model, read_contract
+from app.contract import SSGI, ModelContract, bundled_models, find_model, read_contract
 from app.errors import ModelError
 from tests.tiny_network import TINY, write_tiny_network
 
@@ -122,3 +122,10 @@ def test_a_file_without_contract_names_the_command_that_adds_it(tmp_path: Path) 
 def test_an_unknown_network_lists_the_known_ones() -> None:
     with pytest.raises(ModelError, match=r"no network 'radiosty'.*'radiosity'\? Known: one of gather, radiosity"):
         find_model("radiosty")
+    with pytest.raises(ModelError, match=r"'ssgi'\? Known: one of .*radiosity.*, ssgi"):
+        find_model("sgi")
+
+
+def test_the_classical_method_has_no_file() -> None:
+    assert find_model("ssgi") == SSGI == "ssgi"
+    assert SSGI not in bundled_models()
