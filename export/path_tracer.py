@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +26,7 @@ F64 = NDArray[np.float64]
 MAX_BOUNCES = 16
 ROULETTE_AFTER = 4  # bounces
 MOST_LAYERS = 16    # of masked surfaces that a ray goes through
+SHORT = 1.0         # second
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +102,11 @@ class PathTracer:
         dr.eval(found)  # together, or each would be traced anew
         return Samples(*[np.array(x, np.float32).T for x in found])
 
-    def usual_seconds(self, view: View, size: tuple[int, int], spp: int) -> float:
-        """What Mitsuba's own ``path`` integrator takes for a picture, warm: the time that a user would see."""
+    def clock(self, view: View, size: tuple[int, int]) -> Callable[[int], float]:
+        """The seconds that Mitsuba's own ``path`` integrator takes for so many samples per pixel, warm, as for a user.
+
+        A short measurement is taken twice, and the lesser counts.
+        """
         mi, scene = self._mi, self._scene
         origin = (view.eye - scene.origin) * scene.scale
         sensor = mi.load_dict({
@@ -111,12 +116,19 @@ class PathTracer:
             "film": {"type": "hdrfilm", "width": size[0], "height": size[1], "rfilter": {"type": "box"}}})
         integrator = mi.load_dict({"type": "path", "max_depth": self._max_bounces + 2, "rr_depth": ROULETTE_AFTER})
         whole = mi.load_dict(scene.whole)
-        times = []
-        for seed in range(3):  # the first one compiles
+
+        def once(spp: int) -> float:
             start = time.perf_counter()
-            np.array(mi.render(whole, sensor=sensor, integrator=integrator, spp=spp, seed=seed))
-            times.append(time.perf_counter() - start)
-        return min(times[1:])
+            np.array(mi.render(whole, sensor=sensor, integrator=integrator, spp=spp))
+            return time.perf_counter() - start
+
+        def measure(spp: int) -> float:
+            seconds = once(spp)
+            return min(seconds, once(spp)) if seconds < SHORT else seconds
+
+        for spp in (1, 2):  # compiles, for one sample per pixel and for more
+            once(spp)
+        return measure
 
     @dr.syntax
     def _indirect(self, si: Any, normal: Any, sampler: Any, active: Any) -> Any:

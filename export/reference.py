@@ -83,13 +83,13 @@ def reference(still: Still, spp: int, seed: int = 0, max_bounces: int = MAX_BOUN
     tracer = PathTracer(still.scene, still.time, max_bounces)
     start = time.perf_counter()
     centres = _Means()
-    for done, samples in _batches(tracer, still, spp, 2 * seed, spread=False):
-        progress(done / 2)
-        centres.add(_layers(samples))
+    for count, samples in _batches(tracer, still, spp, 2 * seed, spread=False):
+        centres.add(_layers(samples), count)
+        progress(0.5 * centres.count / spp)
     pixels = _Means()
-    for done, samples in _batches(tracer, still, spp, 2 * seed + 1, spread=True):
-        progress(0.5 + done / 2)
-        pixels.add({"final": _radiance(samples)})
+    for count, samples in _batches(tracer, still, spp, 2 * seed + 1, spread=True):
+        pixels.add({"final": _radiance(samples)}, count)
+        progress(0.5 + 0.5 * pixels.count / spp)
     seconds = time.perf_counter() - start
     layers = centres.means()
     layers["final"] = pixels.means()["final"] + untraced(still)
@@ -100,23 +100,34 @@ def reference(still: Still, spp: int, seed: int = 0, max_bounces: int = MAX_BOUN
 def mean_samples(tracer: PathTracer, still: Still, spp: int, seed: int = 0) -> dict[str, F32]:
     """The layers of ``Reference`` but ``final``, through the pixels' centres."""
     means = _Means()
-    for _, samples in _batches(tracer, still, spp, seed, spread=False):
-        means.add(_layers(samples))
+    for count, samples in _batches(tracer, still, spp, seed, spread=False):
+        means.add(_layers(samples), count)
     return means.means()
 
 
-def plain(still: Still, spp: int, seed: int = 0, max_bounces: int = MAX_BOUNCES) -> tuple[dict[str, F32], float]:
-    """A path-traced picture as a user would take it, ``final``, ``albedo`` and ``normal``, and the seconds it takes.
+def plain(still: Still, counts: Sequence[int], seed: int = 0,
+          max_bounces: int = MAX_BOUNCES) -> Iterator[tuple[int, dict[str, F32], float]]:
+    """Path-traced pictures as a user would take them, by rising number of samples per pixel.
 
-    The seconds are those of Mitsuba's own integrator, which is faster for not keeping direct and indirect light apart.
+    Each picture keeps the samples of the one before. The seconds are those of Mitsuba's own integrator, which is
+    faster for not keeping direct and indirect light apart.
+
+    Yields
+    ------
+    count : int
+    layers : dict of str to ndarray
+        ``final``, ``albedo`` and ``normal``, float32 [H, W, 3].
+    seconds : float
     """
     tracer = PathTracer(still.scene, still.time, max_bounces)
+    clock = tracer.clock(still.view, still.size)
+    rest = untraced(still)
     means = _Means()
-    for _, samples in _batches(tracer, still, spp, seed, spread=True):
-        means.add({"final": _radiance(samples), "albedo": samples.albedo, "normal": samples.normal})
-    layers = means.means()
-    layers["final"] = layers["final"] + untraced(still)
-    return layers, tracer.usual_seconds(still.view, still.size, spp)
+    for total in sorted(set(counts)):
+        for count, samples in _batches(tracer, still, total - means.count, seed * 2**10 + total, spread=True):
+            means.add({"final": _radiance(samples), "albedo": samples.albedo, "normal": samples.normal}, count)
+        layers = means.means()
+        yield total, {**layers, "final": layers["final"] + rest}, clock(total)
 
 
 def untraced(still: Still) -> F32:
@@ -146,8 +157,7 @@ def write_reference(folder: Path, still: Still, spp: int, seed: int, max_bounces
 def write_plain(folder: Path, still: Still, counts: Sequence[int], seed: int, max_bounces: int) -> None:
     """Write ``plain_NNNN.exr`` for each number of paths per pixel, and last ``plain.json`` with their seconds."""
     seconds = {}
-    for spp in counts:
-        layers, seconds[spp] = plain(still, spp, seed, max_bounces)
+    for spp, layers, seconds[spp] in plain(still, counts, seed, max_bounces):
         write_exr(folder / f"plain_{spp:04d}.exr", {"" if name == "final" else name: x for name, x in layers.items()})
     write_text(folder / "plain.json", json.dumps(seconds, indent=1))
 
@@ -161,43 +171,44 @@ def _radiance(samples: Samples) -> F32:
     return samples.albedo * (samples.direct + samples.multi)
 
 
-def _batches(tracer: PathTracer, still: Still, spp: int, seed: int,
-             spread: bool) -> Iterator[tuple[float, Samples]]:
-    """At least ``spp`` samples for every pixel: the share done, and the mean [H, W, …] of an equal number of them."""
+def _batches(tracer: PathTracer, still: Still, spp: int, seed: int, spread: bool) -> Iterator[tuple[int, Samples]]:
+    """``spp`` samples for every pixel, by and by: how many a batch has, and their mean [H, W, …]."""
     w, h = still.size
-    per_batch = max(1, min(RAYS_AT_ONCE // (w * h), spp // LEAST_BATCHES))
     y, x = np.divmod(np.arange(w * h), w)
-    corners = np.tile(np.stack([x, y], axis=1).astype(np.float64), (per_batch, 1))
+    corners = np.stack([x, y], axis=1).astype(np.float64)
     random = np.random.default_rng(seed)
-    batches = -(-spp // per_batch)
-    for batch in range(batches):
-        inside = random.random(corners.shape) if spread else 0.5
-        samples = tracer.trace(still.view, (corners + inside) / (w, h), seed * 2**16 + batch)
-        yield (batch + 1) / batches, Samples(*(getattr(samples, f.name).reshape(per_batch, h, w, -1).mean(axis=0)
-                                               for f in fields(samples)))
+    at_most = max(1, min(RAYS_AT_ONCE // (w * h), spp // LEAST_BATCHES))
+    for batch, begin in enumerate(range(0, spp, at_most)):
+        count = min(at_most, spp - begin)
+        inside = random.random((count, w * h, 2)) if spread else np.full((count, 1, 1), 0.5)
+        samples = tracer.trace(still.view, ((corners + inside) / (w, h)).reshape(-1, 2), seed * 2**16 + batch)
+        yield count, Samples(*(getattr(samples, f.name).reshape(count, h, w, -1).mean(axis=0)
+                               for f in fields(samples)))
 
 
 class _Means:
-    """Running means of images over batches, and their standard errors."""
+    """Running means of images over batches of samples, and their standard errors."""
 
     def __init__(self) -> None:
-        self._count = 0
+        self.count = self._batches = 0
         self._sums: dict[str, F64] = {}
         self._squares: dict[str, F64] = {}
 
-    def add(self, images: dict[str, F32]) -> None:
-        self._count += 1
+    def add(self, images: dict[str, F32], count: int) -> None:
+        """Take in the means of ``count`` samples."""
+        self.count += count
+        self._batches += 1
         for name, image in images.items():
-            self._sums[name] = self._sums.get(name, 0.0) + image.astype(np.float64)
-            self._squares[name] = self._squares.get(name, 0.0) + image.astype(np.float64) ** 2
+            self._sums[name] = self._sums.get(name, 0.0) + count * image.astype(np.float64)
+            self._squares[name] = self._squares.get(name, 0.0) + count * image.astype(np.float64) ** 2
 
     def means(self) -> dict[str, F32]:
-        return {name: (total / self._count).astype(np.float32) for name, total in self._sums.items()}
+        return {name: (total / self.count).astype(np.float32) for name, total in self._sums.items()}
 
     def noise(self, name: str) -> float:
         """Standard error of the mean, root mean square over the image, relative to the mean; NaN for one batch."""
-        if self._count < 2:
+        if self._batches < 2:
             return float("nan")
-        mean = self._sums[name] / self._count
-        variance = np.maximum(self._squares[name] / self._count - mean**2, 0) / (self._count - 1)
+        mean = self._sums[name] / self.count
+        variance = np.maximum(self._squares[name] / self.count - mean**2, 0) / (self._batches - 1)
         return float(np.sqrt(variance.mean()) / max(float(mean.mean()), 1e-30))

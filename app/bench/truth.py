@@ -26,6 +26,7 @@ from app.scene import Camera, Scene
 F32 = NDArray[np.float32]
 
 LAYERS = ("final", "direct", "indirect", "albedo", "depth")
+TRACER = ("mitsuba_scene.py", "path_tracer.py", "reference.py")  # of the package export: what a truth depends on
 LEAST_ALBEDO = 0.01  # where demodulated light counts
 
 
@@ -158,8 +159,8 @@ def exporter_version() -> str:
         raise MissingExtraError("no path tracer to make the truth with", "--reference auto",
                                 "expected pip install 'afterglow[export]', or --reference DIR")
     digest = hashlib.sha256(tracer.encode())
-    for file in sorted(Path(found.submodule_search_locations[0]).glob("*.py")):
-        digest.update(file.read_bytes())
+    for file in TRACER:
+        digest.update((Path(found.submodule_search_locations[0]) / file).read_bytes())
     return digest.hexdigest()
 
 
