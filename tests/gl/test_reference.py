@@ -128,8 +128,8 @@ def test_hard_light_away_from_shadow_edges(kind: str) -> None:
     assert found >= 40
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", SOFT)
+@pytest.mark.parametrize("kind", [
+    pytest.param(kind, marks=pytest.mark.long if kind == "rectangle" else ()) for kind in SOFT])
 def test_soft_shadows(kind: str) -> None:
     """Mean visibility error inside the true penumbra, against that of hard shadows."""
     soft, hard = (soft_stage(light) for light in SOFT[kind])

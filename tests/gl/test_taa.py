@@ -42,7 +42,7 @@ def supersampled(model: str, size: tuple[int, int]) -> NDArray[np.uint8]:
 
 @pytest.mark.parametrize(("model", "size"), [
     ("none", (256, 192)), ("radiosity", (256, 192)),
-    pytest.param("radiosity", (1024, 768), marks=pytest.mark.slow),
+    pytest.param("radiosity", (1024, 768), marks=pytest.mark.long),
 ])
 def test_a_still_camera_converges(model: str, size: tuple[int, int]) -> None:
     with renderer(BOX, size, model) as r:
