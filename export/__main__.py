@@ -97,10 +97,12 @@ def reference(scene: Annotated[Path | None, SCENE] = None,
     about = {"scene": str(scene or "embedded"), "camera": camera or loaded.default_camera, "lighting": loaded.lighting}
     with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("tracing", total=1.0)
-        noise = write_reference(out, still, spp, seed, max_bounces, about,
+        found = write_reference(out, still, spp, seed, max_bounces, about,
                                 lambda share: bar.update(task, completed=share))
-    for name, value in noise.items():
-        print(f"{name}: noise {value:.2%} of the mean")
+    for name, value in found.noise.items():
+        print(f"{name}: noise " + ("unknown" if value is None else f"{value:.2%} of the mean"))
+    for notice in found.notices:
+        print(f"note: {notice}")
 
 
 def _counts(text: str) -> list[int]:

@@ -174,13 +174,16 @@ class _MeshBuilder:
             properties["emitter"] = mi.load_dict({"type": "area", "radiance": _texture(
                 material.emission, material.emission_map)})
         properties["bsdf"] = self._bsdf(mesh, material)
+        self._note(mesh, material)
         # The shading normal decides to which side an area light shines; the winding, which side is the front.
         flip = bool(side) and (mirrored != (side < 0))
         faces = np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)[:, ::-1 if flip else 1]
         made = mi.Mesh(instance.name, len(corners), len(faces), has_vertex_normals=True,
                        has_vertex_texcoords=mesh.uvs is not None, props=properties)
         if mesh.colors is not None:
-            made.add_attribute("vertex_color", 3, mesh.colors[corners, :3].astype(np.float32).ravel())
+            colors = mesh.colors[corners].astype(np.float32)
+            made.add_attribute("vertex_albedo", 3, (colors[:, :3] * np.asarray(material.albedo, np.float32)).ravel())
+            made.add_attribute("vertex_opacity", 1, _over_cutoff(colors[:, 3] * material.alpha, material))
         buffers = mi.traverse(made)
         buffers["vertex_positions"] = points.astype(np.float32).ravel()
         buffers["vertex_normals"] = normals.astype(np.float32).ravel()
@@ -192,15 +195,25 @@ class _MeshBuilder:
         return made
 
     def _bsdf(self, mesh: Mesh, material: Material) -> Any:
-        reflectance = _texture(material.albedo, material.albedo_map)
-        if mesh.colors is not None:
-            if material.albedo_map is not None or material.albedo != (1.0, 1.0, 1.0):
-                self.notices.append(f"{mesh.name!r}: the path tracer shows vertex colours without texture and factor")
-            reflectance = {"type": "mesh_attribute", "name": "vertex_color"}
+        by_vertex = mesh.colors is not None and material.albedo_map is None
+        reflectance = ({"type": "mesh_attribute", "name": "vertex_albedo"} if by_vertex
+                       else _texture(material.albedo, material.albedo_map))
         bsdf: dict[str, Any] = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": reflectance}}
         if material.alpha_cutoff is not None:
-            bsdf = {"type": "mask", "opacity": _opacity(material), "bsdf": bsdf}
+            opacity = {"type": "mesh_attribute", "name": "vertex_opacity"} if by_vertex else _opacity(material)
+            bsdf = {"type": "mask", "opacity": opacity, "bsdf": bsdf}
         return self._mi.load_dict(bsdf)
+
+    def _note(self, mesh: Mesh, material: Material) -> None:
+        texture = material.albedo_map
+        if texture is None:
+            return
+        if mesh.colors is not None and (mesh.colors != 1).any():
+            self.notices.append(f"{mesh.name!r}: the path tracer shows the texture without vertex colours")
+        if mesh.uvs is not None and any(texture.repeat) and not all(texture.repeat):
+            clamped = _texcoords(mesh.uvs, texture)[:, texture.repeat.index(False)]
+            if clamped.min() < 0 or clamped.max() > 1:
+                self.notices.append(f"{mesh.name!r}: the path tracer repeats a texture clamped in one direction")
 
 
 def _normals(normals: F64, points: F64) -> F64:
@@ -225,17 +238,21 @@ def _texture(factor: tuple[float, float, float], texture: Texture | None) -> dic
 
 
 def _opacity(material: Material) -> dict[str, Any]:
-    """1 where the texels of the mask are there, else 0."""
-    assert material.alpha_cutoff is not None
+    """At least 1/2 where the material is there."""
     if material.albedo_map is None:
-        return {"type": "rgb", "value": float(material.alpha >= material.alpha_cutoff)}
-    kept = _linear(material.albedo_map)[..., 3:] * material.alpha >= material.alpha_cutoff
-    return _bitmap(kept.astype(np.float32), material.albedo_map, "nearest")
+        return {"type": "rgb", "value": float(_over_cutoff(np.array([material.alpha], np.float32), material)[0])}
+    alpha = _linear(material.albedo_map)[..., 3:] * np.float32(material.alpha)
+    return _bitmap(_over_cutoff(alpha, material), material.albedo_map, "nearest")
+
+
+def _over_cutoff(alpha: F32, material: Material) -> F32:
+    """Alpha with the cutoff moved to 1/2, where the path tracer's is."""
+    return np.clip(alpha / np.float32(2 * max(material.alpha_cutoff or 0, 1e-6)), 0, 1)
 
 
 def _bitmap(pixels: F32, texture: Texture, filter_type: str = "bilinear") -> dict[str, Any]:
     return {"type": "bitmap", "bitmap": mitsuba().Bitmap(np.ascontiguousarray(pixels)), "raw": True,
-            "filter_type": filter_type, "wrap_mode": "repeat" if all(texture.repeat) else "clamp"}
+            "filter_type": filter_type, "wrap_mode": "repeat" if any(texture.repeat) else "clamp"}
 
 
 def _linear(texture: Texture) -> F32:

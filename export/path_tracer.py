@@ -36,8 +36,8 @@ class Samples:
     Attributes
     ----------
     direct, single, multi : ndarray, float32, shape (N, 3)
-        Radiance / albedo in W/(sr m²): by the scene's lights, by one bounce, by all bounces. Glowing meshes that are
-        no lights count as bounced light.
+        Radiance / albedo in W/(sr m²): by the scene's lights, by one bounce, by all bounces. What comes straight from
+        glowing meshes that are no lights counts as bounced once.
     albedo : ndarray, float32, shape (N, 3)
     normal : ndarray, float32, shape (N, 3)
         Shading normal in world space on the camera's side of the surface.
@@ -144,9 +144,9 @@ class PathTracer:
             active &= si.is_valid()
             normal = _facing_normal(si)
             throughput *= _albedo(si, active)
-            light = throughput * (self._light_from(self._scene.lights, si, normal, sampler, active)
-                                  + self._light_from(self._scene.glow, si, normal, sampler, active))
-            multi += dr.select(active, light, 0.0)
+            light = throughput * self._light_from(self._scene.lights, si, normal, sampler, active)
+            glow = throughput * self._light_from(self._scene.glow, si, normal, sampler, active)
+            multi += dr.select(active, light + glow, 0.0)
             single += dr.select(active & (bounce == 0), light, 0.0)
             bounce += 1
             survival = dr.select(bounce < ROULETTE_AFTER, 1.0, dr.minimum(dr.max(throughput), 0.95))

@@ -40,7 +40,7 @@ class Reference:
         Through the pixels' centres: ``direct`` (radiance), ``indirect`` and ``indirect_single`` (radiance / albedo),
         ``albedo``, ``normal`` (world space, towards the viewer), ``depth`` (linear; 0 where nothing is seen).
         Over the pixels' whole area: ``final``, everything that reaches the camera.
-    noise : dict of str to float
+    noise : dict of str to float, or None when there was one batch
         Standard error of each of ``LAYERS``: root mean square over the image, relative to the layer's mean.
     seconds : float
         Spent tracing.
@@ -49,7 +49,7 @@ class Reference:
     """
 
     layers: dict[str, F32]
-    noise: dict[str, float]
+    noise: dict[str, float | None]
     seconds: float
     notices: tuple[str, ...]
 
@@ -141,8 +141,9 @@ def untraced(still: Still) -> F32:
 
 
 def write_reference(folder: Path, still: Still, spp: int, seed: int, max_bounces: int, about: dict[str, Any],
-                    progress: Callable[[float], object]) -> dict[str, float]:
-    """Write ``truth.exr``, the renderer's own images ``aovs.exr``, and last ``truth.json``; returns the noise."""
+                    progress: Callable[[float], object]) -> Reference:
+    """Write ``truth.exr``, the renderer's own images ``aovs.exr``, and last ``truth.json``."""
+    (folder / "truth.json").unlink(missing_ok=True)  # while it is there, the images belong to it
     found = reference(still, spp, seed, max_bounces, progress)
     write_exr(folder / "truth.exr", {"" if name == "final" else name: image for name, image in found.layers.items()})
     with Renderer(still.scene, Settings(still.size, AOVS, taa=False, provider="cpu")) as renderer:
@@ -151,11 +152,12 @@ def write_reference(folder: Path, still: Still, spp: int, seed: int, max_bounces
     about = {**about, "size": still.size, "spp": spp, "seed": seed, "max_bounces": max_bounces, "noise": found.noise,
              "seconds": found.seconds, "paths_per_second": paths / found.seconds, "notices": found.notices}
     write_text(folder / "truth.json", json.dumps(about, indent=1))
-    return found.noise
+    return found
 
 
 def write_plain(folder: Path, still: Still, counts: Sequence[int], seed: int, max_bounces: int) -> None:
     """Write ``plain_NNNN.exr`` for each number of paths per pixel, and last ``plain.json`` with their seconds."""
+    (folder / "plain.json").unlink(missing_ok=True)
     seconds = {}
     for spp, layers, seconds[spp] in plain(still, counts, seed, max_bounces):
         write_exr(folder / f"plain_{spp:04d}.exr", {"" if name == "final" else name: x for name, x in layers.items()})
@@ -205,10 +207,10 @@ class _Means:
     def means(self) -> dict[str, F32]:
         return {name: (total / self.count).astype(np.float32) for name, total in self._sums.items()}
 
-    def noise(self, name: str) -> float:
-        """Standard error of the mean, root mean square over the image, relative to the mean; NaN for one batch."""
+    def noise(self, name: str) -> float | None:
+        """Standard error of the mean, root mean square over the image, relative to the mean; None for one batch."""
         if self._batches < 2:
-            return float("nan")
+            return None
         mean = self._sums[name] / self.count
         variance = np.maximum(self._squares[name] / self.count - mean**2, 0) / (self._batches - 1)
         return float(np.sqrt(variance.mean()) / max(float(mean.mean()), 1e-30))

@@ -21,6 +21,7 @@ from app.bench.content import content_key
 from app.bench.fresh import environment
 from app.errors import MissingExtraError, SceneError, TruthError
 from app.image import read_exr
+from app.paths import shader_dir
 from app.scene import Camera, Scene
 
 F32 = NDArray[np.float32]
@@ -112,7 +113,7 @@ def make_truth(order: Order, scene: Scene, camera: Camera, spp: int) -> Truth:
     TruthError
         When it fails.
     """
-    key = content_key(scene, camera, order.size, spp, exporter_version())
+    key = content_key(scene, camera, order.size, spp, exporter_version(), _renderer_version(scene))
     folder = cache_folder() / key
     if not folder.is_dir():
         with replacing_folder(folder) as fresh:
@@ -152,7 +153,7 @@ def exporter_version() -> str:
     """
     found = util.find_spec("export")  # finds the package without importing it
     try:
-        tracer = metadata.version("mitsuba")
+        tracer = metadata.version("mitsuba") + metadata.version("drjit")
     except metadata.PackageNotFoundError:
         found = None
     if found is None or not found.submodule_search_locations:
@@ -161,6 +162,15 @@ def exporter_version() -> str:
     digest = hashlib.sha256(tracer.encode())
     for file in TRACER:
         digest.update((Path(found.submodule_search_locations[0]) / file).read_bytes())
+    return digest.hexdigest()
+
+
+def _renderer_version(scene: Scene) -> str:
+    """Changes when the renderer's shaders do, if it adds highlights or emission of its own to the truth."""
+    digest = hashlib.sha256()
+    if any(material.emits or material.shiny for material in scene.materials):
+        for file in sorted(shader_dir().rglob("*.*")):
+            digest.update(file.read_bytes())
     return digest.hexdigest()
 
 

@@ -24,12 +24,12 @@ pytestmark = [pytest.mark.long, pytest.mark.gl, pytest.mark.usefixtures("egl")]
 SIZE = (256, 192)
 EDGE = 2            # texels around the edge of a shadow that are not compared
 DARKEST = 0.01      # albedo below which demodulated light says nothing
-SHORT = {  # single texels that the shadow map, coarser than what casts, gets wrong
-    ("sponza", "sun"): "2 texels of thin slits of light: 36 dB",
-    ("breakfast-room", "sun"): "21 texels behind the slats of blinds: 29 dB",
-    ("grey-white-room", "sun"): "18 texels lit through the corners of mouldings: 30 dB",
-    ("country-kitchen", "spot"): "18 texels of thin furniture: 37 dB",
-    ("contemporary-bathroom", "spot"): "10 texels of thin furniture: 38 dB",
+SHORT = {  # dB that are reached where the shadow map, coarser than what casts, gets single texels wrong
+    ("sponza", "sun"): (36, "2 texels of thin slits of light"),
+    ("breakfast-room", "sun"): (29, "21 texels behind the slats of blinds"),
+    ("grey-white-room", "sun"): (30, "18 texels lit through the corners of mouldings"),
+    ("country-kitchen", "spot"): (37, "18 texels of thin furniture"),
+    ("contemporary-bathroom", "spot"): (38, "10 texels of thin furniture"),
 }
 
 
@@ -73,7 +73,8 @@ def test_real_scene(name: str, scenes: Path) -> None:
         found = psnr(a, b, inside & ~edge)
         print(f"AGREE {name} {lighting}: {found:.1f} dB over {(inside & ~edge).mean():.0%} of the picture")
         if found < 40:
-            assert (name, lighting) in SHORT, found
-            short.append(SHORT[name, lighting])
+            least, why = SHORT[name, lighting]
+            assert found >= least - 0.5
+            short.append(f"{why}: {found:.0f} dB")
     if short:
         pytest.xfail("; ".join(short))
