@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation, gaussian_filter, maximum_filter, minimum_filter
 
 from app.errors import DeviceError
+from app.image import read_exr
 from app.metrics import psnr
 from app.scene import (
     Camera,
@@ -23,10 +26,12 @@ from app.scene import (
     Texture,
 )
 from tests.gl.closed_forms import point_irradiance
-from tests.gl.scenes import F32, GREY, Images, box, draw, floor, make_scene, quad, sphere, without_shadows
+from tests.gl.scenes import F32, GREY, Images, Part, box, draw, floor, make_scene, quad, sphere, without_shadows
 
 if importlib.util.find_spec("mitsuba") is None:
     pytest.skip("Mitsuba, of the extra 'export', is not installed", allow_module_level=True)
+
+from export.reference import Still, plain, reference, write_reference
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "mitsuba")]
 
@@ -176,6 +181,79 @@ def test_the_path_tracer_sums_all_bounces(albedo: float) -> None:
     assert found["indirect"].mean() == pytest.approx(1 / (1 - albedo), rel=0.02)
     assert found["indirect_single"].mean() == pytest.approx(1, rel=0.02)
     assert np.all(found["direct"] == 0)
+
+
+def test_one_bounce_is_one_bounce() -> None:
+    """A floor under a hard lamp lights a black wall, which lights nothing back."""
+    camera = Camera((0.0, 0.5, 1.5), (0.0, 0.5, 0.0))
+    dark = Material(albedo=(1e-3,) * 3)
+    scene = make_scene([floor(2.0), quad((-2, 0, -1), (4, 0, 0), (0, 2, 0), dark)], [HARD["point"]], camera)
+    found = trace(scene, 64, bounces=8)
+    assert found["indirect_single"].max() > 0.01
+    np.testing.assert_allclose(found["indirect"].mean(), found["indirect_single"].mean(), rtol=2e-3)
+
+
+def colored(part: Part, rgba: tuple[float, float, float, float], material: Material) -> Scene:
+    """One part with vertex colours over a grey floor."""
+    scene = make_scene([floor(1.5), replace(part, material=material)], [HARD["directional"]])
+    mesh = scene.meshes[1]
+    colors = np.tile(np.float32(rgba), (len(mesh.positions), 1))
+    return replace(scene, meshes=(scene.meshes[0], replace(mesh, colors=colors)))
+
+
+@pytest.mark.parametrize(("rgba", "material"), [
+    ((0.5, 1.0, 0.25, 1.0), Material(albedo=(0.4, 0.2, 0.8))),
+    ((1.0, 1.0, 1.0, 0.3), Material(alpha=0.9, alpha_cutoff=0.5)),
+    ((1.0, 1.0, 1.0, 0.6), Material(alpha=0.9, alpha_cutoff=0.5)),
+], ids=["color", "hole", "card"])
+def test_vertex_colors_and_alpha(rgba: tuple[float, float, float, float], material: Material) -> None:
+    scene = colored(quad((-0.5, 0.5, 0.5), (1, 0, 0), (0, 0, -1)), rgba, material)
+    drawn, truth = draw(scene, SIZE, OUTPUTS), trace(scene, 1)
+    same = np.abs(drawn["depth"] - truth["depth"])[..., 0] < 1e-3
+    assert same.mean() > 0.99
+    np.testing.assert_allclose(drawn["albedo"][same], truth["albedo"][same], atol=2e-3)
+
+
+@pytest.fixture(scope="module")
+def corner() -> Still:
+    """A corner under a round lamp: noisy direct and indirect light."""
+    walls = [floor(1.0), quad((-1, 0, -1), (2, 0, 0), (0, 1.5, 0)), quad((-1, 0, 1), (0, 0, -2), (0, 1.5, 0))]
+    lamp = PointLight((0.2, 0.8, 0.1), (1.0, 0.8, 0.6), 0.2)
+    camera = Camera((0.8, 0.9, 1.4), (-0.3, 0.3, -0.3))
+    return Still(make_scene(walls, [lamp], camera), camera, (32, 24))
+
+
+def test_the_noise_that_is_stated_is_the_noise(corner: Still) -> None:
+    runs = [reference(corner, 20, seed) for seed in range(6)]
+    for name in ("final", "direct", "indirect"):
+        layers = np.stack([run.layers[name] for run in runs]).astype(np.float64)
+        noise = np.sqrt(layers.var(axis=0, ddof=1).mean()) / layers.mean()
+        stated = np.sqrt(np.mean([run.noise[name] ** 2 for run in runs]))  # type: ignore[operator]
+        assert stated == pytest.approx(noise, rel=0.15), name
+
+
+def test_plain_pictures_keep_their_samples(corner: Still) -> None:
+    """Noise falls with the square root of the count, whatever counts lie between."""
+    truth = reference(corner, 256).layers["final"]
+    rms = {}
+    for count, layers, seconds in plain(corner, [1, 4, 16]):
+        rms[count] = np.sqrt(((layers["final"] - truth) ** 2).mean())
+        assert seconds > 0
+        assert {name: image.shape for name, image in layers.items()} == dict.fromkeys(
+            ("final", "albedo", "normal"), (24, 32, 3))
+    assert rms[1] / rms[4] == pytest.approx(2, rel=0.25)
+    assert rms[4] / rms[16] == pytest.approx(2, rel=0.25)
+
+
+def test_what_a_reference_writes(corner: Still, tmp_path: Path) -> None:
+    found = write_reference(tmp_path, corner, 1, 0, 4, {"scene": "corner"}, lambda share: None)
+    about = json.loads((tmp_path / "truth.json").read_text())
+    assert about["spp"] == 1 and about["size"] == [32, 24] and about["scene"] == "corner"
+    assert about["noise"]["final"] is None  # one batch tells nothing
+    layers = read_exr(tmp_path / "truth.exr")
+    np.testing.assert_allclose(layers[""], found.layers["final"], rtol=2e-3, atol=1e-4)
+    assert {"direct", "indirect", "indirect_single", "albedo", "normal", "depth"} <= set(layers)
+    np.testing.assert_allclose(read_exr(tmp_path / "aovs.exr")["depth"], layers["depth"], rtol=1e-2)
 
 
 def test_moving_things_are_traced_where_they_are() -> None:
