@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from app.bench import truth
+from app.bench import records, rivals, truth
 from app.bench.compare import compare, read_results
 from app.bench.configurations import expand, rescaled
 from app.bench.content import content_key
@@ -22,10 +23,13 @@ from app.bench.front import Point, Ratio, error_ratio, mean_ratio, pareto_front,
 from app.bench.grow import fit_power
 from app.bench.hall import hall
 from app.bench.headlines import headlines
-from app.bench.judge import best_ambient
+from app.bench.judge import best_ambient, errors_of
 from app.bench.measure import Spread, swayed
 from app.bench.report import html_report
+from app.bench.rivals import traced_before
+from app.bench.run import VERSION
 from app.bench.tables import rows, to_csv
+from app.cli import cli as app_cli
 from app.contract import find_model, read_contract
 from app.errors import MissingExtraError, ModelError, SceneError, SettingsError, TruthError
 from app.image import write_exr
@@ -33,6 +37,8 @@ from app.load import embedded_scene
 from app.scene import Scene
 
 Json = dict[str, Any]
+
+GREY = np.full((3, 4, 3), 0.5, np.float32)
 
 
 def curve(*points: tuple[float, float]) -> list[Point]:
@@ -196,6 +202,11 @@ def test_what_has_no_content_has_no_key() -> None:
         content_key(object())
 
 
+def black_layers() -> dict[str, Any]:
+    black = np.zeros((3, 4, 3), np.float32)
+    return {"": black, "direct": black, "indirect": black, "albedo": black, "depth": black[..., :1]}
+
+
 class FakeTracer:
     """Writes black layers, and remembers what it was asked for."""
 
@@ -205,9 +216,7 @@ class FakeTracer:
     def __call__(self, arguments: Sequence[str]) -> None:
         self.calls.append(arguments)
         out = Path(arguments[arguments.index("--out") + 1])
-        black = np.zeros((3, 4, 3), np.float32)
-        layers = {"": black, "direct": black, "indirect": black, "albedo": black, "depth": black[..., :1]}
-        write_exr(out / "truth.exr", layers)
+        write_exr(out / "truth.exr", black_layers())
         (out / "truth.json").write_text(json.dumps({"spp": 8, "noise": {"final": 0.01}, "seconds": 1.0}))
 
 
@@ -268,13 +277,100 @@ def test_without_path_tracer_the_error_says_what_to_install(monkeypatch: pytest.
 @pytest.mark.parametrize(("damage", "said"), [
     (lambda folder: (folder / "truth.json").unlink(), "truth.json"),
     (lambda folder: (folder / "truth.json").write_text("[]"), "no JSON object"),
+    (lambda folder: (folder / "truth.json").write_text('{"noise": 3}'), "noise is 3"),
+    (lambda folder: (folder / "truth.json").write_text('{"noise": {"final": null}}'), "noise is {'final': None}"),
+    (lambda folder: (folder / "truth.json").write_text('{"seconds": "1"}'), "seconds is '1'"),
+    (lambda folder: (folder / "truth.json").write_text('{"notices": "fog"}'), "notices are 'fog'"),
     (lambda folder: write_exr(folder / "truth.exr", {"": np.zeros((3, 4, 3), np.float32)}), "no layer 'direct'"),
+    (lambda folder: write_exr(folder / "truth.exr", black_layers() | {"": np.full((3, 4, 3), np.nan, np.float32)}),
+     "expected finite numbers"),
 ])
 def test_a_damaged_truth_is_refused(tracer: FakeTracer, tmp_path: Path, damage: Any, said: str) -> None:
     tracer(["--out", str(tmp_path)])
     damage(tmp_path)
     with pytest.raises(SceneError, match=said):
         truth.read_truth(tmp_path)
+
+
+def test_a_damaged_truth_in_the_cache_is_made_anew(tracer: FakeTracer) -> None:
+    make(embedded_scene())
+    (file,) = truth.cache_folder().glob("*/truth.exr")
+    file.write_bytes(file.read_bytes()[:50])
+    assert make(embedded_scene()).size == (4, 3)
+    assert len(tracer.calls) == 2
+
+
+@pytest.mark.parametrize("text", [
+    '{"1": "x"}', '{"one": 1}', '{"1": 0}', '{"1": NaN}', '{"0": 1}', '{"\u00b2": 1}', "[]"])
+def test_damaged_pictures_of_a_rival_are_refused(text: str, tmp_path: Path) -> None:
+    write_exr(tmp_path / "plain_0001.exr", {"": GREY, "albedo": GREY, "normal": GREY})
+    (tmp_path / "plain.json").write_text('{"1": 0.5}')
+    assert [(p.spp, p.seconds) for p in truth.read_plain(tmp_path)] == [(1, 0.5)]
+    (tmp_path / "plain.json").write_text(text)
+    with pytest.raises(SceneError, match=r"plain\.json"):
+        truth.read_plain(tmp_path)
+
+
+def test_pictures_of_a_rival_have_their_guides_and_the_truth_s_size(tracer: FakeTracer, tmp_path: Path) -> None:
+    tracer(["--out", str(tmp_path)])
+    found = truth.read_truth(tmp_path)
+    (tmp_path / "plain.json").write_text('{"1": 0.5}')
+    write_exr(tmp_path / "plain_0001.exr", {"": GREY, "albedo": GREY})
+    with pytest.raises(SceneError, match="no layer 'normal'"):
+        traced_before(tmp_path, found)
+    write_exr(tmp_path / "plain_0001.exr", {"": GREY, "albedo": GREY, "normal": GREY})
+    assert len(traced_before(tmp_path, found)()) == 1
+    larger = {name: np.zeros((6, 8, 3), np.float32) for name in ("", "albedo", "normal")}
+    write_exr(tmp_path / "plain_0001.exr", larger)
+    with pytest.raises(SceneError, match="not of the truth's size"):
+        traced_before(tmp_path, found)
+
+
+def test_what_the_path_tracer_did_not_draw_is_kept(tracer: FakeTracer, tmp_path: Path) -> None:
+    tracer(["--out", str(tmp_path)])
+    (tmp_path / "truth.json").write_text('{"notices": ["no fog"]}')
+    assert records.truth(truth.read_truth(tmp_path))["notices"] == ["no fog"]
+
+
+def test_where_no_surface_is_seen_indirect_light_is_not_judged(tracer: FakeTracer) -> None:
+    nothing = truth.Truth({name: np.zeros((12, 16, 1 if name == "depth" else 3), np.float32)
+                           for name in truth.LAYERS}, {}, "k")
+    assert set(errors_of(nothing.layers, nothing)) == {"direct", "final"}
+
+
+@pytest.mark.parametrize("sizes", ["8x6", "64x48,64x10"])
+def test_sizes_below_the_window_of_ssim_are_refused(sizes: str) -> None:
+    done = CliRunner().invoke(app_cli, ["bench", "--sizes", sizes])
+    assert done.exit_code == 2 and "expected sides of at least 11" in done.output
+
+
+# Rivals.
+
+def test_a_denoised_picture_takes_tracing_and_the_median_denoising(monkeypatch: pytest.MonkeyPatch) -> None:
+    took = {"fast": iter([9.0, 0.1, 0.2, 0.3, 7.0, 0.2]), "high": iter([9.0, 1.0, 1.0, 1.0, 1.0, 1.0])}
+    now = 0.0
+
+    def denoise(plain: truth.Plain, quality: str) -> Any:
+        nonlocal now
+        now += next(took[quality])
+        return plain.final / 2
+
+    monkeypatch.setattr(rivals, "denoise", denoise)
+    monkeypatch.setattr(rivals, "perf_counter", lambda: now)
+    found = rivals.draw_rivals(lambda: [truth.Plain(4, 2.0, GREY, GREY, GREY)])
+    assert [(r.name, r.spp, r.ms) for r in found] == [
+        ("path tracer", 4, 2000), ("denoised (fast)", 4, pytest.approx(2200)), ("denoised (high)", 4, 3000)]
+    assert [r.picture.max() for r in found] == [0.5, 0.25, 0.25]
+
+
+@pytest.mark.parametrize("option", [
+    ["--seed", "32"], ["--max-bounces", "1001"], ["--plain", "32769"], ["--plain", "²"]])
+def test_the_path_tracer_refuses_what_it_can_t_count(option: list[str], tmp_path: Path) -> None:
+    pytest.importorskip("mitsuba")
+    from export.__main__ import cli as export_cli
+
+    done = CliRunner().invoke(export_cli, ["reference", "--out", str(tmp_path), *option])
+    assert done.exit_code == 2 or isinstance(done.exception, SettingsError)
 
 
 # Results: comparison, table, page.
@@ -290,7 +386,7 @@ def configuration(label: str, ms: float, flip: float, grid: list[int] | None) ->
 
 
 def rival(name: str, spp: int, ms: float, flip: float) -> Json:
-    return {"name": name, "spp": spp, "ms": {"median": ms, "p95": ms, "turns": [ms]},
+    return {"name": name, "spp": spp, "ms": ms,
             "errors": {"final": {"flip": flip, "psnr": 30.0, "ssim": 0.9, "rel_mse": 0.1}}}
 
 
@@ -298,14 +394,14 @@ def rival(name: str, spp: int, ms: float, flip: float) -> Json:
 def results() -> Json:
     scene = {
         "name": "<box>", "lighting": "lamp", "triangles": 32, "lights": 1,
-        "truth": {"spp": 8, "noise": {"final": 0.01}, "size": [4, 3], "key": "k"},
+        "truth": {"spp": 8, "noise": {"final": 0.01}, "notices": ["no fog"], "size": [4, 3], "key": "k"},
         "configurations": [configuration("none", 5.0, 0.5, None), configuration("net", 10.0, 0.2, [2, 2])],
         "ambient": {"constant": [1, 1, 1],
                     "errors": {"final": {"flip": 0.3, "psnr": None, "ssim": 1.0, "rel_mse": 0.0}}},
         "rivals": [rival("path tracer", 1, 20, 0.4), rival("path tracer", 4, 80, 0.1),
                    rival("denoised (fast)", 1, 30, 0.1)],
     }
-    return {"version": 1, "command": "bench", "absent": [], "seconds": 3.0, "scenes": [scene],
+    return {"version": VERSION, "command": "bench", "absent": [], "seconds": 3.0, "scenes": [scene],
             "headlines": headlines([scene]),
             "machine": {"processor": "cpu", "cores": 2, "physical_cores": 2, "memory_gb": 8.0, "system": "Linux",
                         "python": "3.11", "load_average": 0.1, "versions": {"numpy": "2"}}}
@@ -398,7 +494,8 @@ def test_the_page_needs_no_other_file(results: Json) -> None:
     assert "<box>" not in re.sub(r"<script>.*</script>", "", page, flags=re.S)  # names are escaped
     assert not re.search(r"(src|href)\s*=\s*[\"'](?!data:|#)", page)
     assert page.count("</script>") == 1
-    for text in ("Speed-up at equal error", "4×", "≥2×", "path tracer, 4 spp", "1.00 ± 0.00", "cpu, 2 logical"):
+    for text in ("Speed-up at equal error", "4×", "≥2×", "path tracer, 4 spp", "1.00 ± 0.00", "cpu, 2 logical",
+                 "; no fog"):
         assert text in page
     pictures = json.loads(re.search(r"const pictures = (.*);\n", page)[1])  # type: ignore[index]
     assert set(pictures["<box>"]["net"]) == {"picture", "flip"}
