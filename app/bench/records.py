@@ -17,7 +17,7 @@ def contender(measured: Contender) -> Json:
     """A configuration with its times; ``errors`` and ``fresh`` are filled in where they were measured."""
     c = measured.configuration
     return {"label": c.label, "size": list(c.size), "grid": c.grid and list(c.grid), "precision": c.precision,
-            "device": measured.device, "stages": {name: _spread(s) for name, s in measured.stages.items()},
+            "device": measured.device, "stages": {name: spread(s) for name, s in measured.stages.items()},
             "errors": None, "fresh": None}
 
 
@@ -40,7 +40,8 @@ def errors(found: dict[str, Errors]) -> Json:
     return {layer: {metric: _finite(value) for metric, value in values.items()} for layer, values in found.items()}
 
 
-def _spread(found: Spread) -> Json:
+def spread(found: Spread) -> Json:
+    """Milliseconds."""
     return {"median": round(found.median, 4), "p95": round(found.p95, 4),
             "turns": [round(ms, 4) for ms in found.turns]}
 

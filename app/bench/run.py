@@ -17,7 +17,7 @@ from app.bench.configurations import Configuration
 from app.bench.headlines import HEADLINE_ERROR, headlines
 from app.bench.judge import AMBIENT, draw_ambient, draw_layers, errors_of
 from app.bench.machine import describe_machine
-from app.bench.measure import Contender, Race
+from app.bench.measure import Contender, Race, Spread, yardstick
 from app.bench.rivals import NAMES, TRACED, Rival, Trace, draw_rivals, traced_before, traced_now
 from app.bench.truth import Order, Truth, make_truth, read_truth
 from app.errors import SceneError, SettingsError
@@ -132,7 +132,7 @@ def _subject(file: Path, options: Options, progress: Progress) -> _Subject:
 def _run(subject: _Subject, options: Options, configurations: Sequence[Configuration], pictures: Pictures,
          progress: Progress) -> Json:
     judged, ambient = _judge(subject, options, configurations, pictures, progress)
-    contenders, opponents = _take_turns(subject, options, configurations, progress)
+    contenders, opponents, pace = _take_turns(subject, options, configurations, progress)
     entries = [records.contender(c) for c in contenders]
     largest = max(options.sizes, key=math.prod)
     for entry, c in zip(entries, configurations, strict=True):
@@ -141,9 +141,11 @@ def _run(subject: _Subject, options: Options, configurations: Sequence[Configura
             progress(f"{subject.scene.name}: starting {c.label} in a fresh process")
             entry["fresh"] = fresh.start(subject.file, options.lighting, options.camera, c, options.provider)
     result = {
-        "name": subject.scene.name, "lighting": subject.scene.lighting, "triangles": subject.scene.triangles,
+        "name": subject.scene.name, "lighting": subject.scene.lighting,
+        "camera": options.camera or subject.scene.default_camera, "triangles": subject.scene.triangles,
         "lights": len(subject.scene.lights), "truth": records.truth(subject.truth), "configurations": entries,
         "ambient": ambient, "rivals": [records.rival(r, subject.truth) for r in opponents],
+        "yardstick": records.spread(pace),
     }
     _keep_pictures_of(opponents, result, pictures)
     return result
@@ -164,18 +166,23 @@ def _judge(subject: _Subject, options: Options, configurations: Sequence[Configu
 
 
 def _take_turns(subject: _Subject, options: Options, configurations: Sequence[Configuration],
-                progress: Progress) -> tuple[list[Contender], list[Rival]]:
-    """Times of all configurations, those of one size in turns; halfway through the truth's, the path tracer's."""
+                progress: Progress) -> tuple[list[Contender], list[Rival], Spread]:
+    """Times of all configurations, those of one size in turns; halfway through the truth's, the path tracer's.
+
+    Last the yardstick's.
+    """
     opponents: list[Rival] = []
+    yardsticks: list[list[float]] = []
     contenders = [Contender(subject.scene, subject.camera, c) for c in configurations]
     for size in dict.fromkeys(c.size for c in configurations):
         with Race([c for c in contenders if c.configuration.size == size], options.provider) as race:
             for turn in range(options.turns):
                 progress(f"{subject.scene.name}: {size[0]}x{size[1]}, turn {turn + 1} of {options.turns}")
+                yardsticks.append(yardstick())
                 race.turn()
                 if size == subject.truth.size and turn == options.turns // 2:
                     opponents = draw_rivals(subject.trace)
-    return contenders, opponents
+    return contenders, opponents, Spread.of(yardsticks)
 
 
 def _keep_pictures_of(opponents: Sequence[Rival], scene: Json, pictures: Pictures) -> None:

@@ -131,12 +131,14 @@ def test_a_run_can_be_compared_with_one_before(folder: Path, whole: tuple[Path, 
     old = json.loads((whole[0] / "bench.json").read_text())
     stages = old["scenes"][0]["configurations"][0]["stages"]
     for stage in (stages[name] for name in stages if name != "copy"):
-        stage |= {"median": 1e-3 * stage["median"], "turns": [1e-3 * t for t in stage["turns"]]}
+        stage |= {"median": 1e-3 * stage["median"], "turns": [1e-3 * (1 + n / 100) for n in range(5)]}
     (folder / "old.json").write_text(json.dumps(old))
-    run = bench(folder, "again", "--models", "none", "--sizes", "32x24", "--compare", str(folder / "old.json"))
+    run = bench(folder, "again", "--models", "none", "--sizes", "32x24", "--repeats", "5", "--compare",
+                str(folder / "old.json"))
     assert run.exit_code == 1
     assert "worse: room, none at 32x24, frame ms" in run.output
     assert "flip" not in run.output.partition("wrote")[2]  # the same frame has the same error
+    assert "room, gather float32 at 32x24 is gone" in run.output
 
 
 def test_a_truth_of_another_size_is_refused(folder: Path) -> None:

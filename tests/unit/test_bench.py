@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from app.bench import records, rivals, truth
+from app import metrics
+from app.bench import measure, records, rivals, truth
 from app.bench.compare import compare, read_results
-from app.bench.configurations import expand, rescaled
+from app.bench.configurations import Configuration, expand, rescaled
 from app.bench.content import content_key
 from app.bench.front import Point, Ratio, error_ratio, mean_ratio, pareto_front, speed_up
 from app.bench.grow import fit_power
@@ -98,6 +99,40 @@ def test_a_spread_counts_all_frames_and_keeps_each_turn() -> None:
     assert spread.turns == (2, 5)
 
 
+class FakeRenderer:
+    """Its first two frames of each turn take long."""
+
+    def __init__(self, *_: object) -> None:
+        self.device: dict[str, str] = {}
+        self.frames = 0
+
+    def __enter__(self) -> FakeRenderer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def reset_timing(self) -> None:
+        pass
+
+    def render(self, camera: object, time: float) -> None:
+        self.frames += 1
+
+    def timing(self) -> Json:
+        return {"passes": {}, "frame": {"cpu_ms": {"median": 90.0 if (self.frames - 1) % 8 < 2 else 1.0}}}
+
+
+def test_the_first_frames_of_a_turn_do_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(measure, "Renderer", FakeRenderer)
+    scene = embedded_scene()
+    contender = measure.Contender(scene, scene.cameras[scene.default_camera].at(0.0),
+                                  Configuration("none", None, (64, 48)))
+    with measure.Race([contender], "cpu") as race:
+        race.turn()
+        race.turn()
+    assert [turn["frame"] for turn in contender.turns] == [[1.0] * 6] * 2
+
+
 def test_the_camera_sways_sideways() -> None:
     scene = embedded_scene()
     camera = scene.cameras[scene.default_camera].at(0.0)
@@ -114,7 +149,9 @@ def test_the_exponent_of_a_power_is_found() -> None:
     fit = fit_power(counts, [3 * n**0.7 for n in counts])
     assert fit.exponent == pytest.approx(0.7)
     assert fit.error == pytest.approx(0, abs=1e-9)
-    assert fit_power(counts, [1, 10, 10, 100]).error > 0.1
+    # By hand: x = 0 … 3 and y = 0, 1, 1, 2 in decades: slope 0.6, squared residuals 0.2, two degrees, Σ(x − x̄)² = 5.
+    bent = fit_power(counts, [1, 10, 10, 100])
+    assert (bent.exponent, bent.error) == (pytest.approx(0.6), pytest.approx(np.sqrt(0.2 / 2 / 5)))
 
 
 def test_the_hall_has_what_was_asked_for() -> None:
@@ -134,6 +171,22 @@ def test_the_best_ambient_is_the_constant_that_was_there() -> None:
     albedo = random.random((12, 16, 3), np.float32)
     constant = np.array([0.3, 0.05, 0.0], np.float32)
     np.testing.assert_allclose(best_ambient(base, albedo, base + albedo * constant), constant, atol=1e-3)
+
+
+def test_the_best_ambient_may_be_one_bright_channel() -> None:
+    black = np.zeros((4, 5, 3), np.float32)
+    albedo, red = black + 0.1, np.array([0.6, 0, 0], np.float32)
+    albedo[0, :2] = 1  # sets an exposure at which the rest is not white
+    np.testing.assert_allclose(best_ambient(black, albedo, albedo * red), red, atol=1e-3)
+
+
+def test_the_best_ambient_is_nearest_in_squared_error() -> None:
+    black = np.zeros((1, 10, 3), np.float32)
+    final = np.full((1, 10, 3), 0.2, np.float32)
+    final[0, :3] = 0.7
+    exposure = metrics.exposure_of(final)
+    mean = metrics.tone_map(final, exposure).mean(axis=(0, 1))
+    np.testing.assert_allclose(metrics.tone_map(best_ambient(black, black + 1, final), exposure), mean, atol=1e-3)
 
 
 def test_without_light_the_best_ambient_is_none() -> None:
@@ -156,6 +209,13 @@ def test_only_precisions_that_exist_are_measured() -> None:
     found, absent = expand(["none", "gather"], [(64, 48)], [], ["float32", "float16"])
     assert [c.label for c in found] == ["none", "gather float32"]
     assert absent == ["gather in float16 is not available (there is no gather-float16.onnx)"]
+
+
+def test_scales_are_told_apart(tmp_path: Path) -> None:
+    scales = [1 / 3, 0.001, 0.002, 0.0000001, 0.0000002]
+    found, _ = expand(["gather"], [(64, 48)], scales, [], tmp_path)
+    assert [c.label for c in found] == [f"gather at {s}" for s in ("1/3", "0.001", "0.002", "1e-07", "2e-07")]
+    assert [read_contract(c.file).scale for c in found if isinstance(c.file, Path)] == scales
 
 
 def test_a_rescaled_network_is_the_same_but_for_its_scale(tmp_path: Path) -> None:
@@ -381,8 +441,16 @@ def configuration(label: str, ms: float, flip: float, grid: list[int] | None) ->
             "errors": {layer: dict(errors) for layer in ("direct", "indirect", "final")},
             "device": {"gl_renderer": "soft", "gl_version": "4.5", "provider": "cpu"},
             "fresh": {"startup_s": 0.5, "peak_mb": 250.0},
-            "stages": {n: {"median": m, "p95": 2 * m, "turns": [m, 1.01 * m, 0.99 * m]}
-                       for n, m in (("direct", ms / 2), ("tiny", 0.01), ("copy", 1.0), ("frame", ms))}}
+            "stages": {n: times(m) for n, m in (("direct", ms / 2), ("tiny", 0.01), ("copy", 1.0), ("frame", ms))}}
+
+
+def times(ms: float) -> Json:
+    return {"median": ms, "p95": 2 * ms, "turns": [f * ms for f in (1, 1.01, 0.99, 1.005, 0.995)]}
+
+
+def slow(stages: Json, factor: float, *names: str) -> None:
+    for name in names:
+        stages[name] = times(factor * stages[name]["median"])
 
 
 def rival(name: str, spp: int, ms: float, flip: float) -> Json:
@@ -393,7 +461,7 @@ def rival(name: str, spp: int, ms: float, flip: float) -> Json:
 @pytest.fixture
 def results() -> Json:
     scene = {
-        "name": "<box>", "lighting": "lamp", "triangles": 32, "lights": 1,
+        "name": "<box>", "lighting": "lamp", "camera": "main", "triangles": 32, "lights": 1, "yardstick": times(4.0),
         "truth": {"spp": 8, "noise": {"final": 0.01}, "notices": ["no fog"], "size": [4, 3], "key": "k"},
         "configurations": [configuration("none", 5.0, 0.5, None), configuration("net", 10.0, 0.2, [2, 2])],
         "ambient": {"constant": [1, 1, 1],
@@ -422,24 +490,80 @@ def test_equal_results_show_no_change(results: Json) -> None:
 def test_what_became_slower_beyond_noise_is_named(results: Json) -> None:
     new = copy.deepcopy(results)
     stages = new["scenes"][0]["configurations"][1]["stages"]
-    stages["frame"]["median"] *= 1.015  # within both runs' spread of 1 % each
-    stages["direct"]["median"] *= 1.10
-    stages["tiny"]["median"] *= 4.0
+    slow(stages, 1.025, "frame")
+    slow(stages, 1.10, "direct")
+    slow(stages, 4.0, "tiny")
+    slow(new["scenes"][0]["configurations"][0]["stages"], 1.10, "direct", "frame")
     changes, notes = compare(results, new)
     assert not notes
-    assert [(c.where, c.figure, c.worse) for c in changes] == [("<box>, net at 4x3", "direct ms", True)]
-    assert not compare(new, results)[0][0].worse
+    assert [(c.where, c.figure, c.worse) for c in changes] == [
+        ("<box>, none at 4x3", "direct ms", True), ("<box>, none at 4x3", "frame ms", True),
+        ("<box>, net at 4x3", "direct ms", True)]
+    assert not any(change.worse for change in compare(new, results)[0])
 
 
-def test_what_a_slower_machine_explains_is_no_change(results: Json) -> None:
+def test_equal_programs_seldom_differ_and_slower_ones_do(results: Json) -> None:
+    random = np.random.default_rng(5)
+    first = results["scenes"][0]["configurations"][0]
+
+    def run(scatter: float, slower: float = 1.0) -> Json:
+        """A hundred stages in five turns."""
+        drawn = {f"stage {i}": slower * random.lognormal(0, scatter, 5) for i in range(100)}
+        stages = {n: {"median": float(np.median(t)), "turns": t.tolist()} for n, t in drawn.items()}
+        return results | {"scenes": [results["scenes"][0] | {
+            "configurations": [first | {"stages": stages | {"copy": times(1.0), "frame": times(5.0)}}]}]}
+
+    for scatter in (0.02, 0.1):
+        assert sum(bool(compare(run(scatter), run(scatter))[0]) for _ in range(30)) <= 3
+    assert len(compare(run(0.01), run(0.01, slower=1.1))[0]) > 95
+
+
+def test_a_few_turns_tell_nothing(results: Json) -> None:
     new = copy.deepcopy(results)
     for c in new["scenes"][0]["configurations"]:
+        slow(c["stages"], 9, "direct")
         for stage in c["stages"].values():
-            stage |= {"median": 1.5 * stage["median"], "turns": [1.5 * t for t in stage["turns"]]}
+            stage["turns"] = stage["turns"][:4]
+    assert compare(results, new) == ([], ["times of fewer than 5 turns are not compared"])
+
+
+@pytest.mark.parametrize(("key", "value"), [("lighting", "sun"), ("camera", "side"), ("triangles", 33), ("lights", 2)])
+def test_another_picture_is_not_compared(results: Json, key: str, value: object) -> None:
+    new = copy.deepcopy(results)
+    new["scenes"][0][key] = value
+    slow(new["scenes"][0]["configurations"][0]["stages"], 9, "direct")
+    new["scenes"][0]["configurations"][0]["errors"]["final"]["flip"] *= 3
+    assert compare(results, new) == ([], [f"<box> has other {key}: it is not compared"])
+
+
+def test_times_of_another_device_are_not_compared(results: Json) -> None:
+    for key in ("gl_renderer", "provider"):
+        new = copy.deepcopy(results)
+        for c in new["scenes"][0]["configurations"]:
+            slow(c["stages"], 0.1, "direct", "frame")
+            c["device"][key] = "another"
+        changes, (note,) = compare(results, new)
+        assert not changes and "another" in note and "are not compared with times on soft with provider cpu" in note
+
+
+def test_a_loaded_machine_is_noted(results: Json) -> None:
+    new = copy.deepcopy(results)
+    new["machine"]["load_average"] = 3.5
+    assert "this run began under a load of 3.5 on 2 cores" in compare(results, new)[1][0]
+    assert "the earlier run began" in compare(new, results)[1][0]
+
+
+@pytest.mark.parametrize("by", ["copy", "processor"])
+def test_what_a_slower_machine_explains_is_no_change(results: Json, by: str) -> None:
+    new = copy.deepcopy(results)
+    for c in new["scenes"][0]["configurations"]:
+        slow(c["stages"], 1.5, "direct", "frame", *(["copy"] if by == "copy" else []))
+    if by == "processor":
+        slow(new["scenes"][0], 1.5, "yardstick")
     changes, notes = compare(results, new)
     assert not changes
-    assert "copy takes 50% more" in notes[0]
-    new["scenes"][0]["configurations"][1]["stages"]["direct"]["median"] *= 1.2
+    assert "the yardsticks moved by 50%" in notes[0]
+    slow(new["scenes"][0]["configurations"][1]["stages"], 1.2, "direct")
     assert [c.figure for c in compare(results, new)[0]] == ["direct ms"]
 
 
@@ -456,23 +580,36 @@ def test_what_became_worse_is_named(results: Json) -> None:
 def test_times_of_another_machine_are_not_compared(results: Json) -> None:
     new = copy.deepcopy(results)
     new["machine"]["processor"] = "another"
-    new["scenes"][0]["configurations"][1]["stages"]["direct"]["median"] *= 9
+    slow(new["scenes"][0]["configurations"][1]["stages"], 9, "direct")
     new["scenes"][0]["truth"]["key"] = "other"
+    new["scenes"][0]["configurations"][1]["errors"]["final"]["flip"] *= 3
     changes, notes = compare(results, new)
     assert not changes
     assert len(notes) == 2 and "times are not compared" in notes[0] and "another truth" in notes[1]
 
 
-def test_what_is_new_is_noted(results: Json) -> None:
+def test_what_is_new_or_gone_is_noted(results: Json) -> None:
     new = copy.deepcopy(results)
     new["scenes"][0]["configurations"].append(configuration("fresh", 1.0, 0.1, None))
-    assert compare(results, new) == ([], ["<box>, fresh at 4x3 is new"])
+    new["scenes"][0]["configurations"][0]["stages"]["fog"] = times(50.0)
+    assert compare(results, new) == ([], ["<box>, fresh at 4x3 is new", "<box>, none at 4x3, fog is new"])
+    assert compare(new, results) == ([], ["<box>, fresh at 4x3 is gone", "<box>, none at 4x3, fog is gone"])
+    assert compare(results, results | {"scenes": []}) == ([], ["<box> is gone"])
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"version": 0}'])
+@pytest.mark.parametrize("text", ["", "[]", '{"version": 0}', f'{{"version": {VERSION}}}'])
 def test_only_results_can_be_compared_with(text: str, tmp_path: Path) -> None:
     (tmp_path / "old.json").write_text(text)
     with pytest.raises(SettingsError, match=r"expected the bench\.json of a run"):
+        read_results(tmp_path / "old.json")
+
+
+def test_a_result_that_lacks_something_can_t_be_compared_with(results: Json, tmp_path: Path) -> None:
+    (tmp_path / "old.json").write_text(json.dumps(results))
+    assert read_results(tmp_path / "old.json") == results
+    del results["scenes"][0]["configurations"][1]["stages"]["frame"]["turns"]
+    (tmp_path / "old.json").write_text(json.dumps(results))
+    with pytest.raises(SettingsError, match="no result of this version"):
         read_results(tmp_path / "old.json")
 
 
