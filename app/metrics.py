@@ -57,6 +57,8 @@ def psnr(image: Values, truth: Values, mask: Mask | None = None) -> float:
 def ssim(image: Values, truth: Values, mask: Mask | None = None) -> float:
     """Structural similarity of the tone-mapped images, -1 to 1; Wang et al. 2004, 11×11 Gaussian window of σ 1.5.
 
+    Only texels whose window lies in the image are averaged; of a mask without such a texel, all are.
+
     Raises
     ------
     MetricError
@@ -68,7 +70,10 @@ def ssim(image: Values, truth: Values, mask: Mask | None = None) -> float:
     similarity = extra_module("skimage.metrics", EXTRA).structural_similarity
     values = similarity(a, b, data_range=1.0, channel_axis=2, gaussian_weights=True, sigma=SSIM_SIGMA,
                         truncate=SSIM_RADIUS / SSIM_SIGMA, use_sample_covariance=False, full=True)[1]
-    return float(values[inside].mean())
+    whole = np.zeros_like(inside)
+    whole[SSIM_RADIUS:-SSIM_RADIUS, SSIM_RADIUS:-SSIM_RADIUS] = True
+    counted = inside & whole
+    return float(values[counted if counted.any() else inside].mean())
 
 
 def rel_mse(image: Values, truth: Values, mask: Mask | None = None) -> float:

@@ -66,6 +66,7 @@ def _known(names: list[str] | None) -> list[str]:
     return names or list(MODULES)
 
 
+MOST_PLAIN = 2**15
 SCENE = typer.Argument(metavar="[SCENE]", help="Scene file; the embedded Cornell box without it.")
 
 
@@ -76,10 +77,10 @@ def reference(scene: Annotated[Path | None, SCENE] = None,
               scene_json: Annotated[Path | None, typer.Option(help="Cameras, lightings and motion.")] = None,
               size: Annotated[str, typer.Option(help="Width and height in pixels.", metavar="WxH")] = "256x192",
               spp: Annotated[int, typer.Option(help="Paths per pixel.", min=1)] = 256,
-              max_bounces: Annotated[int, typer.Option(help="Of indirect light.", min=1)] = 16,
+              max_bounces: Annotated[int, typer.Option(help="Of indirect light.", min=1, max=1000)] = 16,
               plain: Annotated[str, typer.Option(help="Instead: pictures at these paths per pixel, with their times.",
                                                  metavar="N,…")] = "",
-              seed: Annotated[int, typer.Option(min=0)] = 0,
+              seed: Annotated[int, typer.Option(min=0, max=31)] = 0,  # with --plain it fills a sampler's 32 bits
               out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("reference")) -> None:
     """Path-trace a scene: truth.exr with direct, indirect and final light, aovs.exr with the renderer's images."""
     mitsuba()  # says what is missing, if anything is
@@ -106,9 +107,10 @@ def reference(scene: Annotated[Path | None, SCENE] = None,
 
 
 def _counts(text: str) -> list[int]:
-    counts = [int(part) if part.strip().isdigit() else 0 for part in text.split(",")]
-    if min(counts) < 1:
-        raise SettingsError(f"bad numbers of paths {text!r}", "--plain", "expected whole numbers, such as 1,2,4")
+    counts = [int(part) if part.strip().isdecimal() else 0 for part in text.split(",")]
+    if min(counts) < 1 or max(counts) > MOST_PLAIN:
+        raise SettingsError(f"bad numbers of paths {text!r}", "--plain",
+                            f"expected whole numbers up to {MOST_PLAIN}, such as 1,2,4")
     return counts
 
 

@@ -83,7 +83,7 @@ def expand(models: Sequence[str], sizes: Sequence[tuple[int, int]], scales: Sequ
             continue
         for suffix, precise in _of_precisions(file, precisions, absent):
             for scale in scales or (None,):
-                label = f"{file.stem}{suffix}" + (f" at {Fraction(scale).limit_denominator(64)}" if scale else "")
+                label = f"{file.stem}{suffix}" + (f" at {_of_image(scale)}" if scale else "")
                 if label in variants:
                     raise ModelError(f"two models are called {label!r}", file, "expected different file names")
                 variants[label] = precise if scale is None else rescaled(precise, scale, folder)
@@ -102,7 +102,7 @@ def rescaled(network: Path, scale: float, folder: Path) -> Path:
     """
     contract = replace(read_contract(network), scale=scale).to_json().encode()
     entry = _field(_METADATA_PROPS, _field(_KEY, KEY.encode()) + _field(_VALUE, contract))
-    copy = folder / f"{network.stem}-{scale:.6f}.onnx"
+    copy = folder / f"{network.stem}-{scale!r}.onnx"
     copy.write_bytes(network.read_bytes() + entry)
     return copy
 
@@ -121,6 +121,12 @@ def _of_precisions(file: Path, precisions: Sequence[str], absent: list[str]) -> 
         else:
             absent.append(f"{file.stem} in {precision} is not available (there is no {variant.name})")
     return found
+
+
+def _of_image(scale: float) -> str:
+    """As a fraction where it is a short one."""
+    short = Fraction(scale).limit_denominator(64)
+    return str(short) if float(short) == scale else f"{scale:g}"
 
 
 def _field(number: int, content: bytes) -> bytes:

@@ -38,7 +38,7 @@ def points_of(scene: Json) -> dict[str, list[Point]]:
         if c["errors"] is not None:
             curves[c["label"]] = [Point(c["label"], c["stages"][FRAME]["median"], c["errors"][layer][metric])]
     for r in scene["rivals"]:
-        curves.setdefault(r["name"], []).append(Point(r["name"], r["ms"]["median"], r["errors"][layer][metric]))
+        curves.setdefault(r["name"], []).append(Point(r["name"], r["ms"], r["errors"][layer][metric]))
     return curves
 
 

@@ -21,7 +21,6 @@ Errors = dict[str, float]
 
 AMBIENT = "ambient (oracle)"
 SETTLE = 16          # frames until temporal anti-aliasing has settled, as for a still
-JUDGED = ("direct", "indirect", "final")
 METRICS: dict[str, Callable[..., float]] = {
     "flip": metrics.flip, "psnr": metrics.psnr, "ssim": metrics.ssim, "rel_mse": metrics.rel_mse}
 HIGHER_IS_BETTER = ("psnr", "ssim")
@@ -48,8 +47,9 @@ def draw_layers(scene: Scene, camera: Camera, configuration: Configuration, prov
 
 def errors_of(layers: Layers, truth: Truth) -> dict[str, Errors]:
     """All metrics of the layers that are there; ``indirect`` only where the truth's albedo is not black."""
-    return {name: {metric: f(layers[name], truth.layers[name], truth.demodulated if name == "indirect" else None)
-                   for metric, f in METRICS.items()} for name in JUDGED if name in layers}
+    masks = {"direct": None, "indirect": truth.demodulated, "final": None}
+    return {name: {metric: f(layers[name], truth.layers[name], mask) for metric, f in METRICS.items()}
+            for name, mask in masks.items() if name in layers and (mask is None or mask.any())}
 
 
 def draw_ambient(scene: Scene, camera: Camera, truth: Truth, provider: str) -> tuple[Layers, list[float]]:

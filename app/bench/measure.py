@@ -6,6 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from time import perf_counter
 from types import TracebackType
 
 import numpy as np
@@ -20,6 +21,7 @@ BURST = 6              # frames of one turn
 WARM_UP = 2            # frames at the beginning of a turn that don't count: caches still hold the others' data
 SWAY = 2e-3            # of the scene's longest edge: how far the camera moves between frames
 FRAME_SECONDS = 1 / 30
+YARD = 1024            # rows and columns of the yardstick's matrix
 FRAME, YARDSTICK = "frame", "copy"
 
 
@@ -91,6 +93,17 @@ class Race:
                     for name, stats in {**report["passes"], FRAME: report["frame"]}.items():
                         times[name].append(stats["cpu_ms"]["median"])
             contender.turns.append(dict(times))
+
+
+def yardstick() -> list[float]:
+    """Milliseconds of a matrix product on all cores, a few times: nothing that the program does moves it."""
+    matrix = np.ones((YARD, YARD), np.float32)
+    times = []
+    for _ in range(WARM_UP + BURST):
+        begin = perf_counter()
+        matrix @ matrix
+        times.append((perf_counter() - begin) * 1e3)
+    return times[WARM_UP:]
 
 
 def swayed(camera: Camera, scene: Scene, frame: int) -> Camera:

@@ -9,7 +9,7 @@ from typing import Any
 
 from app.bench.configurations import NONE
 from app.bench.front import pareto_front
-from app.bench.headlines import HEADLINE_ERROR, points_of
+from app.bench.headlines import HEADLINE_ERROR, networks, points_of
 from app.bench.measure import FRAME, YARDSTICK
 from app.bench.rivals import NAMES
 from app.contract import SSGI
@@ -28,14 +28,14 @@ def scatter(results: Json) -> str:
     """Time against error for each scene, both logarithmic, with the Pareto front of all points."""
     def panel(axes: Any, scene: Json) -> None:
         curves = points_of(scene)
-        networks = [c["label"] for c in scene["configurations"] if c["errors"] and c["grid"]]
+        ours = networks(scene)
         for name, points in curves.items():
             if name in RIVAL_STYLES:
                 colour, marker = RIVAL_STYLES[name]
                 axes.plot([p.ms for p in points], [p.error for p in points], color=colour, marker=marker, markersize=4,
                           linewidth=1, label=name)
             else:
-                colour = NETWORK_COLOURS[networks.index(name) % len(NETWORK_COLOURS)] if name in networks else "black"
+                colour = NETWORK_COLOURS[ours.index(name) % len(NETWORK_COLOURS)] if name in ours else "black"
                 marker = {NONE: "x", SSGI: "^"}.get(name, "*")
                 axes.plot(points[0].ms, points[0].error, color=colour, marker=marker, linestyle="",
                           markersize=7 if marker in "x^" else 12, label=name)

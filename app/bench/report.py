@@ -77,7 +77,7 @@ def _scene(scene: Json) -> str:
     about = (f"{scene['triangles']} triangles, {scene['lights']} light{'s' * (scene['lights'] != 1)}"
              + (f" (lighting {scene['lighting']})" if scene["lighting"] else "")
              + (f"; truth of {truth['spp']} samples per pixel" if "spp" in truth else "")
-             + (f", noise {noise}" if noise else ""))
+             + (f", noise {noise}" if noise else "") + "".join(f"; {notice}" for notice in truth["notices"]))
     return (f'<h2>{name}</h2><p class=note>{escape(about)}</p><div data-scene="{name}" data-first="{first}">'
             '<div class=pair><img alt=right><img class=over alt=left></div><div class=controls><select></select>'
             '<input type=range value=50><select></select></div></div>' + _errors(scene) + _times(scene))
@@ -86,7 +86,7 @@ def _scene(scene: Json) -> str:
 def _errors(scene: Json) -> str:
     entries = [(c["label"], c["stages"][FRAME]["median"], c["errors"]) for c in scene["configurations"] if c["errors"]]
     entries.append((AMBIENT, None, scene["ambient"]["errors"]))
-    entries += [(f"{r['name']}, {r['spp']} spp", r["ms"]["median"], r["errors"]) for r in scene["rivals"]]
+    entries += [(f"{r['name']}, {r['spp']} spp", r["ms"], r["errors"]) for r in scene["rivals"]]
     head = ["", "ms", *(text for _ in LAYERS for text in COLUMNS.values())]
     above = "<tr><td colspan=2>" + "".join(f"<th colspan={len(COLUMNS)}>{layer}" for layer in LAYERS)
     body = [[label, "–" if ms is None else number(ms),

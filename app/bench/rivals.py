@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import tempfile
-from collections import defaultdict
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.bench.measure import Spread
-from app.bench.truth import Order, Plain, make_plain, read_plain
+from app.bench.truth import Order, Plain, Truth, make_plain, read_plain
+from app.errors import SceneError
 from app.extras import extra_module
 
 F32 = NDArray[np.float32]
@@ -20,48 +21,43 @@ Trace = Callable[[], list[Plain]]
 
 COUNTS = (1, 2, 4, 8, 16, 32, 64, 128, 256)  # samples per pixel
 QUALITIES = ("fast", "high")                 # of the denoiser
+DENOISINGS = 5
 TRACED, DENOISED = "path tracer", "denoised"
 NAMES = (TRACED, *(f"{DENOISED} ({quality})" for quality in QUALITIES))
 
 
-class Rivals:
-    """The path tracer's pictures, as they are and denoised, with their times turn by turn.
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """A linear ``picture`` [H, W, 3] of ``spp`` samples per pixel, and the milliseconds that it took."""
 
-    Attributes
-    ----------
-    pictures : dict
-        Linear [H, W, 3] by (name, samples per pixel), the same in every turn.
+    name: str
+    spp: int
+    ms: float
+    picture: F32
+
+
+def draw_rivals(trace: Trace) -> list[Rival]:
+    """The path tracer's pictures, bare and denoised, by name and rising sample count.
+
+    Tracing is timed by who traces, denoising is the median of a few times after one that loads and builds.
     """
-
-    def __init__(self, trace: Trace) -> None:
-        self._trace = trace
-        self._times: dict[tuple[str, int], list[float]] = defaultdict(list)
-        self.pictures: dict[tuple[str, int], F32] = {}
-
-    def turn(self) -> None:
-        """Draw and denoise everything once."""
-        traced = self._trace()
-        if traced and not self.pictures:  # the denoiser's first calls load and build
-            for quality in QUALITIES:
-                denoise(traced[0], quality)
+    traced = trace()
+    found = [Rival(TRACED, plain.spp, plain.seconds * 1e3, plain.final) for plain in traced]
+    for quality in QUALITIES:
+        for plain in traced[:1]:
+            denoise(plain, quality)
         for plain in traced:
-            self._note(TRACED, plain, plain.final, 0.0)
-            for name, quality in zip(NAMES[1:], QUALITIES, strict=True):
+            seconds = []
+            for _ in range(DENOISINGS):
                 begin = perf_counter()
                 picture = denoise(plain, quality)
-                self._note(name, plain, picture, perf_counter() - begin)
-
-    def times(self) -> dict[tuple[str, int], Spread]:
-        """Milliseconds of tracing, and of denoising where it is."""
-        return {key: Spread.of([[ms] for ms in turns]) for key, turns in self._times.items()}
-
-    def _note(self, name: str, plain: Plain, picture: F32, more_seconds: float) -> None:
-        self._times[name, plain.spp].append((plain.seconds + more_seconds) * 1e3)
-        self.pictures.setdefault((name, plain.spp), picture)
+                seconds.append(perf_counter() - begin)
+            found.append(Rival(f"{DENOISED} ({quality})", plain.spp, (plain.seconds + median(seconds)) * 1e3, picture))
+    return found
 
 
 def traced_now(order: Order, counts: Sequence[int] = COUNTS) -> Trace:
-    """Draws the pictures anew on each call."""
+    """Draws the pictures when it is called."""
     def trace() -> list[Plain]:
         with tempfile.TemporaryDirectory() as folder:
             return make_plain(order, counts, Path(folder))
@@ -69,10 +65,20 @@ def traced_now(order: Order, counts: Sequence[int] = COUNTS) -> Trace:
     return trace
 
 
-def traced_before(folder: Path) -> Trace:
-    """Takes pictures and times from ``folder``; there may be none."""
-    plain = read_plain(folder)
-    return lambda: plain
+def traced_before(folder: Path, truth: Truth) -> Trace:
+    """Takes pictures and times from ``folder``; there may be none.
+
+    Raises
+    ------
+    SceneError
+        When a file is damaged or not of the truth's size.
+    """
+    found = read_plain(folder)
+    for plain in found:
+        if plain.final.shape != truth.layers["final"].shape:
+            raise SceneError(f"a picture of {plain.spp} samples is not of the truth's size", folder,
+                             f"expected {truth.size[0]}x{truth.size[1]}")
+    return lambda: found
 
 
 def denoise(plain: Plain, quality: str) -> F32:

@@ -17,15 +17,15 @@ from app.bench.configurations import Configuration
 from app.bench.headlines import HEADLINE_ERROR, headlines
 from app.bench.judge import AMBIENT, draw_ambient, draw_layers, errors_of
 from app.bench.machine import describe_machine
-from app.bench.measure import Contender, Race
-from app.bench.rivals import NAMES, TRACED, Rivals, Trace, traced_before, traced_now
+from app.bench.measure import Contender, Race, Spread, yardstick
+from app.bench.rivals import NAMES, TRACED, Rival, Trace, draw_rivals, traced_before, traced_now
 from app.bench.truth import Order, Truth, make_truth, read_truth
 from app.errors import SceneError, SettingsError
 from app.extras import extra_module
 from app.load import load_scene
 from app.scene import Camera, Scene
 
-VERSION = 1
+VERSION = 2  # of the JSON file
 JUDGE = ("flip_evaluator", "matplotlib", "psutil", "pyoidn", "skimage")
 
 F32 = NDArray[np.float32]
@@ -126,13 +126,13 @@ def _subject(file: Path, options: Options, progress: Progress) -> _Subject:
     truth = read_truth(folder)
     if truth.size not in options.sizes:
         raise SceneError(f"a truth of {truth.size[0]}x{truth.size[1]}", folder, "expected one of the --sizes")
-    return _Subject(file, scene, camera, truth, traced_before(folder))
+    return _Subject(file, scene, camera, truth, traced_before(folder, truth))
 
 
 def _run(subject: _Subject, options: Options, configurations: Sequence[Configuration], pictures: Pictures,
          progress: Progress) -> Json:
     judged, ambient = _judge(subject, options, configurations, pictures, progress)
-    contenders, opponents = _take_turns(subject, options, configurations, progress)
+    contenders, opponents, pace = _take_turns(subject, options, configurations, progress)
     entries = [records.contender(c) for c in contenders]
     largest = max(options.sizes, key=math.prod)
     for entry, c in zip(entries, configurations, strict=True):
@@ -141,9 +141,11 @@ def _run(subject: _Subject, options: Options, configurations: Sequence[Configura
             progress(f"{subject.scene.name}: starting {c.label} in a fresh process")
             entry["fresh"] = fresh.start(subject.file, options.lighting, options.camera, c, options.provider)
     result = {
-        "name": subject.scene.name, "lighting": subject.scene.lighting, "triangles": subject.scene.triangles,
+        "name": subject.scene.name, "lighting": subject.scene.lighting,
+        "camera": options.camera or subject.scene.default_camera, "triangles": subject.scene.triangles,
         "lights": len(subject.scene.lights), "truth": records.truth(subject.truth), "configurations": entries,
-        "ambient": ambient, "rivals": records.rivals(opponents, subject.truth),
+        "ambient": ambient, "rivals": [records.rival(r, subject.truth) for r in opponents],
+        "yardstick": records.spread(pace),
     }
     _keep_pictures_of(opponents, result, pictures)
     return result
@@ -164,26 +166,31 @@ def _judge(subject: _Subject, options: Options, configurations: Sequence[Configu
 
 
 def _take_turns(subject: _Subject, options: Options, configurations: Sequence[Configuration],
-                progress: Progress) -> tuple[list[Contender], Rivals]:
-    """Times of all configurations, those of one size in turns; halfway through the truth's, the path tracer's."""
-    opponents = Rivals(subject.trace)
+                progress: Progress) -> tuple[list[Contender], list[Rival], Spread]:
+    """Times of all configurations, those of one size in turns; halfway through the truth's, the path tracer's.
+
+    Last the yardstick's.
+    """
+    opponents: list[Rival] = []
+    yardsticks: list[list[float]] = []
     contenders = [Contender(subject.scene, subject.camera, c) for c in configurations]
     for size in dict.fromkeys(c.size for c in configurations):
         with Race([c for c in contenders if c.configuration.size == size], options.provider) as race:
             for turn in range(options.turns):
                 progress(f"{subject.scene.name}: {size[0]}x{size[1]}, turn {turn + 1} of {options.turns}")
+                yardsticks.append(yardstick())
                 race.turn()
                 if size == subject.truth.size and turn == options.turns // 2:
-                    opponents.turn()
-    return contenders, opponents
+                    opponents = draw_rivals(subject.trace)
+    return contenders, opponents, Spread.of(yardsticks)
 
 
-def _keep_pictures_of(opponents: Rivals, scene: Json, pictures: Pictures) -> None:
+def _keep_pictures_of(opponents: Sequence[Rival], scene: Json, pictures: Pictures) -> None:
     """The path tracer's first picture, and of each denoiser the first and the first that is as near as a network."""
     layer, metric = HEADLINE_ERROR
     best = min((c["errors"][layer][metric] for c in scene["configurations"] if c["errors"] and c["grid"]), default=0.0)
     for name in NAMES:
-        rows = [r for r in scene["rivals"] if r["name"] == name]
-        equal = [r for r in rows if r["errors"][layer][metric] <= best]
-        for r in [*rows[:1], *(equal[:1] if name != TRACED else [])]:
-            pictures[f"{name}, {r['spp']} spp"] = opponents.pictures[name, r["spp"]]
+        rows = [(rival, row) for rival, row in zip(opponents, scene["rivals"], strict=True) if rival.name == name]
+        equal = [pair for pair in rows if pair[1]["errors"][layer][metric] <= best]
+        for rival, _ in [*rows[:1], *(equal[:1] if name != TRACED else [])]:
+            pictures[f"{name}, {rival.spp} spp"] = rival.picture

@@ -15,7 +15,10 @@ Row = dict[str, object]
 
 
 def rows(results: Json) -> Iterator[Row]:
-    """A flat row for each configuration, rival and oracle of each scene; times in milliseconds."""
+    """A flat row for each configuration, rival and oracle of each scene; times in milliseconds.
+
+    A rival's time is a single measurement, which has no percentiles.
+    """
     for scene in results["scenes"]:
         for c in scene["configurations"]:
             row: Row = {"scene": scene["name"], "kind": "none" if c["label"] == NONE else "renderer",
@@ -30,7 +33,7 @@ def rows(results: Json) -> Iterator[Row]:
                **_errors(scene["ambient"]["errors"])}
         for r in scene["rivals"]:
             yield {"scene": scene["name"], "kind": "rival", "label": r["name"], "size": size, "spp": r["spp"],
-                   "frame.median_ms": r["ms"]["median"], "frame.p95_ms": r["ms"]["p95"], **_errors(r["errors"])}
+                   "frame.median_ms": r["ms"], **_errors(r["errors"])}
 
 
 def to_csv(found: Iterable[Row]) -> str:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import subprocess
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import metadata, util
 from pathlib import Path
@@ -27,6 +29,7 @@ from app.scene import Camera, Scene
 F32 = NDArray[np.float32]
 
 LAYERS = ("final", "direct", "indirect", "albedo", "depth")
+PLAIN_LAYERS = ("final", "albedo", "normal")
 TRACER = ("mitsuba_scene.py", "path_tracer.py", "reference.py")  # of the package export: what a truth depends on
 LEAST_ALBEDO = 0.01  # where demodulated light counts
 
@@ -55,7 +58,8 @@ class Truth:
     Attributes
     ----------
     about : dict
-        ``spp``, ``noise`` (relative standard error by layer), ``seconds`` and whatever else the path tracer says.
+        ``spp``, ``noise`` (relative standard error by layer), ``seconds``, ``notices`` (what is not as the renderer
+        draws it) and whatever else the path tracer says.
     key : str
         Equal for equal layers.
     """
@@ -94,13 +98,8 @@ def read_truth(folder: Path) -> Truth:
     SceneError
         When a file is missing or damaged.
     """
-    layers = read_exr(folder / "truth.exr")
-    if "" in layers:
-        layers["final"] = layers.pop("")
-    missing = [name for name in LAYERS if name not in layers]
-    if missing:
-        raise SceneError(f"no layer {missing[0]!r}", folder / "truth.exr", f"expected {', '.join(LAYERS)}")
-    return Truth(layers, _read_json(folder / "truth.json"), content_key(layers))
+    layers = _read_layers(folder / "truth.exr", LAYERS)
+    return Truth(layers, _read_about(folder / "truth.json"), content_key(layers))
 
 
 def make_truth(order: Order, scene: Scene, camera: Camera, spp: int) -> Truth:
@@ -115,9 +114,11 @@ def make_truth(order: Order, scene: Scene, camera: Camera, spp: int) -> Truth:
     """
     key = content_key(scene, camera, order.size, spp, exporter_version(), _renderer_version(scene))
     folder = cache_folder() / key
-    if not folder.is_dir():
-        with replacing_folder(folder) as fresh:
-            _run([*order.arguments, "--spp", str(spp), "--out", str(fresh)])
+    if folder.is_dir():
+        with suppress(SceneError):  # a damaged one is made anew
+            return read_truth(folder)
+    with replacing_folder(folder) as fresh:
+        _run([*order.arguments, "--spp", str(spp), "--out", str(fresh)])
     return read_truth(folder)
 
 
@@ -128,13 +129,22 @@ def make_plain(order: Order, counts: Sequence[int], folder: Path) -> list[Plain]
 
 
 def read_plain(folder: Path) -> list[Plain]:
-    """The plain pictures in ``folder``, by rising sample count; none where there is no ``plain.json``."""
-    if not (folder / "plain.json").is_file():
+    """The plain pictures in ``folder``, by rising sample count; none where there is no ``plain.json``.
+
+    Raises
+    ------
+    SceneError
+        When a file is missing or damaged.
+    """
+    file = folder / "plain.json"
+    if not file.is_file():
         return []
     found = []
-    for spp, seconds in _read_json(folder / "plain.json").items():
-        layers = read_exr(folder / f"plain_{int(spp):04d}.exr")
-        found.append(Plain(int(spp), float(seconds), layers[""], layers["albedo"], layers["normal"]))
+    for spp, seconds in _read_json(file).items():
+        if not spp.isdecimal() or int(spp) < 1 or not _is_number(seconds) or not 0 < seconds < math.inf:
+            raise SceneError(f"{spp!r} with {seconds!r}", file, "expected sample counts with their seconds")
+        layers = _read_layers(folder / f"plain_{int(spp):04d}.exr", PLAIN_LAYERS)
+        found.append(Plain(int(spp), float(seconds), *(layers[name] for name in PLAIN_LAYERS)))
     return sorted(found, key=lambda plain: plain.spp)
 
 
@@ -183,6 +193,37 @@ def _run(arguments: Sequence[str]) -> None:
         reason = next((line for line in lines if line.startswith("error: ")), lines[-1]).removeprefix("error: ")
         raise TruthError(f"the path tracer failed ({reason})", f"export reference {arguments[0]}",
                          "expected it to draw the scene")
+
+
+def _read_layers(path: Path, names: Sequence[str]) -> dict[str, F32]:
+    """All layers, the unnamed one as ``final``; ``names`` are there, of one size, finite, and of three channels."""
+    layers = read_exr(path)
+    if "" in layers:
+        layers["final"] = layers.pop("")
+    for name in names:
+        if name not in layers:
+            raise SceneError(f"no layer {name!r}", path, f"expected {', '.join(names)}")
+        shape = (*layers["final"].shape[:2], 1 if name == "depth" else 3)
+        if layers[name].shape != shape or not np.isfinite(layers[name]).all():
+            raise SceneError(f"layer {name!r} of {layers[name].shape}", path, f"expected finite numbers of {shape}")
+    return layers
+
+
+def _read_about(path: Path) -> dict[str, Any]:
+    about = _read_json(path)
+    noise, notices = about.get("noise", {}), about.get("notices", [])
+    for name in ("spp", "seconds", "paths_per_second"):
+        if name in about and not (_is_number(about[name]) and math.isfinite(about[name])):
+            raise SceneError(f"{name} is {about[name]!r}", path, "expected a number")
+    if not isinstance(noise, dict) or not all(map(_is_number, noise.values())):  # that of a black layer isn't finite
+        raise SceneError(f"noise is {noise!r}", path, "expected a number for each layer")
+    if not isinstance(notices, list) or not all(isinstance(notice, str) for notice in notices):
+        raise SceneError(f"notices are {notices!r}", path, "expected texts")
+    return about
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _read_json(path: Path) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import sys
 import tempfile
 from fractions import Fraction
@@ -20,6 +21,7 @@ from app.settings import Settings, parse_size
 
 WORSE = 1
 ALL, AUTO = "all", "auto"
+LEAST_SIDE = 11
 
 COLUMNS = {"size": "size", "frame.median_ms": "ms", "frame.p95_ms": "p95", "final.flip": "FLIP", "final.psnr": "PSNR",
            "startup_s": "start s", "peak_mb": "MB"}
@@ -39,7 +41,8 @@ def bench(
         help="Networks' grids relative to the image, such as 1/8,1/4.", metavar="SCALE,…", show_default="their own",
         rich_help_panel=WHAT)] = "",
     precision: Annotated[str, typer.Option(
-        help="float32, float16: networks, or their variants NAME-float16.onnx.", metavar="TYPE,…",
+        help="float32, float16: networks, or their variants NAME-float16.onnx. What half precision changes in numbers: "
+             "python -m export precision.", metavar="TYPE,…",
         show_default="their own", rich_help_panel=WHAT)] = "",
     lighting: Annotated[str | None, typer.Option(
         help="A named lighting that all scenes have.", metavar="NAME", show_default="each scene's own",
@@ -76,6 +79,8 @@ def bench(
     [cyan]python -m app bench sponza.glb room.obj[/cyan]  [dim]# all models, truth made and kept[/dim]
 
     [cyan]python -m app bench room.obj --models none,mine.onnx --scales 1/16,1/8[/cyan]  [dim]# your own network[/dim]
+
+    [cyan]python -m app bench room.obj --sizes 256x192,1024x768 --spp 512[/cyan]  [dim]# as for the page in docs/[/dim]
 
     [cyan]python -m app bench room.obj --compare bench/bench.json[/cyan]  [dim]# what did a change cost?[/dim]
     """
@@ -142,7 +147,8 @@ def _print(results: dict[str, Any]) -> None:
         speed, error = (f"{row[key]['bound']}{number(row[key]['value'])}" for key in ("speed_up", "error_ratio"))
         console.print(f"{row['model']} against {row['against']}: speed-up at equal error {speed}, error ratio at equal "
                       f"time {error}", soft_wrap=True, markup=False)
-    for line in results["absent"]:
+    notices = [f"{scene['name']}: {notice}" for scene in results["scenes"] for notice in scene["truth"]["notices"]]
+    for line in [*results["absent"], *notices]:
         console.print(f"note: {line}", soft_wrap=True, markup=False)
 
 
@@ -162,6 +168,8 @@ def _sizes(text: str) -> tuple[tuple[int, int], ...]:
     found = tuple(dict.fromkeys(Settings(size=parse_size(part)).size for part in _list(text)))
     if not found:
         raise SettingsError("no size given", "--sizes", "expected such as 256x192,1024x768")
+    if min(map(min, found)) < LEAST_SIDE:
+        raise SettingsError(f"bad sizes {text!r}", "--sizes", f"expected sides of at least {LEAST_SIDE}, SSIM's window")
     return found
 
 
@@ -180,7 +188,7 @@ def _list(text: str) -> list[str]:
 
 
 def _command() -> str:
-    return " ".join(["python -m app", *sys.argv[1:]])
+    return shlex.join(["python", "-m", "app", *sys.argv[1:]])
 
 
 def _say(line: str) -> None:

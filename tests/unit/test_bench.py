@@ -13,19 +13,24 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from app.bench import truth
+from app import metrics
+from app.bench import measure, records, rivals, truth
 from app.bench.compare import compare, read_results
-from app.bench.configurations import expand, rescaled
+from app.bench.configurations import Configuration, expand, rescaled
 from app.bench.content import content_key
 from app.bench.front import Point, Ratio, error_ratio, mean_ratio, pareto_front, speed_up
 from app.bench.grow import fit_power
 from app.bench.hall import hall
 from app.bench.headlines import headlines
-from app.bench.judge import best_ambient
+from app.bench.judge import best_ambient, errors_of
 from app.bench.measure import Spread, swayed
 from app.bench.report import html_report
+from app.bench.rivals import traced_before
+from app.bench.run import VERSION
 from app.bench.tables import rows, to_csv
+from app.cli import cli as app_cli
 from app.contract import find_model, read_contract
 from app.errors import MissingExtraError, ModelError, SceneError, SettingsError, TruthError
 from app.image import write_exr
@@ -33,6 +38,8 @@ from app.load import embedded_scene
 from app.scene import Scene
 
 Json = dict[str, Any]
+
+GREY = np.full((3, 4, 3), 0.5, np.float32)
 
 
 def curve(*points: tuple[float, float]) -> list[Point]:
@@ -92,6 +99,40 @@ def test_a_spread_counts_all_frames_and_keeps_each_turn() -> None:
     assert spread.turns == (2, 5)
 
 
+class FakeRenderer:
+    """Its first two frames of each turn take long."""
+
+    def __init__(self, *_: object) -> None:
+        self.device: dict[str, str] = {}
+        self.frames = 0
+
+    def __enter__(self) -> FakeRenderer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def reset_timing(self) -> None:
+        pass
+
+    def render(self, camera: object, time: float) -> None:
+        self.frames += 1
+
+    def timing(self) -> Json:
+        return {"passes": {}, "frame": {"cpu_ms": {"median": 90.0 if (self.frames - 1) % 8 < 2 else 1.0}}}
+
+
+def test_the_first_frames_of_a_turn_do_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(measure, "Renderer", FakeRenderer)
+    scene = embedded_scene()
+    contender = measure.Contender(scene, scene.cameras[scene.default_camera].at(0.0),
+                                  Configuration("none", None, (64, 48)))
+    with measure.Race([contender], "cpu") as race:
+        race.turn()
+        race.turn()
+    assert [turn["frame"] for turn in contender.turns] == [[1.0] * 6] * 2
+
+
 def test_the_camera_sways_sideways() -> None:
     scene = embedded_scene()
     camera = scene.cameras[scene.default_camera].at(0.0)
@@ -108,7 +149,9 @@ def test_the_exponent_of_a_power_is_found() -> None:
     fit = fit_power(counts, [3 * n**0.7 for n in counts])
     assert fit.exponent == pytest.approx(0.7)
     assert fit.error == pytest.approx(0, abs=1e-9)
-    assert fit_power(counts, [1, 10, 10, 100]).error > 0.1
+    # By hand: x = 0 … 3 and y = 0, 1, 1, 2 in decades: slope 0.6, squared residuals 0.2, two degrees, Σ(x − x̄)² = 5.
+    bent = fit_power(counts, [1, 10, 10, 100])
+    assert (bent.exponent, bent.error) == (pytest.approx(0.6), pytest.approx(np.sqrt(0.2 / 2 / 5)))
 
 
 def test_the_hall_has_what_was_asked_for() -> None:
@@ -128,6 +171,22 @@ def test_the_best_ambient_is_the_constant_that_was_there() -> None:
     albedo = random.random((12, 16, 3), np.float32)
     constant = np.array([0.3, 0.05, 0.0], np.float32)
     np.testing.assert_allclose(best_ambient(base, albedo, base + albedo * constant), constant, atol=1e-3)
+
+
+def test_the_best_ambient_may_be_one_bright_channel() -> None:
+    black = np.zeros((4, 5, 3), np.float32)
+    albedo, red = black + 0.1, np.array([0.6, 0, 0], np.float32)
+    albedo[0, :2] = 1  # sets an exposure at which the rest is not white
+    np.testing.assert_allclose(best_ambient(black, albedo, albedo * red), red, atol=1e-3)
+
+
+def test_the_best_ambient_is_nearest_in_squared_error() -> None:
+    black = np.zeros((1, 10, 3), np.float32)
+    final = np.full((1, 10, 3), 0.2, np.float32)
+    final[0, :3] = 0.7
+    exposure = metrics.exposure_of(final)
+    mean = metrics.tone_map(final, exposure).mean(axis=(0, 1))
+    np.testing.assert_allclose(metrics.tone_map(best_ambient(black, black + 1, final), exposure), mean, atol=1e-3)
 
 
 def test_without_light_the_best_ambient_is_none() -> None:
@@ -150,6 +209,13 @@ def test_only_precisions_that_exist_are_measured() -> None:
     found, absent = expand(["none", "gather"], [(64, 48)], [], ["float32", "float16"])
     assert [c.label for c in found] == ["none", "gather float32"]
     assert absent == ["gather in float16 is not available (there is no gather-float16.onnx)"]
+
+
+def test_scales_are_told_apart(tmp_path: Path) -> None:
+    scales = [1 / 3, 0.001, 0.002, 0.0000001, 0.0000002]
+    found, _ = expand(["gather"], [(64, 48)], scales, [], tmp_path)
+    assert [c.label for c in found] == [f"gather at {s}" for s in ("1/3", "0.001", "0.002", "1e-07", "2e-07")]
+    assert [read_contract(c.file).scale for c in found if isinstance(c.file, Path)] == scales
 
 
 def test_a_rescaled_network_is_the_same_but_for_its_scale(tmp_path: Path) -> None:
@@ -196,6 +262,11 @@ def test_what_has_no_content_has_no_key() -> None:
         content_key(object())
 
 
+def black_layers() -> dict[str, Any]:
+    black = np.zeros((3, 4, 3), np.float32)
+    return {"": black, "direct": black, "indirect": black, "albedo": black, "depth": black[..., :1]}
+
+
 class FakeTracer:
     """Writes black layers, and remembers what it was asked for."""
 
@@ -205,9 +276,7 @@ class FakeTracer:
     def __call__(self, arguments: Sequence[str]) -> None:
         self.calls.append(arguments)
         out = Path(arguments[arguments.index("--out") + 1])
-        black = np.zeros((3, 4, 3), np.float32)
-        layers = {"": black, "direct": black, "indirect": black, "albedo": black, "depth": black[..., :1]}
-        write_exr(out / "truth.exr", layers)
+        write_exr(out / "truth.exr", black_layers())
         (out / "truth.json").write_text(json.dumps({"spp": 8, "noise": {"final": 0.01}, "seconds": 1.0}))
 
 
@@ -268,13 +337,100 @@ def test_without_path_tracer_the_error_says_what_to_install(monkeypatch: pytest.
 @pytest.mark.parametrize(("damage", "said"), [
     (lambda folder: (folder / "truth.json").unlink(), "truth.json"),
     (lambda folder: (folder / "truth.json").write_text("[]"), "no JSON object"),
+    (lambda folder: (folder / "truth.json").write_text('{"noise": 3}'), "noise is 3"),
+    (lambda folder: (folder / "truth.json").write_text('{"noise": {"final": null}}'), "noise is {'final': None}"),
+    (lambda folder: (folder / "truth.json").write_text('{"seconds": "1"}'), "seconds is '1'"),
+    (lambda folder: (folder / "truth.json").write_text('{"notices": "fog"}'), "notices are 'fog'"),
     (lambda folder: write_exr(folder / "truth.exr", {"": np.zeros((3, 4, 3), np.float32)}), "no layer 'direct'"),
+    (lambda folder: write_exr(folder / "truth.exr", black_layers() | {"": np.full((3, 4, 3), np.nan, np.float32)}),
+     "expected finite numbers"),
 ])
 def test_a_damaged_truth_is_refused(tracer: FakeTracer, tmp_path: Path, damage: Any, said: str) -> None:
     tracer(["--out", str(tmp_path)])
     damage(tmp_path)
     with pytest.raises(SceneError, match=said):
         truth.read_truth(tmp_path)
+
+
+def test_a_damaged_truth_in_the_cache_is_made_anew(tracer: FakeTracer) -> None:
+    make(embedded_scene())
+    (file,) = truth.cache_folder().glob("*/truth.exr")
+    file.write_bytes(file.read_bytes()[:50])
+    assert make(embedded_scene()).size == (4, 3)
+    assert len(tracer.calls) == 2
+
+
+@pytest.mark.parametrize("text", [
+    '{"1": "x"}', '{"one": 1}', '{"1": 0}', '{"1": NaN}', '{"0": 1}', '{"\u00b2": 1}', "[]"])
+def test_damaged_pictures_of_a_rival_are_refused(text: str, tmp_path: Path) -> None:
+    write_exr(tmp_path / "plain_0001.exr", {"": GREY, "albedo": GREY, "normal": GREY})
+    (tmp_path / "plain.json").write_text('{"1": 0.5}')
+    assert [(p.spp, p.seconds) for p in truth.read_plain(tmp_path)] == [(1, 0.5)]
+    (tmp_path / "plain.json").write_text(text)
+    with pytest.raises(SceneError, match=r"plain\.json"):
+        truth.read_plain(tmp_path)
+
+
+def test_pictures_of_a_rival_have_their_guides_and_the_truth_s_size(tracer: FakeTracer, tmp_path: Path) -> None:
+    tracer(["--out", str(tmp_path)])
+    found = truth.read_truth(tmp_path)
+    (tmp_path / "plain.json").write_text('{"1": 0.5}')
+    write_exr(tmp_path / "plain_0001.exr", {"": GREY, "albedo": GREY})
+    with pytest.raises(SceneError, match="no layer 'normal'"):
+        traced_before(tmp_path, found)
+    write_exr(tmp_path / "plain_0001.exr", {"": GREY, "albedo": GREY, "normal": GREY})
+    assert len(traced_before(tmp_path, found)()) == 1
+    larger = {name: np.zeros((6, 8, 3), np.float32) for name in ("", "albedo", "normal")}
+    write_exr(tmp_path / "plain_0001.exr", larger)
+    with pytest.raises(SceneError, match="not of the truth's size"):
+        traced_before(tmp_path, found)
+
+
+def test_what_the_path_tracer_did_not_draw_is_kept(tracer: FakeTracer, tmp_path: Path) -> None:
+    tracer(["--out", str(tmp_path)])
+    (tmp_path / "truth.json").write_text('{"notices": ["no fog"]}')
+    assert records.truth(truth.read_truth(tmp_path))["notices"] == ["no fog"]
+
+
+def test_where_no_surface_is_seen_indirect_light_is_not_judged(tracer: FakeTracer) -> None:
+    nothing = truth.Truth({name: np.zeros((12, 16, 1 if name == "depth" else 3), np.float32)
+                           for name in truth.LAYERS}, {}, "k")
+    assert set(errors_of(nothing.layers, nothing)) == {"direct", "final"}
+
+
+@pytest.mark.parametrize("sizes", ["8x6", "64x48,64x10"])
+def test_sizes_below_the_window_of_ssim_are_refused(sizes: str) -> None:
+    done = CliRunner().invoke(app_cli, ["bench", "--sizes", sizes])
+    assert done.exit_code == 2 and "expected sides of at least 11" in done.output
+
+
+# Rivals.
+
+def test_a_denoised_picture_takes_tracing_and_the_median_denoising(monkeypatch: pytest.MonkeyPatch) -> None:
+    took = {"fast": iter([9.0, 0.1, 0.2, 0.3, 7.0, 0.2]), "high": iter([9.0, 1.0, 1.0, 1.0, 1.0, 1.0])}
+    now = 0.0
+
+    def denoise(plain: truth.Plain, quality: str) -> Any:
+        nonlocal now
+        now += next(took[quality])
+        return plain.final / 2
+
+    monkeypatch.setattr(rivals, "denoise", denoise)
+    monkeypatch.setattr(rivals, "perf_counter", lambda: now)
+    found = rivals.draw_rivals(lambda: [truth.Plain(4, 2.0, GREY, GREY, GREY)])
+    assert [(r.name, r.spp, r.ms) for r in found] == [
+        ("path tracer", 4, 2000), ("denoised (fast)", 4, pytest.approx(2200)), ("denoised (high)", 4, 3000)]
+    assert [r.picture.max() for r in found] == [0.5, 0.25, 0.25]
+
+
+@pytest.mark.parametrize("option", [
+    ["--seed", "32"], ["--max-bounces", "1001"], ["--plain", "32769"], ["--plain", "²"]])
+def test_the_path_tracer_refuses_what_it_can_t_count(option: list[str], tmp_path: Path) -> None:
+    pytest.importorskip("mitsuba")
+    from export.__main__ import cli as export_cli
+
+    done = CliRunner().invoke(export_cli, ["reference", "--out", str(tmp_path), *option])
+    assert done.exit_code == 2 or isinstance(done.exception, SettingsError)
 
 
 # Results: comparison, table, page.
@@ -285,27 +441,35 @@ def configuration(label: str, ms: float, flip: float, grid: list[int] | None) ->
             "errors": {layer: dict(errors) for layer in ("direct", "indirect", "final")},
             "device": {"gl_renderer": "soft", "gl_version": "4.5", "provider": "cpu"},
             "fresh": {"startup_s": 0.5, "peak_mb": 250.0},
-            "stages": {n: {"median": m, "p95": 2 * m, "turns": [m, 1.01 * m, 0.99 * m]}
-                       for n, m in (("direct", ms / 2), ("tiny", 0.01), ("copy", 1.0), ("frame", ms))}}
+            "stages": {n: times(m) for n, m in (("direct", ms / 2), ("tiny", 0.01), ("copy", 1.0), ("frame", ms))}}
+
+
+def times(ms: float) -> Json:
+    return {"median": ms, "p95": 2 * ms, "turns": [f * ms for f in (1, 1.01, 0.99, 1.005, 0.995)]}
+
+
+def slow(stages: Json, factor: float, *names: str) -> None:
+    for name in names:
+        stages[name] = times(factor * stages[name]["median"])
 
 
 def rival(name: str, spp: int, ms: float, flip: float) -> Json:
-    return {"name": name, "spp": spp, "ms": {"median": ms, "p95": ms, "turns": [ms]},
+    return {"name": name, "spp": spp, "ms": ms,
             "errors": {"final": {"flip": flip, "psnr": 30.0, "ssim": 0.9, "rel_mse": 0.1}}}
 
 
 @pytest.fixture
 def results() -> Json:
     scene = {
-        "name": "<box>", "lighting": "lamp", "triangles": 32, "lights": 1,
-        "truth": {"spp": 8, "noise": {"final": 0.01}, "size": [4, 3], "key": "k"},
+        "name": "<box>", "lighting": "lamp", "camera": "main", "triangles": 32, "lights": 1, "yardstick": times(4.0),
+        "truth": {"spp": 8, "noise": {"final": 0.01}, "notices": ["no fog"], "size": [4, 3], "key": "k"},
         "configurations": [configuration("none", 5.0, 0.5, None), configuration("net", 10.0, 0.2, [2, 2])],
         "ambient": {"constant": [1, 1, 1],
                     "errors": {"final": {"flip": 0.3, "psnr": None, "ssim": 1.0, "rel_mse": 0.0}}},
         "rivals": [rival("path tracer", 1, 20, 0.4), rival("path tracer", 4, 80, 0.1),
                    rival("denoised (fast)", 1, 30, 0.1)],
     }
-    return {"version": 1, "command": "bench", "absent": [], "seconds": 3.0, "scenes": [scene],
+    return {"version": VERSION, "command": "bench", "absent": [], "seconds": 3.0, "scenes": [scene],
             "headlines": headlines([scene]),
             "machine": {"processor": "cpu", "cores": 2, "physical_cores": 2, "memory_gb": 8.0, "system": "Linux",
                         "python": "3.11", "load_average": 0.1, "versions": {"numpy": "2"}}}
@@ -326,24 +490,80 @@ def test_equal_results_show_no_change(results: Json) -> None:
 def test_what_became_slower_beyond_noise_is_named(results: Json) -> None:
     new = copy.deepcopy(results)
     stages = new["scenes"][0]["configurations"][1]["stages"]
-    stages["frame"]["median"] *= 1.015  # within both runs' spread of 1 % each
-    stages["direct"]["median"] *= 1.10
-    stages["tiny"]["median"] *= 4.0
+    slow(stages, 1.025, "frame")
+    slow(stages, 1.10, "direct")
+    slow(stages, 4.0, "tiny")
+    slow(new["scenes"][0]["configurations"][0]["stages"], 1.10, "direct", "frame")
     changes, notes = compare(results, new)
     assert not notes
-    assert [(c.where, c.figure, c.worse) for c in changes] == [("<box>, net at 4x3", "direct ms", True)]
-    assert not compare(new, results)[0][0].worse
+    assert [(c.where, c.figure, c.worse) for c in changes] == [
+        ("<box>, none at 4x3", "direct ms", True), ("<box>, none at 4x3", "frame ms", True),
+        ("<box>, net at 4x3", "direct ms", True)]
+    assert not any(change.worse for change in compare(new, results)[0])
 
 
-def test_what_a_slower_machine_explains_is_no_change(results: Json) -> None:
+def test_equal_programs_seldom_differ_and_slower_ones_do(results: Json) -> None:
+    random = np.random.default_rng(5)
+    first = results["scenes"][0]["configurations"][0]
+
+    def run(scatter: float, slower: float = 1.0) -> Json:
+        """A hundred stages in five turns."""
+        drawn = {f"stage {i}": slower * random.lognormal(0, scatter, 5) for i in range(100)}
+        stages = {n: {"median": float(np.median(t)), "turns": t.tolist()} for n, t in drawn.items()}
+        return results | {"scenes": [results["scenes"][0] | {
+            "configurations": [first | {"stages": stages | {"copy": times(1.0), "frame": times(5.0)}}]}]}
+
+    for scatter in (0.02, 0.1):
+        assert sum(bool(compare(run(scatter), run(scatter))[0]) for _ in range(30)) <= 3
+    assert len(compare(run(0.01), run(0.01, slower=1.1))[0]) > 95
+
+
+def test_a_few_turns_tell_nothing(results: Json) -> None:
     new = copy.deepcopy(results)
     for c in new["scenes"][0]["configurations"]:
+        slow(c["stages"], 9, "direct")
         for stage in c["stages"].values():
-            stage |= {"median": 1.5 * stage["median"], "turns": [1.5 * t for t in stage["turns"]]}
+            stage["turns"] = stage["turns"][:4]
+    assert compare(results, new) == ([], ["times of fewer than 5 turns are not compared"])
+
+
+@pytest.mark.parametrize(("key", "value"), [("lighting", "sun"), ("camera", "side"), ("triangles", 33), ("lights", 2)])
+def test_another_picture_is_not_compared(results: Json, key: str, value: object) -> None:
+    new = copy.deepcopy(results)
+    new["scenes"][0][key] = value
+    slow(new["scenes"][0]["configurations"][0]["stages"], 9, "direct")
+    new["scenes"][0]["configurations"][0]["errors"]["final"]["flip"] *= 3
+    assert compare(results, new) == ([], [f"<box> has other {key}: it is not compared"])
+
+
+def test_times_of_another_device_are_not_compared(results: Json) -> None:
+    for key in ("gl_renderer", "provider"):
+        new = copy.deepcopy(results)
+        for c in new["scenes"][0]["configurations"]:
+            slow(c["stages"], 0.1, "direct", "frame")
+            c["device"][key] = "another"
+        changes, (note,) = compare(results, new)
+        assert not changes and "another" in note and "are not compared with times on soft with provider cpu" in note
+
+
+def test_a_loaded_machine_is_noted(results: Json) -> None:
+    new = copy.deepcopy(results)
+    new["machine"]["load_average"] = 3.5
+    assert "this run began under a load of 3.5 on 2 cores" in compare(results, new)[1][0]
+    assert "the earlier run began" in compare(new, results)[1][0]
+
+
+@pytest.mark.parametrize("by", ["copy", "processor"])
+def test_what_a_slower_machine_explains_is_no_change(results: Json, by: str) -> None:
+    new = copy.deepcopy(results)
+    for c in new["scenes"][0]["configurations"]:
+        slow(c["stages"], 1.5, "direct", "frame", *(["copy"] if by == "copy" else []))
+    if by == "processor":
+        slow(new["scenes"][0], 1.5, "yardstick")
     changes, notes = compare(results, new)
     assert not changes
-    assert "copy takes 50% more" in notes[0]
-    new["scenes"][0]["configurations"][1]["stages"]["direct"]["median"] *= 1.2
+    assert "the yardsticks moved by 50%" in notes[0]
+    slow(new["scenes"][0]["configurations"][1]["stages"], 1.2, "direct")
     assert [c.figure for c in compare(results, new)[0]] == ["direct ms"]
 
 
@@ -360,23 +580,36 @@ def test_what_became_worse_is_named(results: Json) -> None:
 def test_times_of_another_machine_are_not_compared(results: Json) -> None:
     new = copy.deepcopy(results)
     new["machine"]["processor"] = "another"
-    new["scenes"][0]["configurations"][1]["stages"]["direct"]["median"] *= 9
+    slow(new["scenes"][0]["configurations"][1]["stages"], 9, "direct")
     new["scenes"][0]["truth"]["key"] = "other"
+    new["scenes"][0]["configurations"][1]["errors"]["final"]["flip"] *= 3
     changes, notes = compare(results, new)
     assert not changes
     assert len(notes) == 2 and "times are not compared" in notes[0] and "another truth" in notes[1]
 
 
-def test_what_is_new_is_noted(results: Json) -> None:
+def test_what_is_new_or_gone_is_noted(results: Json) -> None:
     new = copy.deepcopy(results)
     new["scenes"][0]["configurations"].append(configuration("fresh", 1.0, 0.1, None))
-    assert compare(results, new) == ([], ["<box>, fresh at 4x3 is new"])
+    new["scenes"][0]["configurations"][0]["stages"]["fog"] = times(50.0)
+    assert compare(results, new) == ([], ["<box>, fresh at 4x3 is new", "<box>, none at 4x3, fog is new"])
+    assert compare(new, results) == ([], ["<box>, fresh at 4x3 is gone", "<box>, none at 4x3, fog is gone"])
+    assert compare(results, results | {"scenes": []}) == ([], ["<box> is gone"])
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"version": 0}'])
+@pytest.mark.parametrize("text", ["", "[]", '{"version": 0}', f'{{"version": {VERSION}}}'])
 def test_only_results_can_be_compared_with(text: str, tmp_path: Path) -> None:
     (tmp_path / "old.json").write_text(text)
     with pytest.raises(SettingsError, match=r"expected the bench\.json of a run"):
+        read_results(tmp_path / "old.json")
+
+
+def test_a_result_that_lacks_something_can_t_be_compared_with(results: Json, tmp_path: Path) -> None:
+    (tmp_path / "old.json").write_text(json.dumps(results))
+    assert read_results(tmp_path / "old.json") == results
+    del results["scenes"][0]["configurations"][1]["stages"]["frame"]["turns"]
+    (tmp_path / "old.json").write_text(json.dumps(results))
+    with pytest.raises(SettingsError, match="no result of this version"):
         read_results(tmp_path / "old.json")
 
 
@@ -398,7 +631,8 @@ def test_the_page_needs_no_other_file(results: Json) -> None:
     assert "<box>" not in re.sub(r"<script>.*</script>", "", page, flags=re.S)  # names are escaped
     assert not re.search(r"(src|href)\s*=\s*[\"'](?!data:|#)", page)
     assert page.count("</script>") == 1
-    for text in ("Speed-up at equal error", "4×", "≥2×", "path tracer, 4 spp", "1.00 ± 0.00", "cpu, 2 logical"):
+    for text in ("Speed-up at equal error", "4×", "≥2×", "path tracer, 4 spp", "1.00 ± 0.00", "cpu, 2 logical",
+                 "; no fog"):
         assert text in page
     pictures = json.loads(re.search(r"const pictures = (.*);\n", page)[1])  # type: ignore[index]
     assert set(pictures["<box>"]["net"]) == {"picture", "flip"}

@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from skimage.metrics import structural_similarity
 
 from app import metrics
 from app.errors import MetricError, MissingExtraError
@@ -91,6 +92,37 @@ def test_metrics_order_images_as_an_eye_does() -> None:
     for metric, sign in ((metrics.psnr, -1), (metrics.ssim, -1), (metrics.rel_mse, 1), (metrics.flip, 1)):
         values = [sign * metric(image, truth) for image in images]
         assert values == sorted(values)
+
+
+def uneven_pair() -> tuple[F32, F32]:
+    """An image with other colours, a dark block and a bright border, and its truth."""
+    truth = picture()
+    image = truth * np.array([1.3, 0.8, 1.0], np.float32)
+    image[8:14, 5:20] *= 0.2
+    image[:3] += 2
+    return image, truth
+
+
+def test_flip_is_that_of_three_exposures_two_stops_apart() -> None:
+    image, truth = uneven_pair()
+    assert metrics.flip(image, truth) == pytest.approx(0.504842, abs=2e-5)  # flip-evaluator 1.7
+    assert metrics.flip(truth, image) == pytest.approx(0.505999, abs=2e-5)  # the truth's exposure counts
+
+
+def test_ssim_is_that_of_scikit_image() -> None:
+    image, truth = uneven_pair()
+    a, b = (metrics.tone_map(x, metrics.exposure_of(truth)) for x in (image, truth))
+    expected = structural_similarity(a, b, data_range=1.0, channel_axis=2, gaussian_weights=True, sigma=1.5,
+                                     use_sample_covariance=False)
+    assert metrics.ssim(image, truth) == pytest.approx(float(expected), abs=1e-5) == pytest.approx(0.396393, abs=1e-4)
+
+
+def test_ssim_of_a_mask_without_a_whole_window_takes_all_of_it() -> None:
+    image, truth = uneven_pair()
+    mask = np.zeros(truth.shape[:2], bool)
+    mask[:2, :2] = True
+    assert metrics.ssim(image, truth, mask) < 0.98
+    assert metrics.ssim(truth, truth, mask) == pytest.approx(1)
 
 
 def test_flip_sees_a_difference_where_it_is() -> None:
