@@ -66,8 +66,8 @@ def read_origin(folder: Path) -> str | None:
     except FileNotFoundError:
         return None
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise SceneError(f"can't read the origin of the goldens ({error})", path,
-                         'expected {"renderer": "NAME"}; delete the case\'s folder, and golden update writes it') from None
+        raise SceneError(f"can't read the origin of the goldens ({error})", path, 'expected {"renderer": "NAME"}; '
+                         "delete the case's folder, and golden update makes it anew") from None
     return origin
 
 

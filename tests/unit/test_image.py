@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import stat
 import time
-import itertools
 from pathlib import Path
 
 import numpy as np
