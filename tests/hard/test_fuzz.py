@@ -74,7 +74,7 @@ def file(name: str, read: Callable[[Path], Any]) -> Load:
 def catalogue(folder: Path, data: bytes) -> dict[str, Case]:
     """A catalogue of golden images beside a sound scene."""
     scene("scene.json")(folder, json.dumps(SIDECAR).encode())
-    return file("golden.json", read_catalogue)(folder, data)  # type: ignore[no-any-return]
+    return file("golden.json", read_catalogue)(folder, data)
 
 
 def contract_text(folder: Path, data: bytes) -> ModelContract:

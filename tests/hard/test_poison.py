@@ -147,12 +147,13 @@ def test_poisoned_history_heals_in_one_frame(patient: Patient, poison: str) -> N
 @pytest.mark.parametrize("length", [0.4, 2.1, 1e4])
 def test_a_normal_far_from_unit_length_is_none(patient: Patient, length: float) -> None:
     """Whatever its direction is worth, it counts as no direction at all."""
-    pictures = []
-    for factor in (0.0, length):
-        patient.renderer.override("normal", lambda image, f=factor: image * np.float32((f, f, f, 1)))
-        pictures.append(patient.draw(1)[0])
+    def drawn(factor: float) -> Image:
+        patient.renderer.override("normal", lambda image: image * np.array((*[factor] * 3, 1), np.float32))
+        final = patient.draw(1)[0]
         patient.renderer.override("normal", None)
-    np.testing.assert_array_equal(*pictures)
+        return final
+
+    np.testing.assert_array_equal(drawn(length), drawn(0.0))
 
 
 @pytest.mark.parametrize("poison", POISONS)
