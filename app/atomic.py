@@ -36,29 +36,39 @@ def replacing(path: Path) -> Iterator[Path]:
 def replacing_folder(folder: Path) -> Iterator[Path]:
     """Give a new, empty folder beside ``folder`` and let it take the place of ``folder`` when the block succeeds.
 
+    Where ``folder`` is a symbolic link, what it points to is replaced.
+
     Raises
     ------
     OutputError
-        When the block or the renaming fails with an ``OSError``; ``folder`` is then as it was before.
+        When the block or the renaming fails with an ``OSError``; ``folder`` is then as it was before, or what it held
+        lies where the message says.
     """
+    folder = folder.resolve()
     fresh, old = (folder.with_name(f".{os.getpid()}-{kind}-{folder.name}") for kind in ("new", "old"))
     try:
         fresh.mkdir(parents=True)
         yield fresh
-        if folder.exists():
-            folder.rename(old)
-        try:
-            fresh.rename(folder)
-        except OSError:
-            if old.exists():
-                old.rename(folder)
-            raise
+        _take_place(fresh, folder, old)
     except OSError as error:
+        rescued = "" if folder.exists() or not old.exists() else f"; what it held is in {old}"
         raise OutputError(f"can't write the folder ({error.strerror or error})", folder,
-                          "expected a writable place with room for it") from error
+                          f"expected a writable place with room for it{rescued}") from error
     finally:
         shutil.rmtree(fresh, ignore_errors=True)
-        shutil.rmtree(old, ignore_errors=True)
+
+
+def _take_place(fresh: Path, folder: Path, old: Path) -> None:
+    """Rename ``fresh`` to ``folder``; what was there is ``old`` meanwhile, and comes back when that fails."""
+    try:
+        if folder.exists():
+            folder.rename(old)
+        fresh.rename(folder)
+    except BaseException:
+        if old.exists() and not folder.exists():
+            old.rename(folder)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -62,6 +62,8 @@ def check_command(
     known, folder = _known(catalogue), _folder(catalogue, folder)
     cases = _chosen(names, known)
     if report is not None:
+        if report.is_dir():
+            raise SettingsError(f"{report} is a folder", "--report", "expected the name of an HTML file")
         prepare_folders(report.parent)
     with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("drawing", total=len(cases))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from app.golden.case import Case
 from app.golden.judge import Finding, judge
-from app.golden.store import ORIGIN, names, read_origin, read_picture
+from app.golden.store import ORIGIN, file_name, names, read_origin, read_picture
 from app.golden.tolerance import tolerance
 
 
@@ -70,5 +70,5 @@ def _check_case(case: Case, folder: Path, foreign: bool) -> list[Finding]:
     pictures, again = case.draw(folder), case.draw(folder)
     findings = [judge(case.name, p, other, read_picture(folder, p.resource), tolerance(p.stage, foreign))
                 for p, other in zip(pictures, again, strict=True)]
-    known = {ORIGIN, *(f"{p.resource}.exr" for p in pictures)}
+    known = {ORIGIN, *(file_name(p.resource) for p in pictures)}
     return findings + [Finding(case.name, "", name, "orphan") for name in names(folder) if name not in known]

@@ -12,6 +12,7 @@ from app.errors import SceneError
 from app.golden.case import F32, Picture, half
 from app.golden.origin import network_origin
 from app.golden.scene_case import SceneCase
+from app.golden.store import file_name
 from app.image import read_exr
 from app.infer import Network
 from app.passes.downsample import tensor_name, tensor_shape
@@ -48,7 +49,7 @@ class NetworkCase:
         """
         contract = read_contract(self.model)
         size = contract.screen_size(self.source.size)
-        paths = {t: saved / f"{tensor_name(t)}.exr" for t in contract.inputs}
+        paths = {t: saved / file_name(tensor_name(t)) for t in contract.inputs}
         if all(path.exists() for path in paths.values()):
             images = {t: _read(path) for t, path in paths.items()}
         else:

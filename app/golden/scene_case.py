@@ -53,6 +53,7 @@ class SceneCase:
     kept: tuple[int, ...]
     size: tuple[int, int] = (256, 192)
     taa: bool = True
+    seed: int = 0
 
     def origin(self) -> str:
         """GL renderer and version."""
@@ -60,7 +61,8 @@ class SceneCase:
 
     def renderer(self) -> Renderer:
         """A new renderer for the case."""
-        return Renderer(self.scene, Settings(size=self.size, outputs=OUTPUTS, taa=self.taa, provider="cpu"), self.model)
+        settings = Settings(size=self.size, outputs=OUTPUTS, taa=self.taa, provider="cpu", seed=self.seed)
+        return Renderer(self.scene, settings, self.model)
 
     def draw(self, saved: Path) -> list[Picture]:
         """Every resource of the frame graph, large ones thinned; ``saved`` plays no part."""

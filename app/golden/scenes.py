@@ -116,7 +116,10 @@ def hard() -> Scene:
 
 
 def lamps() -> Scene:
-    """A two-sided rectangle, a sphere and a wide spot with a size over a glossy floor; an emission map, mirrored."""
+    """A two-sided rectangle whose back shines through bars on a glossy floor; a sphere and a wide spot with a size.
+
+    And an emission map, mirrored.
+    """
     glow = np.zeros((8, 8, 4), np.float32)
     glow[..., :3] = np.linspace(0.0, 2.0, 8)[:, None, None] * (1.0, 0.6, 0.2)
     glow[..., 3] = 1.0
@@ -126,14 +129,16 @@ def lamps() -> Scene:
         Material("sign", emission=(1.0, 1.0, 1.0), emission_map=Texture(glow), double_sided=False),
         Material("lamp", emission=(2.0, 2.5, 3.0), analytic=True),
     )
-    edge_u, edge_v = (0.7, 0.0, 0.0), (0.0, 0.5, 0.3)
+    edge_u, edge_v = (-0.7, 0.0, 0.0), (0.0, 0.5, 0.3)
+    bars = (((-1.2, 0.4, -0.9 + 0.13 * i), (1.4, 0.0, 0.0), (0.0, 0.0, -0.02)) for i in range(8))
     sign = quads("sign", 2, ((0.0, 0.0, 0.0), (0.6, 0, 0), (0, 0.5, 0)))
     meshes = (
         quads("floor", 0, ((-3, 0, 3), (6, 0, 0), (0, 0, -6))),
         block("post", 1, (0.15, 1.2, 0.15)),
         sign,
         replace(sign, name="mirrored sign"),
-        quads("lamp", 3, ((-0.9, 0.6, -1.0), edge_u, edge_v)),
+        quads("lamp", 3, ((-0.2, 0.6, -1.0), edge_u, edge_v)),
+        quads("bars", 1, *bars),
     )
     places = {1: turned(0.5, (0.1, 0.6, 0.3)), 2: turned(0.3, (0.7, 0.1, -0.3)), 3: mirrored((-0.7, 0.1, 0.7))}
     lights = (
@@ -160,7 +165,10 @@ def stage() -> Scene:
 
 
 def terrace() -> Scene:
-    """Soft sun alone, on rough and glossy steps, beside one emitter that lights others and one that doesn't."""
+    """Soft sun alone, on rough and glossy steps, beside one emitter that lights others and one that doesn't.
+
+    And a wire before the sky, too thin for the network's grid.
+    """
     materials = (
         Material("stone", albedo=(0.7, 0.65, 0.55)),
         Material("tile", albedo=(0.1, 0.3, 0.3), roughness=0.5, specular=(0.1, 0.1, 0.1)),
@@ -172,6 +180,7 @@ def terrace() -> Scene:
         block("step", 1, (1.4, 0.4, 0.8)),
         quads("window", 2, ((-0.9, 0.7, -0.98), (0.6, 0, 0), (0, 0.6, 0))),
         quads("screen", 3, ((0.3, 0.7, -0.98), (0.6, 0, 0), (0, 0.6, 0))),
+        quads("wire", 0, ((1.5, 0.0, -1.0), (0.018, 0, 0), (0, 1.6, 0))),
     )
     lights = (DirectionalLight((0.7, -1.0, -0.5), (2.0, 1.9, 1.6), angular_radius_deg=3.0),)
     still = CameraPath.still(Camera((0.5, 1.5, 1.7), (0.0, 0.4, -0.6), (0.2, 1.0, 0.0), fov_y_deg=60.0))

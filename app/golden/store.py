@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from pathlib import Path
+from urllib.parse import quote
 
 from app.atomic import write_text
 from app.errors import OutputError, SceneError
@@ -18,11 +19,16 @@ ORIGIN = "origin.json"
 LAYER = "frame"
 
 
+def file_name(resource: str) -> str:
+    """The file of a resource's golden; a network may give its tensors names with slashes."""
+    return f"{quote(resource, safe='')}.exr"
+
+
 def write_case(folder: Path, origin: str, pictures: Iterable[Picture]) -> None:
     """Make the new folder of one case."""
     folder.mkdir()
     for p in pictures:
-        write_exr(folder / f"{p.resource}.exr", {f"{LAYER}{n}": half(image) for n, image in p.frames.items()})
+        write_exr(folder / file_name(p.resource), {f"{LAYER}{n}": half(image) for n, image in p.frames.items()})
     write_text(folder / ORIGIN, json.dumps({"renderer": origin}, indent=2) + "\n")
 
 
@@ -34,7 +40,7 @@ def read_picture(folder: Path, resource: str) -> dict[int, F32] | None:
     SceneError
         When the file can't be read, or its layers are no frames.
     """
-    path = folder / f"{resource}.exr"
+    path = folder / file_name(resource)
     if not path.exists():
         return None
     layers = read_exr(path)
@@ -50,16 +56,19 @@ def read_origin(folder: Path) -> str | None:
     Raises
     ------
     SceneError
-        When the file can't be read.
+        When the file can't be read, or names nothing.
     """
     path = folder / ORIGIN
     try:
-        return str(json.loads(path.read_text("utf-8"))["renderer"])
+        origin = json.loads(path.read_text("utf-8"))["renderer"]
+        if not isinstance(origin, str) or not origin.strip():
+            raise ValueError("no name of a renderer")
     except FileNotFoundError:
         return None
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise SceneError(f"can't read the origin of the goldens ({error})", path,
-                         'expected {"renderer": …}; golden update writes it') from None
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise SceneError(f"can't read the origin of the goldens ({error})", path, 'expected {"renderer": "NAME"}; '
+                         "delete the case's folder, and golden update makes it anew") from None
+    return origin
 
 
 def names(folder: Path) -> list[str]:
@@ -70,6 +79,8 @@ def names(folder: Path) -> list[str]:
 def refuse_strangers(folder: Path) -> None:
     """Make sure that nothing but goldens lies in ``folder``, since an update replaces it.
 
+    Goldens are the EXR files beside an ``origin.json``.
+
     Raises
     ------
     OutputError
@@ -77,7 +88,11 @@ def refuse_strangers(folder: Path) -> None:
     """
     if folder.exists() and not folder.is_dir():
         raise OutputError("this is no folder", folder, "expected a folder of goldens, or a new one")
-    for file in (f for f in folder.rglob("*") if not f.is_dir()):
-        if file.parent.parent != folder or not (file.suffix == ".exr" or file.name == ORIGIN):
-            raise OutputError(f"{file.relative_to(folder)} is no golden image", folder,
+    for case in names(folder):
+        strangers = [f"{case}/{file}" for file in names(folder / case)
+                     if file != ORIGIN and not (file.endswith(".exr") and (folder / case / file).is_file())]
+        if not (folder / case / ORIGIN).is_file():
+            strangers.insert(0, case)
+        if strangers:
+            raise OutputError(f"{strangers[0]} is no golden image", folder,
                               "expected a folder of goldens alone, or a new one")

@@ -6,7 +6,7 @@ import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from app.atomic import replacing_folder
+from app.atomic import prepare_folders, replacing_folder
 from app.errors import OutputError
 from app.golden.case import Case
 from app.golden.store import read_origin, refuse_strangers, write_case
@@ -26,9 +26,11 @@ def update(cases: Sequence[Case], folder: Path, known: Iterable[str], looked: bo
         When ``folder`` holds other things than goldens or, unless ``looked``, goldens of another renderer, or when
         it can't be written.
     """
+    folder = folder.resolve()  # or it would be lost while the current folder is replaced
     refuse_strangers(folder)
     if not looked:
         _refuse_foreign(cases, folder)
+    prepare_folders(folder.parent)
     drawn = {case.name: (case.origin(), case.draw(folder / case.name)) for case in cases}
     with replacing_folder(folder) as fresh:
         for name in (n for n in known if n not in drawn and (folder / n).is_dir()):

@@ -31,7 +31,7 @@ def read_checked(path: Path, definition: str = "", schema: str = SCHEMA) -> Any:
     """
     try:
         text = path.read_text("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, ValueError) as error:  # UnicodeDecodeError, or a path with a null byte
         raise SceneError("can't read the JSON file", path, "expected a readable UTF-8 file") from error
     try:
         content = json.loads(text, parse_float=_finite, parse_int=_finite, parse_constant=_finite)

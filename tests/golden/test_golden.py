@@ -15,10 +15,10 @@ from typer.testing import CliRunner
 
 from app.cli import cli
 from app.contract import find_model
-from app.errors import OutputError
+from app.errors import OutputError, SceneError
 from app.golden import Report, SceneCase, Shot, catalogue, check, orphan_cases, update
 from app.golden.scenes import outdoor, room
-from app.golden.store import ORIGIN
+from app.golden.store import ORIGIN, read_origin
 from app.image import read_exr, write_exr
 from app.renderer import Renderer
 
@@ -200,6 +200,42 @@ def test_update_keeps_other_cases_and_drops_orphans(folder: Path) -> None:
     assert not check([other], folder).broken
 
 
+def test_goldens_behind_a_link_and_in_the_current_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The link stays a link; an empty current folder takes goldens too."""
+    (tmp_path / "real").mkdir()
+    (tmp_path / "link").symlink_to("real")
+    copy = catalogue()["copy"]
+    monkeypatch.chdir(tmp_path / "real")
+    assert len(update([copy], Path(), ["copy"])) == 1
+    monkeypatch.chdir(tmp_path)
+    update([copy], Path("link"), ["copy"])
+    assert (tmp_path / "link").is_symlink()
+    assert sorted(f.name for f in tmp_path.iterdir()) == ["link", "real"]
+    assert {f.verdict for f in check([copy], tmp_path / "real").findings} == {"same"}
+
+
+@pytest.mark.parametrize("content", [
+    '{"renderer": null}', '{"renderer": ""}', '{"renderer": " "}', '{"renderer": 1}', '{"renderer": ["x"]}', "[]",
+    "[" * 100_000])
+def test_an_origin_is_a_name(tmp_path: Path, content: str) -> None:
+    """Anything else is no other renderer, whose goldens the wider tolerance would hold for."""
+    (tmp_path / ORIGIN).write_text(content)
+    with pytest.raises(SceneError, match="origin of the goldens"):
+        read_origin(tmp_path)
+
+
+def test_places_are_checked_before_anything_is_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def drawn(*_: object) -> None:
+        raise AssertionError("drawn too early")
+
+    monkeypatch.setattr(SceneCase, "draw", drawn)
+    (tmp_path / "file").write_text("mine")
+    for args in (["check", "room", "--report", str(tmp_path)], ["check", "room", "--report", str(tmp_path / "file/r")],
+                 ["update", "room", "--golden", str(tmp_path / "file" / "goldens")]):
+        result = CliRunner().invoke(cli, ["golden", *args])
+        assert result.exit_code == 2, (args, result.exception)
+
+
 def test_a_cut_is_drawn_as_one(tmp_path: Path) -> None:
     with_cut = replace(SMALL, shots=(Shot("path", 1), Shot("path", 1)), kept=(2,))
     pictures = {p.resource: p.frames[2] for p in with_cut.draw(tmp_path)}
@@ -211,6 +247,9 @@ def test_a_cut_is_drawn_as_one(tmp_path: Path) -> None:
     (["check", "rooom"], "did you mean 'room'"),
     (["update", "--golden", "."], "no golden image"),
     (["update", "--golden", "notes.txt"], "no folder"),
+    (["update", "--golden", "own"], "renders is no golden image"),
+    (["update", "--golden", "mixed"], "room/notes.txt is no golden image"),
+    (["check", "copy", "--report", "."], ". is a folder"),
     (["check", "--golden", "broken"], "origin"),
     (["check", "--catalogue", "mine.json"], "--golden"),
     (["chek"], "chek"),
@@ -220,10 +259,13 @@ def test_user_errors_are_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     (tmp_path / "notes.txt").write_text("mine")
     (tmp_path / "mine.json").write_text('{"cases": {"box": {"scene": "box.obj"}}}')
     (tmp_path / "box.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    (tmp_path / "broken" / "room").mkdir(parents=True)
-    (tmp_path / "broken" / "room" / ORIGIN).write_text("{")
+    for file, text in (("broken/room/origin.json", "{"), ("mixed/room/origin.json", ELSEWHERE),
+                       ("mixed/room/notes.txt", "mine"), ("own/renders/a.exr", "mine")):
+        (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / file).write_text(text)
     result = CliRunner().invoke(cli, ["golden", *args])
     assert result.exit_code == 2, result.output
     assert said in result.stderr
     assert len(result.stderr.splitlines()) == 1
-    assert (tmp_path / "notes.txt").read_text() == "mine"
+    for file in ("notes.txt", "own/renders/a.exr", "mixed/room/notes.txt"):
+        assert (tmp_path / file).read_text() == "mine"

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import onnx
 import pytest
 from typer.testing import CliRunner
 
 from app.cli import cli
+from app.contract import KEY
 from app.errors import AfterglowError
-from app.golden import SceneCase, Shot, read_catalogue
+from app.golden import SceneCase, Shot, check, read_catalogue, update
 from app.golden.network_case import NetworkCase
-from tests.tiny_network import write_tiny_network
+from tests.tiny_network import TINY, write_tiny_network
 
 BOX = """v -1 0 -1
 v 1 0 -1
@@ -82,6 +85,7 @@ def test_update_then_check(catalogue: Path) -> None:
     ({"shots": []}, "0 values, {file}: cases.hall.shots, expected at least 1"),
     ({"model": "gathr"}, "no network 'gathr', {file}: cases.hall.model"),
     ({"lighting": "lmap"}, "'lmap'"),
+    ({"scene_json": "a\0b.json"}, "can't read the JSON file"),
     ({"scene": "none.obj"}, "no such scene file"),
 ])
 def test_mistakes_name_their_key(catalogue: Path, change: dict[str, Any], said: str) -> None:
@@ -89,6 +93,20 @@ def test_mistakes_name_their_key(catalogue: Path, change: dict[str, Any], said: 
     with pytest.raises(AfterglowError) as caught:
         read_catalogue(catalogue)
     assert said.format(file=catalogue) in str(caught.value)
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("tensor", ["in/x:0", "../../x"])
+def test_a_tensor_of_any_name_gets_a_file_of_its_own(catalogue: Path, tensor: str) -> None:
+    network = onnx.load(catalogue.parent / "tiny.onnx")
+    network.graph.input[0].name = network.graph.node[0].input[0] = tensor
+    onnx.helper.set_model_props(network, {KEY: replace(TINY, inputs={tensor: TINY.inputs["x"]}).to_json()})
+    onnx.save(network, catalogue.parent / "tiny.onnx")
+    cases, folder = read_catalogue(catalogue), catalogue.parent / "goldens"
+    chosen = [cases["hall"], cases["hall.network"]]
+    update(chosen, folder, cases)
+    assert {f.verdict for f in check(chosen, folder).findings} == {"same"}
+    assert all(file.parent.parent == folder for file in folder.rglob("*.exr"))
 
 
 @pytest.mark.parametrize(("content", "said"), [

@@ -75,6 +75,10 @@ SIDECAR = {
                                   {"time": 1, "translate": [1, 0, 0], "rotate_deg": [0, 90, 0], "scale": 2}]}},
     "default": {"camera": "main", "lighting": "many"},
 }
+CATALOGUE = {"cases": {
+    "hall": {"scene": "scene.obj", "scene_json": "scene.json", "lighting": "many", "model": "gather", "size": [32, 24],
+             "shots": [{"camera": "path", "frames": 2}, {"camera": "main"}], "kept": [1, 3], "taa": True},
+    "plain": {"scene": "scene.obj"}}}
 
 
 def gltf() -> Gltf:

@@ -23,6 +23,8 @@ from hypothesis.strategies import SearchStrategy
 
 from app.contract import ModelContract, read_contract
 from app.errors import AfterglowError
+from app.golden import read_catalogue
+from app.golden.case import Case
 from app.image import read_exr, write_exr
 from app.infer import Network
 from app.load import load_camera, load_scene
@@ -30,6 +32,7 @@ from app.scene import Scene
 from tests.hard.sane import broken_numbers
 from tests.hard.sound_files import (
     CAMERA,
+    CATALOGUE,
     MTL,
     OBJ,
     PLY,
@@ -66,6 +69,12 @@ def file(name: str, read: Callable[[Path], Any]) -> Load:
         (folder / name).write_bytes(data)
         return read(folder / name)
     return load
+
+
+def catalogue(folder: Path, data: bytes) -> dict[str, Case]:
+    """A catalogue of golden images beside a sound scene."""
+    scene("scene.json")(folder, json.dumps(SIDECAR).encode())
+    return file("golden.json", read_catalogue)(folder, data)
 
 
 def contract_text(folder: Path, data: bytes) -> ModelContract:
@@ -106,6 +115,7 @@ def kinds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[bytes, Se
         "exr": (*raw(exr), file("image.exr", read_exr)),
         "scene json": (*json_text(SIDECAR), scene("scene.json")),
         "camera json": (*json_text(CAMERA), file("camera.json", load_camera)),
+        "golden json": (*json_text(CATALOGUE), catalogue),
         "contract json": (*json_text(CONTRACT), contract_text),
         "contract of an onnx": (net, spoiled_json(CONTRACT).map(
             lambda value: with_contract(net, json.dumps(value).encode())), file("net.onnx", network)),
@@ -115,7 +125,7 @@ def kinds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[bytes, Se
 
 
 NAMES = ("obj", "mtl", "ply", "gltf", "glb", "json of a glb", "png", "exr", "scene json", "camera json",
-         "contract json", "contract of an onnx", "onnx listed", "onnx loaded")
+         "golden json", "contract json", "contract of an onnx", "onnx listed", "onnx loaded")
 
 
 @pytest.mark.parametrize("examples", [25, pytest.param(2000, marks=pytest.mark.long)])

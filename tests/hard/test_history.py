@@ -6,6 +6,7 @@ Rows "NaN or Inf in history or bilateral neighbourhood", "negative lobes after C
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from app.channels import HALF_MAX
+from app.contract import SSGI
 from app.gl.lights import radiance_scale
 from app.renderer import Renderer
 from app.scene import Camera, Scene
@@ -58,12 +60,43 @@ def test_60000_beside_0_gives_nothing_below_0(tile: int) -> None:
 @pytest.mark.parametrize("value", [1e-4, 1.0, MOST])
 @pytest.mark.parametrize("moves", [False, True])
 def test_a_constant_bright_picture_stays_exactly_so(value: float, moves: bool) -> None:
-    """Row "variance below zero": the mean square less the square of the mean is rounding alone."""
+    """Row "variance below zero": the mean square less the square of the mean is rounding alone.
+
+    The guards of ``taa.frag`` can't be told apart on llvmpipe, whose max(NaN, x) is x; GLSL leaves that open.
+    """
     with renderer() as r:
         r.override("lit", value)
         for step in range(12):
             final = r.render(beside(step * moves))["final"]
             np.testing.assert_allclose(final, np.float32(np.float16(value)), rtol=1e-6)
+
+
+def test_a_still_constant_picture_counts_all_its_frames() -> None:
+    """No deviation clips it, and more frames count than of what moves."""
+    with renderer() as r:
+        r.override("lit", 1.0)
+        for frames in range(1, 41):
+            r.advance(CAMERA)
+            assert r.resource("taa")[..., 3].max() == frames
+        seen = r.resource("depth")[..., 0] > 0
+        assert (r.resource("taa")[seen][..., 3] == frames).mean() > 0.8
+
+
+def test_noisy_light_keeps_its_history_where_now_is_black() -> None:
+    """It is compared with the mean around: of squares that are light in every other frame, half the light stays."""
+    frames, turns = 8, itertools.count()
+
+    def squares(image: Image) -> Image:
+        return np.float32(2) * ((np.indices(image.shape[:2]).sum(axis=0) + next(turns)) % 2)[..., None]
+
+    with Renderer(SCENE, Settings(size=SIZE, provider="cpu"), SSGI) as r:
+        r.override("indirect_now", squares)
+        for _ in range(frames):
+            r.advance(CAMERA)
+        light = r.resource("indirect_low")
+        kept = light[..., 3] == frames
+        assert kept.mean() > 0.3
+        np.testing.assert_allclose(light[kept][..., :3], 1.0, rtol=1e-3)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])

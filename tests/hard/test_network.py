@@ -1,8 +1,7 @@
 """Networks that return what they must not.
 
-Rows "exponential head overflows", "softmax in half precision" and "fireflies" of the table of hazards. Networks with an
-exponential head or attention have tests of their own where they are made; here the renderer's guards are tested with
-tiny networks of that kind.
+Rows "exponential head overflows" and "fireflies" of the table of hazards. Networks with an exponential head have tests
+of their own where they are made; here the renderer's guards are tested with tiny networks of that kind.
 """
 
 from __future__ import annotations
@@ -107,23 +106,6 @@ def test_an_overflow_in_half_precision_ends_at_the_range(tmp_path: Path) -> None
         found[power] = Network(path, (8, 6), "cpu").run(x)["indirect.rgb"]
     np.testing.assert_allclose(found[10.0], 0.5 * np.exp(10.0), rtol=2e-2)
     np.testing.assert_allclose(found[12.0], 0.5 * HALF_MAX, rtol=1e-3)
-
-
-@pytest.mark.parametrize("dtype", ["float32", "float16"])
-@pytest.mark.parametrize("factor", [1.0, 1e4])
-def test_softmax_of_large_logits_is_a_mean(dtype: str, factor: float, tmp_path: Path) -> None:
-    """Row "softmax in half precision": it subtracts the maximum, so weights of equal logits are equal, however large.
-
-    Attention over every texel is then the mean of the light; its memory is a matter for the networks that have it.
-    """
-    nodes: list[Node] = [
-        ("Mul", ["light", "none"], "black"), ("Add", ["black", "logit"], "logits"), ("Shape", ["light"], "shape"),
-        ("Flatten", ["logits"], "rows"), ("Softmax", ["rows"], "weights"), ("Reshape", ["weights", "shape"], "shares"),
-        ("Mul", ["shares", "light"], "parts"), ("ReduceSum", ["parts"], "mean"), ("Add", ["black", "mean"], "y")]
-    path = write_network(tmp_path / "net.onnx", *nodes, dtype=dtype, none=0.0, logit=factor)
-    light = np.random.default_rng(0).uniform(0.5, 1.5, (3, 8, 8)).astype(np.float32)
-    found = Network(path, (8, 8), "cpu").run({"x": np.concatenate([light, np.ones_like(light)])})["indirect.rgb"]
-    np.testing.assert_allclose(found, light.mean(), rtol=1e-5 if dtype == "float32" else 1e-2)
 
 
 def firefly(image: np.ndarray) -> np.ndarray:

@@ -144,6 +144,18 @@ def test_poisoned_history_heals_in_one_frame(patient: Patient, poison: str) -> N
     np.testing.assert_array_equal(patient.renderer.resource("taa")[..., :3], patient.renderer.resource("lit")[..., :3])
 
 
+@pytest.mark.parametrize("length", [0.4, 2.1, 1e4])
+def test_a_normal_far_from_unit_length_is_none(patient: Patient, length: float) -> None:
+    """Whatever its direction is worth, it counts as no direction at all."""
+    def drawn(factor: float) -> Image:
+        patient.renderer.override("normal", lambda image: image * np.array((*[factor] * 3, 1), np.float32))
+        final = patient.draw(1)[0]
+        patient.renderer.override("normal", None)
+        return final
+
+    np.testing.assert_array_equal(drawn(length), drawn(0.0))
+
+
 @pytest.mark.parametrize("poison", POISONS)
 def test_a_texel_that_the_network_sees(patient: Patient, poison: str) -> None:
     for resource in ("albedo", "normal", "depth", "gloss"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import stat
 import time
 from pathlib import Path
@@ -157,3 +158,69 @@ def test_a_folder_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
         write_text(fresh / "third", "3")
     assert [f.name for f in folder.iterdir()] == ["third"]
     assert [f.name for f in folder.parent.iterdir()] == ["folder"]
+
+
+def fail_in_rename(monkeypatch: pytest.MonkeyPatch, error: BaseException, *calls: int, after: bool = False) -> None:
+    """Those calls of ``Path.rename``, counted from 1, raise ``error``, ``after`` or instead of what they do."""
+    real, count = Path.rename, itertools.count(1)
+
+    def rename(self: Path, target: Path) -> Path:
+        failing = next(count) in calls
+        if failing and not after:
+            raise error
+        real(self, target)
+        if failing:
+            raise error
+        return target
+
+    monkeypatch.setattr(Path, "rename", rename)
+
+
+@pytest.mark.parametrize("after", [False, True])
+@pytest.mark.parametrize("call", [1, 2])
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError("full")], ids=["interrupted", "failed"])
+def test_a_folder_survives_a_break_in_each_renaming(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                                    error: BaseException, call: int, after: bool) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    write_text(folder / "old", "1")
+    fail_in_rename(monkeypatch, error, call, after=after)
+    with pytest.raises((KeyboardInterrupt, OutputError)), replacing_folder(folder) as fresh:
+        write_text(fresh / "new", "2")
+    taken = call == 2 and after
+    assert [f.name for f in folder.iterdir()] == ["new" if taken else "old"]
+    assert [f.name for f in tmp_path.iterdir() if not f.name.startswith(".")] == ["folder"]
+
+
+def test_when_the_old_folder_cannot_come_back_it_is_kept_and_named(tmp_path: Path,
+                                                                   monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    write_text(folder / "old", "1")
+    fail_in_rename(monkeypatch, OSError("full"), 2, 3)
+    with pytest.raises(OutputError) as caught, replacing_folder(folder) as fresh:
+        write_text(fresh / "new", "2")
+    (kept,) = tmp_path.iterdir()
+    assert [f.name for f in kept.iterdir()] == ["old"]
+    assert str(kept) in str(caught.value)
+
+
+def test_a_link_to_a_folder_stays_a_link(tmp_path: Path) -> None:
+    folder, link = tmp_path / "folder", tmp_path / "elsewhere" / "link"
+    folder.mkdir()
+    link.parent.mkdir()
+    link.symlink_to(folder)
+    with replacing_folder(link) as fresh:
+        write_text(fresh / "new", "2")
+    assert link.is_symlink() and [f.name for f in folder.iterdir()] == ["new"]
+    assert sorted(f.name for f in tmp_path.iterdir()) == ["elsewhere", "folder"]
+    assert [f.name for f in link.parent.iterdir()] == ["link"]
+
+
+def test_the_current_folder_can_be_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    with replacing_folder(Path()) as fresh:
+        write_text(fresh / "new", "2")
+    assert [f.name for f in folder.iterdir()] == ["new"]
