@@ -49,8 +49,6 @@ struct Pattern {
 };
 
 const mat2 TURN = mat2(-0.90525386, -0.42487109, 0.42487109, -0.90525386);  // from one point to the next
-const vec2 TAPS_TURN = vec2(0.63896911, 0.76923240);     // TURN to the power of TAPS ...
-const vec2 PENUMBRA_TURN = vec2(0.99025607, -0.13925845);  // ... and of PENUMBRA_TAPS
 
 // The next point: on the unit disc or, for rectangles, in the square [-1, 1]².
 vec2 next_point(inout Pattern s, bool square)
@@ -71,12 +69,14 @@ vec2 rotate(vec2 a, vec2 b)
     return vec2(a.x * b.x - a.y * b.y, a.x * b.y + a.y * b.x);
 }
 
-// A texel's stretch of the points that its quad shares, when each takes that many, through which the spiral turns so far.
-Pattern quad_pattern(QuadNoise noise, int points, vec2 turn)
+// A texel's stretch of the points that its quad shares, when each takes that many. The spiral starts where TAPS points
+// before it end; the filter's stretches are longer, but starts of its own cost half as much again as the whole pass
+// (the program outgrows a CPU's instruction cache) and bring an error of 0.0185 down by 0.0003 at most.
+Pattern quad_pattern(QuadNoise noise, int points)
 {
+    const vec2 STARTS[4] = vec2[4](vec2(1.0, 0.0), vec2(0.63896911, 0.76923239), vec2(-0.18343695, 0.98303148), vec2(-0.87339020, 0.48702111));
     float lane = quad_lane();
-    vec2 twice = rotate(turn, turn);
-    vec2 start = lane < 2.0 ? (lane < 1.0 ? vec2(1.0, 0.0) : turn) : (lane < 3.0 ? twice : rotate(twice, turn));
+    vec2 start = lane < 2.0 ? (lane < 1.0 ? STARTS[0] : STARTS[1]) : (lane < 3.0 ? STARTS[2] : STARTS[3]);
     return Pattern(lane * float(points), noise.value, rotate(noise.turn, start));
 }
 
@@ -239,7 +239,7 @@ float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool want
         disc.axis_v = light.v.xyz;
     }
 #endif
-    Pattern pattern = quad_pattern(noise, TAPS, TAPS_TURN);
+    Pattern pattern = quad_pattern(noise, TAPS);
     vec2 sum = vec2(0.0);
     for (int i = 0; i < TAPS; ++i) sum += nearest_blocker(light, r, tap(r, disc, search_point(pattern, square)));
     float weight = quad_sum(sum.y);
@@ -255,7 +255,7 @@ float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool want
     bool wide = weight > 0.0 && radius / reach * (1.0 - disc.share) / disc.share * light.tile.z > WIDE_KERNEL;
     bool penumbra = wide || parted(seen);
     int taps = wanted && penumbra ? PENUMBRA_TAPS : 0;
-    pattern = quad_pattern(noise, PENUMBRA_TAPS, PENUMBRA_TURN);
+    pattern = quad_pattern(noise, PENUMBRA_TAPS);
     float passed = 0.0;
     for (int i = 0; i < taps; ++i) {
         passed += texel_blocks(light, r, tap(r, disc, next_point(pattern, square))) ? 0.0 : 1.0;
@@ -340,7 +340,7 @@ float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, 
 {
     float spread = 0.5 * light.position.w / light.u.x;  // growth of the kernel, in map fractions per unit of depth
     float width = spread * min(r.depth, LONGEST_THROW * light.u.x);
-    Pattern pattern = quad_pattern(noise, TAPS, TAPS_TURN);
+    Pattern pattern = quad_pattern(noise, TAPS);
     vec2 sum = vec2(0.0);
     for (int i = 0; i < TAPS; ++i) {
         sum += nearest_parallel_blocker(light, r, r.fraction + search_point(pattern, false) * width, spread);
@@ -357,7 +357,7 @@ float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, 
     seen = quad_sum(seen);
     bool penumbra = parted(seen);
     int taps = wanted && penumbra ? PENUMBRA_TAPS : 0;
-    pattern = quad_pattern(noise, PENUMBRA_TAPS, PENUMBRA_TURN);
+    pattern = quad_pattern(noise, PENUMBRA_TAPS);
     float passed = 0.0;
     for (int i = 0; i < taps; ++i) {
         passed += parallel_texel_blocks(light, r, r.fraction + next_point(pattern, false) * width, spread) ? 0.0 : 1.0;
