@@ -11,9 +11,10 @@ from export.cli.dataset import dataset
 from export.cli.onnx import onnx, stamp
 from export.cli.precision import precision
 from export.cli.reference import reference
+from export.cli.validate import validate
 
 cli = typer.Typer(add_completion=False, no_args_is_help=True, help=__doc__, pretty_exceptions_enable=False)
-for command in (dataset, onnx, stamp, precision, reference):
+for command in (dataset, onnx, stamp, precision, reference, validate):
     cli.command()(command)
 
 
