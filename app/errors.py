@@ -24,6 +24,9 @@ class AfterglowError(Exception):
         super().__init__(f"{what}, {where}, {expected}")
         self.what, self.where, self.expected = what, where, expected
 
+    def __reduce__(self) -> tuple[type[AfterglowError], tuple[str, object, str]]:
+        return type(self), (self.what, self.where, self.expected)  # so that it passes between processes
+
 
 class SceneError(AfterglowError):
     """A scene, texture or scene JSON file that can't be used."""

@@ -36,7 +36,7 @@ def to_8bit(values: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
     return (np.clip(values, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
 
 
-def write_exr(path: Path, layers: Mapping[str, Image]) -> None:
+def write_exr(path: Path, layers: Mapping[str, Image], compression: str = "zip") -> None:
     """Write named layers into one EXR; the same layers give the same bytes.
 
     Parameters
@@ -46,6 +46,8 @@ def write_exr(path: Path, layers: Mapping[str, Image]) -> None:
     layers : mapping of str to ndarray, float16 or float32, shape (H, W, 1 to 4)
         The layer ``""`` goes to the channels ``R, G, B``, any other to ``name.R, name.G, name.B``; a layer of
         fewer components takes the first of these, a fourth one is ``A``. float16 is stored as half, float32 as float.
+    compression : str
+        One of OpenEXR's, such as ``zip``, which loses nothing, or ``dwaa:45``, which does, but not in ``A``.
 
     Raises
     ------
@@ -59,6 +61,7 @@ def write_exr(path: Path, layers: Mapping[str, Image]) -> None:
     spec.channelnames, spec.channelformats = tuple(names), tuple(formats)
     # Without this the writer stores the time of day.
     spec.attribute("DateTime", "")
+    spec.attribute("compression", compression)
     _write(path, spec, pixels)
 
 

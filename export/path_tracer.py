@@ -85,11 +85,12 @@ class PathTracer:
         """
         mi, scene = self._mi, self._scene
         sampler = mi.load_dict({"type": "independent"})
-        sampler.seed(seed, len(pixels))
+        # Numbers as data, and gathered: the kernel would be compiled anew for other literals, and for other alignments.
+        sampler.seed(dr.opaque(mi.UInt32, seed), len(pixels))
         image = (2 * pixels - 1) * (1, -1) * view.tan_half
         towards = np.concatenate([image, np.full((len(pixels), 1), -1.0)], axis=1) @ view.rotation
-        origin = (view.eye - scene.origin) * scene.scale
-        ray = mi.Ray3f(mi.Point3f(*origin.tolist()), mi.Vector3f(*towards.T.astype(np.float32)))
+        origin = [dr.opaque(mi.Float, x) for x in ((view.eye - scene.origin) * scene.scale).tolist()]
+        ray = mi.Ray3f(mi.Point3f(*origin), dr.unravel(mi.Vector3f, mi.Float(towards.astype(np.float32).ravel())))
         si = self._intersect(scene.seen, ray)
         hit = si.is_valid()
         normal = _facing_normal(si)
@@ -98,7 +99,8 @@ class PathTracer:
         if self._max_bounces:
             single, multi = self._indirect(si, normal, sampler, hit)
         # The rays' z is -1 in camera space, so t is the depth.
-        found = [dr.select(hit, x, 0.0) for x in (direct, single, multi, _albedo(si, hit), normal, si.t / scene.scale)]
+        found = [dr.select(hit, x, 0.0) for x in (direct, single, multi, _albedo(si, hit), normal,
+                                              si.t / dr.opaque(mi.Float, scene.scale))]
         dr.eval(found)  # together, or each would be traced anew
         return Samples(*[np.array(x, np.float32).T for x in found])
 

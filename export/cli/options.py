@@ -1,0 +1,35 @@
+"""Texts of the command line into values."""
+
+from __future__ import annotations
+
+from app.errors import ModelError, SettingsError
+
+
+def known_networks(names: list[str] | None) -> list[str]:
+    """Names of networks that can be exported; all without any.
+
+    Raises
+    ------
+    ModelError
+        When one is not known.
+    """
+    from export.to_onnx import MODULES
+
+    for name in names or ():
+        if name not in MODULES:
+            raise ModelError(f"no network {name!r}", "python -m export", f"expected one of {', '.join(MODULES)}")
+    return names or list(MODULES)
+
+
+def parse_counts(text: str, option: str) -> list[int]:
+    """Whole numbers above 0, separated by commas.
+
+    Raises
+    ------
+    SettingsError
+        When one is not.
+    """
+    counts = [int(part) if part.strip().isdigit() else 0 for part in text.split(",")]
+    if min(counts) < 1:
+        raise SettingsError(f"bad numbers of paths {text!r}", option, "expected whole numbers, such as 1,2,4")
+    return counts

@@ -1,0 +1,42 @@
+"""What no network may be trained on: the scenes of ``export/validation.json``."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from app.errors import SceneError, SettingsError
+
+LIST = Path(__file__).parents[1] / "validation.json"
+
+
+@lru_cache(maxsize=1)
+def read_list() -> dict[str, Any]:
+    """What ``validation.json`` says."""
+    return json.loads(LIST.read_text("utf-8"))
+
+
+def refuse_held_out(file: Path) -> None:
+    """Refuse a scene file that networks are judged by, whatever it is called.
+
+    Raises
+    ------
+    SceneError
+        When there is no such file.
+    SettingsError
+        When it is held out.
+    """
+    if not file.is_file():
+        raise SceneError("no such scene file", file, "expected the path of an existing file")
+    files = read_list()["files"]
+    if {file.stem, file.parent.name} & set(files) or digest(file) in {f["sha256"] for f in files.values()}:
+        raise SettingsError("this scene is held out for validation", file, "expected scenes to train on")
+
+
+@lru_cache(maxsize=16)
+def digest(file: Path) -> str:
+    """SHA-256 of the file."""
+    return hashlib.sha256(file.read_bytes()).hexdigest()

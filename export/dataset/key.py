@@ -1,0 +1,33 @@
+"""A key for the content of a scene that is the same on every machine."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+
+from app.bench.content import content_key
+from app.scene import Scene
+
+DIGITS = 5  # behind the point; processors differ in the last digits of sines and powers
+
+
+def scene_key(scene: Scene, *more: object) -> str:
+    """Equal for scenes that look alike, whatever their names and cameras; ``more`` are further values."""
+    return content_key(_rounded((scene.meshes, scene.instances, scene.materials, scene.lights, more)))
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return np.round(value.astype(np.float64), DIGITS) + 0.0 if value.dtype.kind == "f" else value
+    if isinstance(value, float):
+        return round(value, DIGITS) + 0.0  # no negative zero
+    if is_dataclass(value):
+        return (type(value).__name__, *(_rounded(getattr(value, f.name)) for f in fields(value)))
+    if isinstance(value, Mapping):
+        return {key: _rounded(inner) for key, inner in value.items()}
+    if isinstance(value, tuple | list):
+        return [_rounded(inner) for inner in value]
+    return value

@@ -1,0 +1,78 @@
+"""What a worker does: the missing items of one group."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Mapping
+
+import drjit
+
+from app.errors import SceneError
+from export.dataset.cameras import choose
+from export.dataset.config import Config
+from export.dataset.key import scene_key
+from export.dataset.pair import Pair
+from export.dataset.place import FRAME_SECONDS
+from export.dataset.plan import Choice, Group, pair_at, place_of
+from export.dataset.store import Origin, encode
+from export.dataset.target import VERSION, trace_target
+from export.path_tracer import PathTracer
+
+ATTEMPTS = 20    # scenes that are tried for a group
+CANDIDATES = 48  # cameras that are tried in a scene
+
+_ALONE = threading.Lock()  # the path tracer has all threads of a process for itself
+
+
+def make_group(config: Config, seed: int, group: Group, known: Mapping[int, Origin], threads: int) -> dict[int, bytes]:
+    """The files, by index, of those pairs whose ``known`` origin is not what would be made today.
+
+    Parameters
+    ----------
+    threads : int
+        For the path tracer; 0: as many as there are cores.
+
+    Raises
+    ------
+    SceneError
+        When a source makes no scene with enough cameras.
+    """
+    with _ALONE:
+        if threads:
+            drjit.set_thread_count(threads)
+        missing = [k for k in range(group.pairs) if not _up_to_date(config, seed, group, known.get(group.first + k))]
+        return dict(_make(config, seed, group, missing)) if missing else {}
+
+
+def key_of(config: Config, pair: Pair) -> str:
+    """The content key of a pair and of all that its target depends on."""
+    previous, current = pair.previous, pair.current
+    options = (VERSION, config.paths, config.max_bounces, config.denoised)
+    moved_lights = () if previous.scene is current.scene else previous.scene.lights
+    return scene_key(current.scene, options, moved_lights,
+                     [(still.camera, still.size, still.time) for still in (previous, current)])
+
+
+def _up_to_date(config: Config, seed: int, group: Group, origin: Origin | None) -> bool:
+    return origin is not None and key_of(config, pair_at(config, seed, group, origin.choice)) == origin.key
+
+
+def _make(config: Config, seed: int, group: Group, missing: list[int]) -> Iterator[tuple[int, bytes]]:
+    tracer, choices = _choose(config, seed, group)
+    for k in missing:
+        pair = pair_at(config, seed, group, choices[k])
+        target = trace_target(tracer, pair.current, config.paths, seed=k, denoised=config.denoised)
+        yield group.first + k, encode(target, Origin(choices[k], key_of(config, pair)))
+
+
+def _choose(config: Config, seed: int, group: Group) -> tuple[PathTracer, list[Choice]]:
+    """The first scene that has enough cameras, and these."""
+    for attempt in range(ATTEMPTS):
+        place = place_of(config, seed, group, attempt)
+        tracer = PathTracer(place.scene, FRAME_SECONDS, config.max_bounces)
+        candidates = (pair_at(config, seed, group, Choice(attempt, k)).current.camera for k in range(CANDIDATES))
+        cameras = choose(tracer, place.scene.longest_edge, candidates, group.pairs)
+        if len(cameras) == group.pairs:
+            return tracer, [Choice(attempt, k) for k in cameras]
+    raise SceneError(f"no camera shows enough in {ATTEMPTS} scenes", f"source {group.source!r}",
+                     "expected scenes that are lit and have room for cameras")

@@ -1,0 +1,115 @@
+"""Boxes, cylinders and spheres in metres, with texture coordinates in metres, so that textures keep their size."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Triangles without a material.
+
+    Attributes
+    ----------
+    positions, normals : ndarray, float64, shape (V, 3)
+    uvs : ndarray, float64, shape (V, 2)
+        In metres along the surface.
+    triangles : ndarray, int64, shape (T, 3)
+    """
+
+    positions: F64
+    normals: F64
+    uvs: F64
+    triangles: NDArray[np.int64]
+
+    def moved(self, transform: F64) -> Part:
+        """The part after a matrix, shape (4, 4), that turns and moves."""
+        turn = transform[:3, :3].T
+        return Part(self.positions @ turn + transform[:3, 3], self.normals @ turn, self.uvs, self.triangles)
+
+    @property
+    def box(self) -> F64:
+        """Smallest and largest corner, shape (2, 3)."""
+        return np.stack([self.positions.min(axis=0), self.positions.max(axis=0)])
+
+
+def joined(parts: list[Part]) -> Part:
+    """All ``parts`` as one."""
+    offsets = np.cumsum([0, *(len(p.positions) for p in parts[:-1])])
+    triangles = np.concatenate([part.triangles + offset for part, offset in zip(parts, offsets, strict=True)])
+    positions, normals, uvs = (np.concatenate([getattr(part, name) for part in parts])
+                               for name in ("positions", "normals", "uvs"))
+    return Part(positions, normals, uvs, triangles)
+
+
+def quad(corner: Triple, u: Triple, v: Triple) -> Part:
+    """A parallelogram seen from the side of u × v."""
+    c, a, b = (np.asarray(x, np.float64) for x in (corner, u, v))
+    normal = np.cross(a, b)
+    s, t = float(np.linalg.norm(a)), float(np.linalg.norm(b))
+    return Part(np.stack([c, c + a, c + a + b, c + b]), np.tile(normal / np.linalg.norm(normal), (4, 1)),
+                np.array([[0, 0], [s, 0], [s, t], [0, t]]), np.array([[0, 1, 2], [0, 2, 3]]))
+
+
+_CUBE = joined([quad((0, 0, 1), (1, 0, 0), (0, 1, 0)), quad((1, 0, 0), (-1, 0, 0), (0, 1, 0)),
+                quad((1, 0, 1), (0, 0, -1), (0, 1, 0)), quad((0, 0, 0), (0, 0, 1), (0, 1, 0)),
+                quad((0, 1, 1), (1, 0, 0), (0, 0, -1)), quad((0, 0, 0), (1, 0, 0), (0, 0, 1))])
+_EDGES = np.array([[0, 1], [0, 1], [2, 1], [2, 1], [0, 2], [0, 2]]).repeat(4, axis=0)  # that u and v run along
+
+
+def slab(low: Triple, high: Triple) -> Part:
+    """The axis-parallel block between two corners."""
+    size = np.subtract(high, low)
+    return Part(_CUBE.positions * size + low, _CUBE.normals, _CUBE.uvs * size[_EDGES], _CUBE.triangles)
+
+
+def block(size: Triple, at: Triple = (0.0, 0.0, 0.0)) -> Part:
+    """A block whose bottom is centred at ``at``."""
+    (x, y, z), (a, b, c) = size, at
+    return slab((a - x / 2, b, c - z / 2), (a + x / 2, b + y, c + z / 2))
+
+
+def cylinder(radius: float, height: float, at: Triple = (0.0, 0.0, 0.0), sides: int = 20) -> Part:
+    """An upright closed cylinder whose bottom is centred at ``at``."""
+    turn = np.linspace(0, 2 * np.pi, sides + 1)
+    ring = np.stack([np.cos(turn), np.zeros_like(turn), -np.sin(turn)], axis=1)
+    middle = np.asarray(at, np.float64)
+    k = np.arange(sides)
+    around = np.concatenate([np.stack([k, k + 1, k + sides + 2], 1), np.stack([k, k + sides + 2, k + sides + 1], 1)])
+    hull = Part(np.concatenate([middle + radius * ring, middle + radius * ring + (0, height, 0)]),
+                np.tile(ring, (2, 1)),
+                np.stack([np.tile(turn * radius, 2), np.repeat([0.0, height], sides + 1)], axis=1), around)
+    caps = []
+    for y, sign in ((height, 1.0), (0.0, -1.0)):
+        points = np.concatenate([[(0, 0, 0)], radius * ring]) + middle + (0, y, 0)
+        fan = np.stack([np.zeros_like(k), k + 1, k + 2], axis=1)
+        caps.append(Part(points, np.tile([0.0, sign, 0.0], (sides + 2, 1)), points[:, [0, 2]],
+                         fan if sign > 0 else fan[:, ::-1]))
+    return joined([hull, *caps])
+
+
+def sphere(radius: float, at: Triple = (0.0, 0.0, 0.0), rows: int = 12) -> Part:
+    """A sphere around ``at``."""
+    columns = 2 * rows
+    theta, phi = np.meshgrid(np.linspace(0, np.pi, rows + 1), np.linspace(0, 2 * np.pi, columns + 1), indexing="ij")
+    normals = np.stack([np.sin(theta) * np.sin(phi), np.cos(theta), np.sin(theta) * np.cos(phi)], axis=-1)
+    first = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).ravel()
+    below = first + columns + 1
+    return Part((np.asarray(at) + radius * normals).reshape(-1, 3), normals.reshape(-1, 3),
+                np.stack([phi * radius, -theta * radius], axis=-1).reshape(-1, 2),
+                np.concatenate([np.stack([first, below, first + 1], 1), np.stack([first + 1, below, below + 1], 1)]))
+
+
+def turned(angle: float, at: Triple) -> F64:
+    """Matrix that turns by ``angle`` radians about y, then moves by ``at``."""
+    m = np.eye(4)
+    m[0, 0] = m[2, 2] = np.cos(angle)
+    m[0, 2], m[2, 0] = np.sin(angle), -np.sin(angle)
+    m[:3, 3] = at
+    return m

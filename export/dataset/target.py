@@ -1,0 +1,88 @@
+"""What a network is to find for a frame: the indirect light of the texels that the renderer picks for its half grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.extras import extra_module
+from export.path_tracer import PathTracer
+from export.reference import RAYS_AT_ONCE, Still
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+VERSION = 1  # raise it when targets change, so that those of before are made again
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """Indirect light on a grid of half the image's size, its top row first.
+
+    Attributes
+    ----------
+    indirect, indirect_single : ndarray, float32, shape (H, W, 3)
+        Radiance / albedo in W/(sr m²) by all bounces, and by one; 0 in the sky.
+    seen : ndarray of bool, shape (H, W)
+        False: sky.
+    """
+
+    indirect: F32
+    indirect_single: F32
+    seen: NDArray[np.bool_]
+
+
+def trace_target(tracer: PathTracer, still: Still, spp: int, seed: int, denoised: bool) -> Target:
+    """Trace ``spp`` paths through each picked texel.
+
+    Parameters
+    ----------
+    denoised : bool
+        Whether Open Image Denoise takes noise out, guided by the normals; the albedo is 1, as the light is demodulated.
+
+    Raises
+    ------
+    MissingExtraError
+        When there is nothing to denoise with.
+    """
+    grid = picked(still.size)
+    height, width = grid.shape[:2]
+    points = grid.reshape(-1, 2)
+    at_once = max(1, RAYS_AT_ONCE // len(points))
+    multi = single = np.zeros((len(points), 3))
+    for batch, begin in enumerate(range(0, spp, at_once)):
+        count = min(at_once, spp - begin)
+        samples = tracer.trace(still.view, np.tile(points, (count, 1)), seed * 2**8 + batch)
+        multi, single = (total + found.reshape(count, -1, 3).sum(axis=0, dtype=np.float64)
+                         for total, found in ((multi, samples.multi), (single, samples.single)))
+    seen = samples.depth[:len(points)] > 0
+    normal = samples.normal[:len(points)].reshape(height, width, 3)
+    images = [(total / spp).reshape(height, width, 3).astype(np.float32) for total in (multi, single)]
+    if denoised:
+        images = [denoise(image, normal) for image in images]
+    seen = seen.reshape(height, width)
+    indirect, indirect_single = (np.where(seen[..., None], image, np.float32(0)) for image in images)
+    return Target(indirect, indirect_single, seen)
+
+
+def picked(size: tuple[int, int]) -> F64:
+    """Image positions in [0, 1] of the texels that stand for the half grid, as ``shaders/include/pick.glsl`` picks.
+
+    Returns
+    -------
+    ndarray, float64, shape (H, W, 2)
+        x to the right, y down.
+    """
+    (w, h), (cols, rows) = size, (size[0] // 2, size[1] // 2)
+    x = np.floor((np.arange(cols) + 0.5) * (w / cols))
+    y = h - 1 - np.floor((np.arange(rows)[::-1] + 0.5) * (h / rows))  # the shader's rows begin at the bottom
+    return np.stack(np.meshgrid((x + 0.5) / w, (y + 0.5) / h), axis=-1)
+
+
+def denoise(light: F32, normal: F32) -> F32:
+    """Demodulated light without most of its noise; never negative."""
+    run = extra_module("pyoidn", "export").denoise
+    found: F32 = run(np.ascontiguousarray(light), np.ones_like(light), np.ascontiguousarray(normal), hdr=True)
+    return np.maximum(found, 0)
