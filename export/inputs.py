@@ -92,9 +92,13 @@ class Drawer:
         rows, columns = picked(pair.current.size, self.contract.screen_size(pair.current.size))
         motion, depth, depth_now = (x[rows[:, None], columns] for x in (motion, depth, depth_now))
         scale = np.array([depth.shape[1], depth.shape[0]], np.float32) / np.array(pair.current.size, np.float32)
-        moved = np.moveaxis(motion[..., :2] * scale, -1, 0)
+        moved = np.moveaxis(motion[..., :2] * scale, -1, 0).astype(np.float32)
         visible = seen_before(depth[..., 0], depth_now[..., 0] * motion[..., 2], moved)
         return Inputs(current, previous, moved, visible)
+
+    def still(self, still: Still) -> Frame:
+        """The inputs for one frame."""
+        return self._frame(self._renderer_of(still), still)[0]
 
     def close(self) -> None:
         """Give the renderer back."""
@@ -183,8 +187,8 @@ def _black_network(contract: ModelContract) -> bytes:
     screen = next(t for t, spec in contract.inputs.items() if spec.grid == SCREEN)
     nodes, constants = [], []
     for t, spec in contract.outputs.items():
-        constants.append(helper.make_tensor(f"{t}_none", kind, [spec.components, contract.inputs[screen].components, 1, 1],
-                                            [0.0] * (spec.components * contract.inputs[screen].components)))
+        shape = spec.components, contract.inputs[screen].components, 1, 1
+        constants.append(helper.make_tensor(f"{t}_none", kind, shape, [0.0] * (shape[0] * shape[1])))
         nodes.append(helper.make_node("Conv", [screen, f"{t}_none"], [t]))
     graph = helper.make_graph(nodes, "black", values(contract.inputs), values(contract.outputs), constants)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)

@@ -66,7 +66,7 @@ class BcnnLoss:
     def __call__(self, views: Views) -> dict[str, Tensor]:
         a, b = (tone(x) * views.seen for x in (views.output, views.target))
         inside = 1 - functional.max_pool2d(1 - views.seen, 3, stride=1, padding=1)  # the sky's edge is no detail
-        terms = {
+        terms: dict[str, Callable[[], Tensor]] = {
             "ssim": lambda: 1 - mean_where(ssim_map(a, b), views.seen),
             "laplacian": lambda: mean_where((laplacian(a) - laplacian(b)).abs(), inside),
             "temporal": lambda: mean_where((a - tone(views.warped)).abs(), views.seen * views.visible),
@@ -129,7 +129,7 @@ def laplacian(x: Tensor) -> Tensor:
 
 
 def warp(previous: Tensor, motion: Tensor) -> Tensor:
-    """``previous`` [B, C, h, w] seen from the current frame, bilinear; motion [B, 2, h, w] in texels, right and down."""
+    """``previous`` [B, C, h, w] seen from the current frame, bilinear; motion [B, 2, h, w] in texels."""
     h, w = previous.shape[2:]
     y, x = torch.meshgrid(torch.arange(h, device=motion.device), torch.arange(w, device=motion.device), indexing="ij")
     size = torch.tensor([w, h], dtype=motion.dtype, device=motion.device)

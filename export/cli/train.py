@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import os
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -20,15 +20,15 @@ def train(config: Annotated[Path, typer.Argument(help="What to do; export/config
           workers: Annotated[int | None, typer.Option(help="Processes that draw inputs; one for each core without.",
                                                       min=1)] = None) -> None:
     """Train a network; it may be stopped at any moment and continued by the same command."""
+    # Threads that spin while they wait make training many times slower when anything else runs.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     from export.dataset import Dataset
     from export.models import make_network
     from export.training.config import read_config
     from export.training.examples import Examples, draw_missing
     from export.training.loop import Run
 
-    chosen = read_config(config)
-    if dataset is not None:
-        chosen = replace(chosen, data=replace(chosen.data, dataset=dataset))
+    chosen = read_config(config, dataset)
     pairs = Dataset(chosen.data.dataset)
     contract = make_network(chosen.network.preset, chosen.network.options).contract
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),

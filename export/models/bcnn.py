@@ -6,7 +6,6 @@ Illumination". Where the text is silent (widths, which pooling, the last activat
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -15,6 +14,7 @@ from torch.nn import functional
 
 from app.contract import ModelContract, TensorSpec
 from export.models.finite import finite
+from export.models.network import Network
 
 SIGMA = 1.0      # of the depth difference, in units of a scene whose longest edge is EXTENT
 EXTENT = 40.0
@@ -41,7 +41,7 @@ PRESETS = {
 }
 
 
-class Bcnn(nn.Module):
+class Bcnn(Network):
     """Indirect light from what the screen shows.
 
     Three encoder levels, a bottleneck and three decoder levels with skips; two convolutions at full size, one at each
@@ -84,9 +84,9 @@ class Bcnn(nn.Module):
             Indirect radiance / albedo, at least 0; 0 in the sky.
         """
         x = finite(x, self.contract.inputs["x"])
-        light, normal, position = x.split(3, dim=1)
+        light, normal, position = torch.split(x, 3, dim=1)
         surface = (normal.abs().sum(1, keepdim=True) > 0).to(x.dtype)
-        levels = pyramid(position[:, 2:].float(), surface.float(), len(self.down), self.bilateral)
+        levels = pyramid(position[:, 2:], surface, len(self.down), self.bilateral)
         x = torch.cat([light.clamp(max=BRIGHTEST), normal, (position / EXTENT).clamp(-FARTHEST, FARTHEST)], 1) * surface
         skips = []
         for block, level in zip(self.down, levels, strict=False):
@@ -118,13 +118,15 @@ class Level:
 def pyramid(depth: Tensor, surface: Tensor, halvings: int, bilateral: bool = True) -> list[Level]:
     """The levels from full size down; depth [B, 1, h, w] is pooled along, over surfaces (``surface`` is 1) alone.
 
-    In single precision, as squares of depth differences leave the range of half.
+    In single precision inside, as squares of depth differences leave the range of half.
     """
-    levels = []
+    kind, levels = depth.dtype, []
+    depth, surface = depth.float(), surface.float()
     for _ in range(halvings + 1):
         share = functional.avg_pool2d(surface, 2, ceil_mode=True)
         spread = 1 / share.clamp(min=0.25)
-        levels.append(Level(bilateral_taps(depth, surface) if bilateral else surface.expand(-1, TAPS, -1, -1), spread))
+        taps = bilateral_taps(depth, surface) if bilateral else surface.expand(-1, TAPS, -1, -1)
+        levels.append(Level(taps.to(kind), spread.to(kind)))
         depth = functional.avg_pool2d(depth * surface, 2, ceil_mode=True) * spread
         surface = share.sign()
     return levels
@@ -158,14 +160,14 @@ class Bilateral(nn.Module):
 
     def forward(self, x: Tensor, taps: Tensor) -> Tensor:
         """Convolve x [B, C, h, w] by the level's ``taps`` [B, 9, h, w]."""
-        outputs, inputs = self.weight.shape[:2]
+        outputs, inputs = map(int, self.weight.shape[:2])
         taps = taps.to(x.dtype).unsqueeze(1)
         if inputs < 2 * outputs:
             weight = self.weight.reshape(outputs, inputs * TAPS, 1, 1)
             return functional.conv2d((neighbours(x) * taps).flatten(1, 2), weight, self.bias)
         # The factors are symmetric, so the sender's stand for the receiver's.
         weight = self.weight.flip(2, 3).permute(0, 2, 3, 1).reshape(outputs * TAPS, inputs, 1, 1)
-        sent = functional.conv2d(x, weight).unflatten(1, (outputs, TAPS)) * taps
+        sent = torch.unflatten(functional.conv2d(x, weight), 1, (outputs, TAPS)) * taps
         return scattered(sent) + self.bias.reshape(-1, 1, 1)
 
 
@@ -184,16 +186,16 @@ class Block(nn.Module):
 
 def neighbours(x: Tensor) -> Tensor:
     """The 3×3 neighbourhood of each texel, shape (B, C, 9, h, w), 0 beyond the image."""
-    channels, size = x.shape[1], x.shape[2:]
+    channels, size = int(x.shape[1]), x.shape[2:]
     if torch.onnx.is_in_onnx_export():
         taps = functional.conv2d(x, _one_hot(x).repeat(channels, 1, 1, 1), padding=1, groups=channels)
-        return taps.unflatten(1, (channels, TAPS))
-    return functional.unfold(x, 3, padding=1).unflatten(1, (channels, TAPS)).unflatten(-1, size)
+        return torch.unflatten(taps, 1, (channels, TAPS))
+    return functional.unfold(x, 3, padding=1).reshape(-1, channels, TAPS, *size)
 
 
 def scattered(x: Tensor) -> Tensor:
     """What each texel receives, shape (B, C, h, w), when all send ``x`` [B, C, 9, h, w] to their neighbourhood."""
-    channels, size = x.shape[1], x.shape[3:]
+    channels, size = int(x.shape[1]), x.shape[3:]
     if torch.onnx.is_in_onnx_export():
         taps = _one_hot(x).flip(0).transpose(0, 1).repeat(channels, 1, 1, 1)
         return functional.conv2d(x.flatten(1, 2), taps, padding=1, groups=channels)

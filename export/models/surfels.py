@@ -10,12 +10,13 @@ import math
 from dataclasses import dataclass, fields, replace
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn import functional
 
 from app.channels import CUBE
 from app.contract import ModelContract, TensorSpec
 from export.models.finite import finite
+from export.models.network import Network
 
 FACE, FACE_CELL = 48, 8  # texels along the edge of a cube face, and of a cell on it
 SCREEN_ROWS, SCREEN_COLUMNS, SCREEN_CELL = 48, 64, 4  # texels taken from the screen grid, whatever its size
@@ -63,7 +64,7 @@ class Surfels:
         return Surfels(*(getattr(self, f.name)[which] for f in fields(self)))
 
 
-class Gather(nn.Module):
+class Gather(Network):
     """One bounce: each pixel sums radiance × form factor over all surfels, without visibility.
 
     The surfels come from the screen and from those parts of the cube that the screen does not show.

@@ -122,8 +122,8 @@ class Config:
         return made
 
 
-def read_config(path: Path) -> Config:
-    """The configuration in a TOML file.
+def read_config(path: Path, dataset: Path | None = None) -> Config:
+    """The configuration in a TOML file, with another ``dataset`` if one is given.
 
     Raises
     ------
@@ -131,9 +131,12 @@ def read_config(path: Path) -> Config:
         When the file can't be read, lacks a key, or has an unknown one or a bad value.
     """
     try:
-        return from_table(tomllib.loads(path.read_text("utf-8")), path)
+        table = tomllib.loads(path.read_text("utf-8"))
     except (OSError, ValueError) as error:
         raise SettingsError(f"can't read the configuration ({error})", path, "expected a TOML file") from None
+    if dataset is not None:
+        table.setdefault("data", {})["dataset"] = dataset
+    return from_table(table, path)
 
 
 def from_table(table: dict[str, Any], where: object) -> Config:

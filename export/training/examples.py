@@ -6,7 +6,7 @@ import hashlib
 import json
 import multiprocessing
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from pathlib import Path
@@ -87,7 +87,7 @@ class Examples:
 
 
 def draw_missing(pairs: Pairs, contract: ModelContract, workers: int | None = None) -> Iterator[int]:
-    """Draw what is missing, in so many processes (one for each core without); tells how many each time some are done."""
+    """Draw what is missing, in ``workers`` processes or one for each core; yields how many, whenever some are done."""
     missing = Examples(pairs, contract).missing
     parts = [missing[at:at + AT_ONCE] for at in range(0, len(missing), AT_ONCE)]
     workers = min(workers or len(os.sched_getaffinity(0)), len(parts))
@@ -106,7 +106,7 @@ def tensors_of(batch: Mapping[str, Tensor], frame: str) -> dict[str, Tensor]:
     return {name.removeprefix(f"{frame}."): x for name, x in batch.items() if name.startswith(f"{frame}.")}
 
 
-def _layout(contract: ModelContract, size: tuple[int, int]) -> dict[str, tuple[Callable[..., Any] | type, Any]]:
+def _layout(contract: ModelContract, size: tuple[int, int]) -> dict[str, tuple[type, tuple[int, ...]]]:
     """What is kept of each pair: type and shape.
 
     ``current.T`` and ``previous.T`` for each input tensor T, exposed; ``motion`` in texels; ``target``, light / albedo

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +67,6 @@ def _read(path: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in path.read_text("utf-8").splitlines()] if path.exists() else []
 
 
-def mean_of(terms: list[Mapping[str, float]]) -> dict[str, float]:
+def mean_of(terms: Sequence[Mapping[str, float]]) -> dict[str, float]:
     """Means of terms of the same names."""
     return {name: sum(t[name] for t in terms) / len(terms) for name in terms[0]} if terms else {}

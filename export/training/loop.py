@@ -14,7 +14,6 @@ from torch import Tensor
 from torch.optim.swa_utils import AveragedModel
 
 from app.atomic import prepare_folders
-from app.contract import ModelContract
 from app.errors import SettingsError
 from export.losses import Views, make_loss, warp
 from export.models import make_network, weights_of
@@ -61,7 +60,7 @@ class Run:
         self.fabric.launch()
         seed_everything(config.seed, verbose=False)
         self._bare = make_network(config.network.preset, config.network.options)
-        self.contract: ModelContract = self._bare.contract  # type: ignore[assignment]
+        self.contract = self._bare.contract
         optimizer = torch.optim.Adam(self._bare.parameters(), config.schedule.learning_rate)
         self.ema = AveragedModel(self._bare, avg_fn=_average(config.schedule.ema))
         self.progress = state.Progress()
@@ -155,7 +154,8 @@ class Run:
         if self.fabric.is_global_zero:
             facts = {"pairs": len(self.examples), "trained_on": self.trained_on, "weights": weights_of(self._bare),
                      "machine": state.machine(self.fabric.device)}
-            state.save(self.folder / CHECKPOINT, self.config, self.progress, self._bare, self.ema, self.optimizer, facts)
+            state.save(self.folder / CHECKPOINT, self.config, self.progress, self._bare, self.ema, self.optimizer,
+                       facts)
         self.fabric.barrier()
 
     def _resume(self, checkpoint: state.Checkpoint, optimizer: torch.optim.Optimizer) -> None:

@@ -10,11 +10,10 @@ from typing import Any
 
 import torch
 from torch import Tensor, nn
-from torch.optim.swa_utils import AveragedModel
 
 from app.atomic import replacing
 from app.errors import ModelError
-from export.models import make_network
+from export.models import Network, make_network
 from export.training.config import Config, from_table
 
 VERSION = 1
@@ -57,13 +56,13 @@ class Checkpoint:
     random: Tensor
     facts: dict[str, Any]
 
-    def network(self) -> nn.Module:
+    def network(self) -> Network:
         """The network with the averaged weights."""
         network = make_network(self.config.network.preset, self.config.network.options)
-        averaged = AveragedModel(network)
-        averaged.load_state_dict(self.ema)
-        found: nn.Module = averaged.module
-        return found.eval()
+        prefix = "module."  # of AveragedModel
+        network.load_state_dict({k.removeprefix(prefix): x for k, x in self.ema.items() if k.startswith(prefix)})
+        network.eval()
+        return network
 
 
 def save(path: Path, config: Config, progress: Progress, model: nn.Module, ema: nn.Module,
@@ -71,7 +70,7 @@ def save(path: Path, config: Config, progress: Progress, model: nn.Module, ema: 
     """Write ``path`` in one step."""
     state = {"version": VERSION, "config": config.to_json(), "progress": vars(progress), "model": model.state_dict(),
              "ema": ema.state_dict(), "optimizer": optimizer.state_dict(), "random": torch.get_rng_state(),
-             "facts": {**facts, "torch": torch.__version__, "written": time.strftime("%Y-%m-%d")}}
+             "facts": {**facts, "torch": str(torch.__version__), "written": time.strftime("%Y-%m-%d")}}
     with replacing(path) as temporary:
         torch.save(state, temporary)
 
