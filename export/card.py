@@ -8,7 +8,6 @@ from pathlib import Path
 from app.contract import ModelContract
 from export.training.state import Checkpoint
 
-
 MADE_BY = "`python -m export train` and `python -m export onnx`; docs/training.md has the commands."
 
 

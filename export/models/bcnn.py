@@ -18,6 +18,7 @@ from export.models.network import Network
 
 SIGMA = 1.0      # of the depth difference, in units of a scene whose longest edge is EXTENT
 EXTENT = 40.0
+CUT = 1e-7       # of a tap's factor: nothing at 4σ and beyond, and no denormal numbers, which slow every product
 SLOPE = 0.1      # of LeakyReLU below 0
 TAPS = 9         # of a 3×3 kernel, row by row
 BRIGHTEST = 32.0  # means; a texel beside a lamp counts for no more, as in the mean itself
@@ -141,7 +142,8 @@ def bilateral_taps(depth: Tensor, surface: Tensor) -> Tensor:
         Symmetric: a texel's factor for its neighbour is the neighbour's for it.
     """
     both = neighbours(torch.cat([depth, surface], 1))
-    return torch.exp(-((both[:, 0] - depth) / SIGMA).square()) * both[:, 1] * surface
+    near = functional.relu(torch.exp(-((both[:, 0] - depth) / SIGMA).square()) - CUT)
+    return near * both[:, 1] * surface
 
 
 class Bilateral(nn.Module):
