@@ -18,7 +18,7 @@ from app.load import load_scene
 from app.scene import Camera, Scene
 from export.dataset.held_out import LIST, read_list
 from export.dataset.key import scene_key
-from export.dataset.place import FRAME_SECONDS, Place
+from export.dataset.place import Place
 from export.dataset.sources import SOURCES
 from export.reference import Still
 
@@ -56,7 +56,7 @@ def views(scenes: Path = SCENES) -> list[View]:
         if group not in loaded:
             loaded[group] = _scene(entry, listed["files"], scenes)
         values: dict[str, Any] = {key: tuple(x) if isinstance(x, list) else x for key, x in entry["camera"].items()}
-        still = Still(loaded[group], Camera(**values), tuple(listed["size"]), FRAME_SECONDS)
+        still = Still(loaded[group], Camera(**values), tuple(listed["size"]))
         found.append(View(entry["name"], entry["scene"], still))
     return found
 

@@ -25,7 +25,7 @@ from export.dataset.cameras import choose, normal_spread, probe, random_camera
 from export.dataset.files import standing
 from export.dataset.held_out import LIST, digest
 from export.dataset.key import scene_key
-from export.dataset.place import FRAME_SECONDS, Place
+from export.dataset.place import Place
 from export.path_tracer import PathTracer, Samples
 from export.validation import SCENES, VALIDATION, generated
 
@@ -90,7 +90,7 @@ def _of_generators(seed: int) -> list[tuple[dict[str, Any], Scene, list[Camera]]
 
 def _cameras(place: Place, rng: np.random.Generator, wanted: int) -> list[Camera]:
     """Of those that show something, by the same measure as the dataset's, the ones that show most."""
-    tracer, edge = PathTracer(place.scene, FRAME_SECONDS), place.scene.longest_edge
+    tracer, edge = PathTracer(place.scene), place.scene.longest_edge
     candidates = [random_camera(place, rng) for _ in range(CANDIDATES)]
     fit = [candidates[k] for k in choose(tracer, edge, candidates, CANDIDATES)]
     return sorted(fit, key=lambda camera: -_interest(probe(tracer, camera, edge), edge))[:wanted]
@@ -104,7 +104,7 @@ def _interest(samples: Samples, longest_edge: float) -> float:
 
 def _picture(scene: Scene, camera: Camera, name: str) -> Image.Image:
     with Renderer(scene, Settings(SIZE, ("final",), taa=False, provider="cpu"), find_model("radiosity")) as renderer:
-        final = renderer.render(camera, FRAME_SECONDS)["final"]
+        final = renderer.render(camera)["final"]
     picture = Image.fromarray((255 * tone_map(final, exposure_of(final))).astype(np.uint8))
     ImageDraw.Draw(picture).text((4, 2), name, fill=(255, 255, 0), stroke_width=1, stroke_fill=(0, 0, 0))
     return picture

@@ -80,8 +80,10 @@ def read_target(path: Path) -> Target:
     """
     try:
         layers = read_exr(path)
-        light = layers["indirect"]
-        return Target(light[..., :3], layers["indirect_single"], light[..., 3] > 0.5)
+        seen = layers["indirect"][..., 3] > 0.5
+        indirect, indirect_single = (np.where(seen[..., None], np.maximum(layers[name][..., :3], 0), np.float32(0))
+                                     for name in ("indirect", "indirect_single"))
+        return Target(indirect, indirect_single, seen)
     except (AfterglowError, KeyError, IndexError):
         raise SceneError("no sound item of a dataset", path,
                          f"expected one; make it again: python -m export dataset --out {path.parents[1]}") from None

@@ -1,0 +1,133 @@
+"""Judges models on the validation views: errors of the final picture and of the demodulated indirect light."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.atomic import replacing_folder
+from app.bench.configurations import Configuration, expand
+from app.bench.judge import AMBIENT, METRICS, Errors, Layers, draw_ambient, draw_layers, errors_of
+from app.bench.truth import Truth, cache_folder, exporter_version, read_truth
+from app.errors import SettingsError
+from app.renderer import Renderer
+from app.settings import Settings
+from export.dataset.key import scene_key
+from export.path_tracer import MAX_BOUNCES
+from export.reference import Still, write_reference
+from export.validation import View
+
+LAYERS = ("final", "indirect")
+SCALED = "radiosity"  # times one constant: a floor
+ALL = "mean"          # of all views, in place of a scene's name
+
+Progress = Callable[[str], object]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One model on one view; ``errors`` by layer and metric."""
+
+    model: str
+    view: str
+    scene: str
+    errors: dict[str, Errors]
+
+
+def truth_of(view: View, spp: int, folder: Path | None) -> Truth:
+    """The path-traced truth, from ``folder`` (or the benchmark's cache) where it was made before."""
+    still = view.still
+    key = scene_key(still.scene, still.camera, still.size, still.time, spp, exporter_version())
+    place = (folder or cache_folder()) / f"{view.name}-{key}"
+    if not place.is_dir():
+        with replacing_folder(place) as fresh:
+            write_reference(fresh, still, spp, 0, MAX_BOUNCES, {"view": view.name}, lambda share: None)
+    return read_truth(place)
+
+
+def judge(views: Sequence[View], models: Sequence[str], spp: int, truths: Path | None, constant: float | None,
+          provider: str, progress: Progress) -> list[Row]:
+    """Errors of every model on every view, and of the oracle ambient light.
+
+    Parameters
+    ----------
+    models : sequence of str
+        ``none``, ``ssgi``, names of bundled networks and paths.
+    constant : float or None
+        Where given, ``radiosity`` times it is judged as well.
+
+    Raises
+    ------
+    AfterglowError
+        When a model, the path tracer or the device can't be had.
+    """
+    configurations, absent = expand(models, [view.still.size for view in views[:1]])
+    if absent:
+        raise SettingsError("; ".join(absent), "models", "expected models that exist")
+    rows = []
+    for number, view in enumerate(views):
+        progress(f"{number + 1} of {len(views)}: {view.name}")
+        truth = truth_of(view, spp, truths)
+        rows += [Row(label, view.name, view.scene, errors_of({name: layers[name] for name in LAYERS}, truth))
+                 for label, layers in _pictures(view.still, truth, configurations, constant, provider)]
+    return rows
+
+
+def by_scene(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Mean errors of each model on each scene, and on all views (scene ``mean``): as flat as CSV."""
+    models, scenes = dict.fromkeys(row.model for row in rows), dict.fromkeys(row.scene for row in rows)
+    return [_mean(model, scene, [row for row in rows if row.model == model and scene in (row.scene, ALL)])
+            for scene in (*scenes, ALL) for model in models]
+
+
+def by_view(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Each row as flat as CSV."""
+    return [{"model": row.model, "scene": row.scene, "view": row.view, **_flat(row.errors)} for row in rows]
+
+
+def to_csv(rows: Sequence[dict[str, Any]]) -> str:
+    """Rows of equal keys as CSV."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def to_json(rows: Sequence[Row], about: dict[str, Any]) -> str:
+    return json.dumps({**about, "scenes": by_scene(rows), "views": by_view(rows)}, indent=1) + "\n"
+
+
+def _pictures(still: Still, truth: Truth, configurations: Sequence[Configuration], constant: float | None,
+              provider: str) -> Iterator[tuple[str, Layers]]:
+    for c in configurations:
+        layers = draw_layers(still.scene, still.camera, c, provider)
+        yield c.label, layers
+        if c.label == SCALED and constant is not None:
+            yield f"{SCALED} × {constant:.3g}", _scaled(still, layers, constant)
+    yield AMBIENT, draw_ambient(still.scene, still.camera, truth, provider)[0]
+
+
+def _scaled(still: Still, layers: Layers, constant: float) -> Layers:
+    """The layers with ``constant`` times the indirect light, whose share of the final picture is added there."""
+    with Renderer(still.scene, Settings(still.size, ("albedo",), taa=False)) as renderer:
+        albedo = renderer.render(still.camera, still.time)["albedo"]
+    more = (constant - 1) * layers["indirect"]
+    return {"final": np.maximum(layers["final"] + albedo * more, 0), "indirect": layers["indirect"] + more}
+
+
+def _mean(model: str, scene: str, rows: Sequence[Row]) -> dict[str, Any]:
+    flat = [_flat(row.errors) for row in rows]
+    return {"model": model, "scene": scene, "views": len(rows),
+            **{key: float(np.mean([f[key] for f in flat])) for key in flat[0]}}
+
+
+def _flat(errors: dict[str, Errors]) -> dict[str, float]:
+    return {f"{layer}.{metric}": errors[layer][metric] for layer in LAYERS for metric in METRICS}
