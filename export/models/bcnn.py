@@ -6,6 +6,7 @@ Illumination". Where the text is silent (widths, which pooling, the last activat
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -24,6 +25,7 @@ TAPS = 9         # of a 3×3 kernel, row by row
 BRIGHTEST = 32.0  # means; a texel beside a lamp counts for no more, as in the mean itself
 FARTHEST = 2.0   # extents; so that no input can overflow half precision
 CHANNELS = ("direct.rgb", "normal.view.xyz", "position.view.xyz")
+READS = ("direct", "normal", "position")
 
 
 @dataclass(frozen=True)
@@ -54,19 +56,22 @@ class Bcnn(Network):
     contract : ModelContract
     bilateral : bool
         False makes plain convolutions, for ablations.
+    reads : sequence of str
+        Which of ``READS`` the first convolution gets, for ablations; depth guides the taps all the same.
     """
 
-    def __init__(self, name: str, bounces: str = "multi", bilateral: bool = True) -> None:
+    def __init__(self, name: str, bounces: str = "multi", bilateral: bool = True, reads: Sequence[str] = READS) -> None:
         super().__init__()
         preset = PRESETS[name]
-        self.bilateral = bilateral
+        self.bilateral, self.reads = bilateral, tuple(reads)
+        if not set(self.reads) <= set(READS):
+            raise ValueError(f"reads {list(reads)}, known are {', '.join(READS)}")
         self.contract = ModelContract(
             name=name, paper="Xin et al. 2021, Lightweight Bilateral Convolutional Neural Networks",
             inputs={"x": TensorSpec(CHANNELS)}, outputs={"y": TensorSpec(("indirect.rgb",))}, scale=preset.scale,
             multiple_of=8, exposure="mean-radiance", bounces=bounces, scene_extent=EXTENT, licence="MIT")
         a, b, c, d = preset.widths
-        inputs = self.contract.inputs["x"].components
-        self.down = nn.ModuleList([Block(inputs, a, a), Block(a, b), Block(b, c)])
+        self.down = nn.ModuleList([Block(3 * len(self.reads), a, a), Block(a, b), Block(b, c)])
         self.bottom = Block(c, d)
         self.up = nn.ModuleList([Block(d + c, c), Block(c + b, b), Block(b + a, a, a)])
         self.last = Bilateral(a, 3)
@@ -88,12 +93,14 @@ class Bcnn(Network):
         light, normal, position = torch.split(x, 3, dim=1)
         surface = (normal.abs().sum(1, keepdim=True) > 0).to(x.dtype)
         levels = pyramid(position[:, 2:], surface, len(self.down), self.bilateral)
-        x = torch.cat([light.clamp(max=BRIGHTEST), normal, (position / EXTENT).clamp(-FARTHEST, FARTHEST)], 1) * surface
+        parts = {"direct": light.clamp(max=BRIGHTEST), "normal": normal,
+                 "position": (position / EXTENT).clamp(-FARTHEST, FARTHEST)}
+        x = torch.cat([parts[name] for name in self.reads], 1) * surface
         skips = []
         for block, level in zip(self.down, levels, strict=False):
             x = block(x, level.taps)
             skips.append(x)
-            x = functional.avg_pool2d(x, 2) * level.spread
+            x = functional.avg_pool2d(x * level.surface, 2) * level.spread
         x = self.bottom(x, levels[-1].taps)
         for block, level, skip in zip(self.up, levels[-2::-1], skips[::-1], strict=True):
             x = block(torch.cat([functional.interpolate(x, scale_factor=2.0), skip], 1), level.taps)
@@ -108,11 +115,14 @@ class Level:
     ----------
     taps : Tensor, shape (B, 9, h, w)
         Factor of each tap, 0 to 1.
+    surface : Tensor, shape (B, 1, h, w)
+        1 where there is one, 0 in the sky.
     spread : Tensor, shape (B, 1, h / 2, w / 2)
         Turns a mean over 2×2 texels into one over those that show a surface.
     """
 
     taps: Tensor
+    surface: Tensor
     spread: Tensor
 
 
@@ -127,7 +137,7 @@ def pyramid(depth: Tensor, surface: Tensor, halvings: int, bilateral: bool = Tru
         share = functional.avg_pool2d(surface, 2, ceil_mode=True)
         spread = 1 / share.clamp(min=0.25)
         taps = bilateral_taps(depth, surface) if bilateral else surface.expand(-1, TAPS, -1, -1)
-        levels.append(Level(taps.to(kind), spread.to(kind)))
+        levels.append(Level(taps.to(kind), surface.to(kind), spread.to(kind)))
         depth = functional.avg_pool2d(depth * surface, 2, ceil_mode=True) * spread
         surface = share.sign()
     return levels

@@ -4,6 +4,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
+from app.errors import ModelError  # noqa: E402
 from export.models import PRESETS, make_network, weights_of  # noqa: E402
 from export.models.bcnn import Bcnn, Bilateral, bilateral_taps  # noqa: E402
 
@@ -72,6 +73,17 @@ def test_without_bilateral_taps_light_flows_across_it() -> None:
         assert not torch.allclose(network(x)[..., :16], network(changed)[..., :16])
 
 
+def test_ablations_leave_inputs_out() -> None:
+    x = wall(torch.full(GRID, 10.0))
+    other = x.clone()
+    other[:, 3:5], other[:, 6:8] = 0.5, 3.0
+    whole, light = Bcnn("bcnn-8").eval(), Bcnn("bcnn-8", reads=["direct"]).eval()
+    with torch.no_grad():
+        assert torch.equal(light(x), light(other)) and not torch.equal(whole(x), whole(other))
+    with pytest.raises(ModelError, match="depht"):
+        make_network("bcnn-8", {"reads": ["depht"]})
+
+
 def test_the_sky_is_dark_and_what_its_channels_hold_does_not_matter() -> None:
     x = wall(torch.full(GRID, 10.0))
     x[..., :8, :] = 0.0
@@ -87,6 +99,9 @@ def test_the_sky_is_dark_and_what_its_channels_hold_does_not_matter() -> None:
 def test_half_the_surfaces_in_a_pooled_texel_count_whole() -> None:
     """Beside the sky a level's features are means over surfaces, not over surfaces and sky."""
     network = Bcnn("bcnn-8").eval()
+    for name, parameter in network.named_parameters():
+        if name.endswith("bias"):
+            torch.nn.init.constant_(parameter, 0.3)
     whole, ragged = wall(torch.full(GRID, 10.0)), wall(torch.full(GRID, 10.0))
     whole[:, LIGHT], ragged[:, LIGHT] = 1.0, 1.0
     ragged[..., ::2, ::2] = 0.0
