@@ -11,7 +11,7 @@ import onnxruntime as ort
 from numpy.typing import NDArray
 
 from app.channels import CHANNELS, SCREEN
-from app.contract import TensorSpec, read_contract
+from app.contract import ModelContract, TensorSpec, read_contract
 from app.errors import DeviceError, ModelError, SettingsError
 
 F32 = NDArray[np.float32]
@@ -97,9 +97,7 @@ class Network:
         h, w = self._size
         views = {t: self._buffers[t][0, ..., :h, :w] if s.grid == SCREEN else self._buffers[t][0]
                  for t, s in self.contract.inputs.items()}
-        for t, view in views.items():
-            _sanitise(tensors[t], *self._bounds[t], out=view)
-        exposure = self._expose(views)
+        exposure = feed(self.contract, tensors, views)
         for t, spec in self.contract.inputs.items():
             if spec.grid == SCREEN:
                 self._buffers[t][..., w:] = self._buffers[t][..., w - 1:w]
@@ -127,26 +125,6 @@ class Network:
     def _tensors(self) -> dict[str, TensorSpec]:
         return {**self.contract.inputs, **self.contract.outputs}
 
-    def _expose(self, views: Mapping[str, F32]) -> float:
-        """Mask the sky and divide the radiance in ``views`` by its mean; that mean, or 1 without the option."""
-        if self.contract.exposure == "none":
-            return 1.0
-        radiance, texels = [], 0
-        for t, spec in self.contract.inputs.items():
-            rows = dict(spec.rows())
-            found = [views[t][r] for name, r in rows.items() if CHANNELS[name].radiance]
-            guide = next((views[t][rows[name]] for name in _SURFACE if name in rows), None)
-            surface = np.ones(views[t].shape[1:], bool) if guide is None else (guide != 0).any(axis=0)
-            for r in found:
-                np.multiply(r, surface, out=r)
-                texels += int(np.count_nonzero(surface)) * len(r)
-            radiance += found
-        mean = _robust_mean(radiance, texels) if radiance else 1.0
-        for r in radiance:
-            np.multiply(r, np.float32(1.0 / max(mean, FLOOR)), out=r)
-            np.minimum(r, CHANNELS["radiance.rgb"].range[1], out=r)
-        return mean
-
     def _grid(self, spec: TensorSpec, screen: tuple[int, ...]) -> tuple[int, ...]:
         return screen if spec.grid == SCREEN else (6, spec.size or 0, spec.size or 0)
 
@@ -165,6 +143,43 @@ class Network:
             if found[t].type != wanted_type:
                 raise ModelError(f"{kind} {t!r} of the graph is a {found[t].type}", self.path,
                                  f"expected {wanted_type}, the contract's dtype")
+
+
+def feed(contract: ModelContract, tensors: Mapping[str, F32], out: Mapping[str, F32]) -> float:
+    """Turn what the renderer packed into what the network is given: finite, in range, sky masked, exposed.
+
+    Parameters
+    ----------
+    tensors : mapping of str to ndarray, float32
+        For each input tensor [C, h, w] (screen) or [C, 6, n, n] (cube); left untouched.
+    out : mapping of str to ndarray, float32
+        Written, of the same shapes.
+
+    Returns
+    -------
+    float
+        The mean that radiance was divided by and that the output is to be multiplied by; 1 when the contract's
+        exposure is ``none``.
+    """
+    for t, spec in contract.inputs.items():
+        _sanitise(tensors[t], *_bounds(spec), out=out[t])
+    if contract.exposure == "none":
+        return 1.0
+    radiance, texels = [], 0
+    for t, spec in contract.inputs.items():
+        rows = dict(spec.rows())
+        found = [out[t][r] for name, r in rows.items() if CHANNELS[name].radiance]
+        guide = next((out[t][rows[name]] for name in _SURFACE if name in rows), None)
+        surface = np.ones(out[t].shape[1:], bool) if guide is None else (guide != 0).any(axis=0)
+        for r in found:
+            np.multiply(r, surface, out=r)
+            texels += int(np.count_nonzero(surface)) * len(r)
+        radiance += found
+    mean = _robust_mean(radiance, texels) if radiance else 1.0
+    for r in radiance:
+        np.multiply(r, np.float32(1.0 / max(mean, FLOOR)), out=r)
+        np.minimum(r, CHANNELS["radiance.rgb"].range[1], out=r)
+    return mean
 
 
 def providers() -> list[str]:

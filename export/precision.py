@@ -32,8 +32,8 @@ from app.passes.downsample import tensor_name
 from app.renderer import Renderer
 from app.scene import Scene
 from app.settings import Settings
-from export.models import surfels
-from export.to_onnx import MODULES, Arrays, cases
+from export.models import UNTRAINED, surfels
+from export.to_onnx import Arrays, cases
 
 SIZE = (512, 384)  # of the pictures that real inputs are taken from
 FAR_OFF = 0.05     # relative error from which a texel counts as wrong
@@ -110,7 +110,7 @@ def table(names: list[str], scenes: dict[str, Scene]) -> list[Row]:
     """Rows of every network on real inputs, those of ``scenes``, and on extreme ones."""
     rows = []
     for name in names:
-        module = MODULES[name]().eval()
+        module = UNTRAINED[name]().eval()
         for label, inputs in (*real_inputs(name, scenes), *_extreme_inputs(name, module, scenes)):
             rows += [measure(name, module, label, inputs, variant) for variant in (HALF, LIGHT_ONLY)]
     return rows
@@ -142,7 +142,7 @@ def measure(name: str, module: nn.Module, label: str, inputs: Arrays, variant: s
 
 def real_inputs(name: str, scenes: dict[str, Scene], exposed: bool = True) -> Iterator[tuple[str, Arrays]]:
     """What the renderer hands to network ``name``: radiance divided by its mean when ``exposed``."""
-    contract = MODULES[name].contract
+    contract = UNTRAINED[name].contract
     for label, scene in scenes.items():
         settings = Settings(SIZE, outputs=("indirect",), taa=False, provider="cpu")
         with Renderer(scene, settings, find_model(name)) as renderer:

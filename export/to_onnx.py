@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,50 +14,103 @@ import onnxruntime as ort
 import torch
 from numpy.typing import NDArray
 
-from app.atomic import replacing
+from app.atomic import replacing, write_text
 from app.channels import CHANNELS, SCREEN
 from app.contract import KEY, ModelContract, TensorSpec
 from app.errors import ModelError
-from export.models.surfels import Gather, Radiosity
+from app.golden.scenes import outdoor, room
+from app.load import embedded_scene
+from export.card import card, summary
+from export.inputs import Drawer
+from export.models import UNTRAINED, Network
+from export.reference import Still
+from export.training.state import Checkpoint
 
 Arrays = dict[str, NDArray[np.float32]]
 Channels = dict[str, NDArray[np.float64]]
 
 OPSET = 17
-# Largest difference between torch and onnxruntime, relative to the largest output. Random points make no
-# surface, so rounding alone decides what belongs together.
-TOLERANCE = {"room": 1e-4, "random": 2e-2}
+# Largest difference between torch and onnxruntime, relative to the largest output. Inputs with other labels only have
+# to give numbers. To surfels random points make no surface, so rounding alone decides what belongs together.
+SURFELS = {"room": 1e-4, "random": 2e-2}
+TRAINED = {"float32": 1e-4, "float16": 1e-2}  # of all inputs
 ODD = (5, 7)
 SIZES = ((1, 1), ODD, (48, 64))
-MODULES = {"gather": Gather, "radiosity": Radiosity}
+BROKEN = (0.0, np.nan, np.inf, -np.inf, -100.0, 1e6)
+REAL_SIZE = (256, 192)
 
 
 def export_network(name: str, folder: Path) -> Path:
-    """Write ``folder/NAME.onnx``; the same torch gives the same bytes every time.
+    """Write ``folder/NAME.onnx`` for a network without trained weights; the same torch gives the same bytes every time.
 
     Raises
     ------
     ModelError
         When onnxruntime disagrees with torch or gives a value that is not finite.
     """
-    module = MODULES[name]().eval()
-    contract = module.contract
-    inputs = _random(contract, SIZES[-1], np.random.default_rng(0))
+    network = UNTRAINED[name]().eval()
+    return write_network(network, folder, cases(network.contract), SURFELS)[0]
+
+
+def export_checkpoint(checkpoint: Checkpoint, folder: Path, dtypes: Iterable[str] = tuple(TRAINED)) -> list[Path]:
+    """Write the averaged network as ``NAME.onnx`` and ``NAME-half.onnx``, and their card ``NAME.md``.
+
+    Raises
+    ------
+    ModelError
+        When onnxruntime differs too much from torch in single precision, or gives a value that is not finite.
+    """
+    network = checkpoint.network()
+    network.contract = replace(network.contract, trained_on=summary(checkpoint))
+    inputs = [*real_cases(network.contract), *cases(network.contract)]
+    differences = {}
+    for dtype in dtypes:
+        variant = network if dtype == "float32" else half_of(network)
+        path, differences[path] = write_network(variant, folder, inputs, {label: TRAINED[dtype] for label, _ in inputs},
+                                                network)
+    write_text(folder / f"{network.contract.name}.md", card(checkpoint, network.contract, differences))
+    return list(differences)
+
+
+def half_of(network: Network) -> Network:
+    """A copy in half precision; what its forward keeps in single precision stays so."""
+    half = copy.deepcopy(network).half()
+    half.contract = replace(network.contract, name=f"{network.contract.name}-half", dtype="float16")
+    return half
+
+
+def write_network(network: Network, folder: Path, inputs: Iterable[tuple[str, Arrays]],
+                  tolerance: Mapping[str, float], truth: Network | None = None) -> tuple[Path, float]:
+    """Write ``folder/NAME.onnx`` if it agrees with ``truth``, or with the network itself, on ``inputs``.
+
+    Returns
+    -------
+    path : Path
+    difference : float
+        The largest, as ``compare`` returns it.
+
+    Raises
+    ------
+    ModelError
+        When it does not agree.
+    """
+    contract = network.contract
+    example = _torch(_random(contract, SIZES[-1], np.random.default_rng(0)), contract)
     dynamic = {tensor: {2: "h", 3: "w"} for tensor, spec in (*contract.inputs.items(), *contract.outputs.items())
                if spec.grid == SCREEN}
-    path = folder / f"{name}.onnx"
+    path = folder / f"{contract.name}.onnx"
     folder.mkdir(parents=True, exist_ok=True)
     with replacing(path) as temporary, warnings.catch_warnings():
         # The tracing exporter is deprecated, but alone gives a small graph without further packages.
         warnings.simplefilter("ignore")
-        torch.onnx.export(module, _torch(inputs), temporary, dynamo=False, opset_version=OPSET,
+        torch.onnx.export(network, example, temporary, dynamo=False, opset_version=OPSET,
                           input_names=list(contract.inputs), output_names=list(contract.outputs),
                           dynamic_axes=dynamic)
         model = onnx.load(temporary)
         _set_contract(model, contract)
-        compare(module, model.SerializeToString())
+        difference = compare(truth or network, model.SerializeToString(), contract, inputs, tolerance)
         temporary.write_bytes(model.SerializeToString(deterministic=True))
-    return path
+    return path, difference
 
 
 def stamp(path: Path, contract: ModelContract) -> None:
@@ -75,35 +130,55 @@ def stamp(path: Path, contract: ModelContract) -> None:
         temporary.write_bytes(model.SerializeToString(deterministic=True))
 
 
-def compare(module: torch.nn.Module, model: bytes) -> None:
-    """Run torch and onnxruntime on real-like, random and broken inputs.
+def compare(truth: Network, model: bytes, contract: ModelContract, inputs: Iterable[tuple[str, Arrays]],
+            tolerance: Mapping[str, float]) -> float:
+    """Run ``truth`` in torch, in single precision, and ``model`` in onnxruntime on labelled ``inputs``.
+
+    Returns
+    -------
+    float
+        The largest difference, relative to the largest output, over inputs whose label has a tolerance.
 
     Raises
     ------
     ModelError
-        When they differ by more than ``TOLERANCE``, or an output is not finite.
+        When it exceeds the tolerance, or an output is not finite.
     """
-    contract: ModelContract = module.contract  # type: ignore[assignment]
     session = ort.InferenceSession(model, providers=["CPUExecutionProvider"])
-    for label, inputs in cases(contract):
+    largest = 0.0
+    for label, tensors in inputs:
+        with np.errstate(over="ignore"):
+            given = {t: x.astype(contract.dtype) for t, x in tensors.items()}
         with torch.no_grad():
-            truth = module(*_torch(inputs)).numpy()
-        found = session.run(list(contract.outputs), inputs)[0]
-        if not (np.isfinite(found).all() and np.isfinite(truth).all()):
+            expected = truth(*_torch(given, truth.contract)).numpy()
+        found = session.run(list(contract.outputs), given)[0].astype(np.float32)
+        if not (np.isfinite(found).all() and np.isfinite(expected).all()):
             raise ModelError(f"the output is not finite for {label} inputs", contract.name, "expected finite numbers")
-        difference = float(np.abs(found - truth).max() / max(np.abs(truth).max(), 1e-6))
-        if difference > TOLERANCE.get(label, np.inf):
+        if label not in tolerance:
+            continue
+        difference = float(np.abs(found - expected).max() / max(np.abs(expected).max(), 1e-6))
+        largest = max(largest, difference)
+        if difference > tolerance[label]:
             raise ModelError(f"onnxruntime differs from torch by {difference:.2g} for {label} inputs", contract.name,
-                             f"expected at most {TOLERANCE[label]}")
+                             f"expected at most {tolerance[label]}")
+    return largest
+
+
+def real_cases(contract: ModelContract) -> Iterator[tuple[str, Arrays]]:
+    """What the renderer hands to the network for the Cornell box and two generated scenes."""
+    with Drawer(replace(contract, dtype="float32")) as drawer:
+        for scene in (embedded_scene(), room(), outdoor()):
+            still = Still(scene, scene.cameras[scene.default_camera].at(0.0), REAL_SIZE)
+            yield f"real {scene.name}", {t: x[None] for t, x in drawer.still(still).tensors.items()}
 
 
 def cases(contract: ModelContract) -> Iterator[tuple[str, Arrays]]:
-    """Labelled inputs of several sizes; those with a label outside ``TOLERANCE`` only have to stay numbers."""
+    """Labelled inputs of several sizes: like a room, random, and partly or wholly broken."""
     rng = np.random.default_rng(1)
     for size in SIZES:
         yield "room", _tensors(contract, size, rng, _room)
         yield "random", _random(contract, size, rng)
-    for value in (0.0, np.nan, np.inf, -np.inf, -100.0, 1e6):
+    for value in BROKEN:
         random = _random(contract, ODD, rng)
         yield f"{value}", {t: np.full_like(x, value) for t, x in random.items()}
         yield f"some {value}", {t: np.where(rng.random(x.shape) < 0.1, np.float32(value), x)
@@ -118,8 +193,9 @@ def _tensors(contract: ModelContract, size: tuple[int, int], rng: np.random.Gene
              known: Callable[[TensorSpec, tuple[int, ...], np.random.Generator], Channels]) -> Arrays:
     """All inputs; channels that ``known`` does not give are uniform noise within their range."""
     tensors = {}
+    rows, columns = (-(-n // contract.multiple_of) * contract.multiple_of for n in size)
     for tensor, spec in contract.inputs.items():
-        grid = size if spec.grid == SCREEN else (6, spec.size or 0, spec.size or 0)
+        grid = (rows, columns) if spec.grid == SCREEN else (6, spec.size or 0, spec.size or 0)
         given = known(spec, grid, rng)
         tensors[tensor] = np.concatenate([given.get(name, _noise(name, grid, rng)) for name in spec.channels])
     return {tensor: x[None].astype(np.float32) for tensor, x in tensors.items()}
@@ -152,8 +228,8 @@ def _noise(name: str, grid: tuple[int, ...], rng: np.random.Generator) -> NDArra
     return noise / np.linalg.norm(noise, axis=0) if name.startswith("normal") else noise
 
 
-def _torch(inputs: Arrays) -> tuple[torch.Tensor, ...]:
-    return tuple(torch.from_numpy(x) for x in inputs.values())
+def _torch(inputs: Arrays, contract: ModelContract) -> tuple[torch.Tensor, ...]:
+    return tuple(torch.from_numpy(inputs[t].astype(contract.dtype)) for t in contract.inputs)
 
 
 def _set_contract(model: onnx.ModelProto, contract: ModelContract) -> None:

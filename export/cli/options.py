@@ -15,12 +15,12 @@ def known_networks(names: list[str] | None) -> list[str]:
     ModelError
         When one is not known.
     """
-    from export.to_onnx import MODULES
+    from export.models import UNTRAINED
 
     for name in names or ():
-        if name not in MODULES:
-            raise ModelError(f"no network {name!r}", "python -m export", f"expected one of {', '.join(MODULES)}")
-    return names or list(MODULES)
+        if name not in UNTRAINED:
+            raise ModelError(f"no network {name!r}", "python -m export", f"expected one of {', '.join(UNTRAINED)}")
+    return names or list(UNTRAINED)
 
 
 def parse_counts(text: str, option: str) -> list[int]:

@@ -1,1 +1,41 @@
-"""Networks as torch modules, one file per family."""
+"""Networks as torch modules, one file per family, and the presets of all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+from app.errors import ModelError
+from export.models import bcnn
+from export.models.network import Network
+from export.models.surfels import Gather, Radiosity
+
+__all__ = ["PRESETS", "UNTRAINED", "Network", "make_network", "weights_of"]
+
+UNTRAINED: Mapping[str, type[Network]] = {"gather": Gather, "radiosity": Radiosity}
+PRESETS: Mapping[str, Callable[..., Network]] = {
+    **UNTRAINED,
+    **{name: partial(bcnn.Bcnn, name) for name in bcnn.PRESETS},
+}
+
+
+def make_network(preset: str, options: Mapping[str, Any] | None = None) -> Network:
+    """A network with fresh weights.
+
+    Raises
+    ------
+    ModelError
+        When there is no such preset, or it has no such options.
+    """
+    if preset not in PRESETS:
+        raise ModelError(f"no network {preset!r}", "preset", f"expected one of {', '.join(PRESETS)}")
+    try:
+        return PRESETS[preset](**(options or {}))
+    except (TypeError, ValueError) as error:
+        raise ModelError(f"bad options ({error})", f"network {preset!r}", "expected what its class takes") from None
+
+
+def weights_of(network: Network) -> int:
+    """Number of trained numbers."""
+    return sum(p.numel() for p in network.parameters())

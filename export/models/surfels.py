@@ -10,11 +10,13 @@ import math
 from dataclasses import dataclass, fields, replace
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn import functional
 
-from app.channels import CHANNELS, CUBE
+from app.channels import CUBE
 from app.contract import ModelContract, TensorSpec
+from export.models.finite import finite
+from export.models.network import Network
 
 FACE, FACE_CELL = 48, 8  # texels along the edge of a cube face, and of a cell on it
 SCREEN_ROWS, SCREEN_COLUMNS, SCREEN_CELL = 48, 64, 4  # texels taken from the screen grid, whatever its size
@@ -62,7 +64,7 @@ class Surfels:
         return Surfels(*(getattr(self, f.name)[which] for f in fields(self)))
 
 
-class Gather(nn.Module):
+class Gather(Network):
     """One bounce: each pixel sums radiance × form factor over all surfels, without visibility.
 
     The surfels come from the screen and from those parts of the cube that the screen does not show.
@@ -89,8 +91,8 @@ class Gather(nn.Module):
         Tensor, float32, shape (1, 3, h, w)
             Indirect radiance / albedo; 0 in the sky. Never more than the largest radiance of a surfel.
         """
-        screen = _finite(screen, self.contract.inputs["screen"])
-        cube = _finite(cube, self.contract.inputs["cube"])
+        screen = finite(screen, self.contract.inputs["screen"])
+        cube = finite(cube, self.contract.inputs["cube"])
         q = self._named(screen[0].flatten(1))
         # A texel is lit a little in front of its surface, or the gaps between disks would show along edges.
         position, normal = (q["position"] * (1 - LIFT * q["solid_angle"].sqrt())).t(), q["normal"].t()
@@ -256,10 +258,3 @@ def _tried(cell: int) -> list[int]:
     """Texels of a cell, evenly spread, that are tried as the middle of a surface."""
     at = [(2 * i + 1) * cell // (2 * CANDIDATES) for i in range(CANDIDATES)]
     return [row * cell + column for row in at for column in at]
-
-
-def _finite(x: Tensor, spec: TensorSpec) -> Tensor:
-    """NaN becomes 0, everything else is clamped to its channel's range."""
-    ranges = torch.tensor([CHANNELS[n].range for n in spec.channels for _ in range(CHANNELS[n].components)])
-    low, high = ranges.t().reshape(2, 1, -1, *[1] * (x.dim() - 2)).to(x.dtype)
-    return torch.minimum(torch.maximum(x.masked_fill(torch.isnan(x), 0.0), low), high)

@@ -17,8 +17,9 @@ torch = pytest.importorskip("torch")
 from app.contract import find_model  # noqa: E402
 from app.infer import Network  # noqa: E402
 from export.__main__ import cli  # noqa: E402
+from export.models import UNTRAINED  # noqa: E402
 from export.precision import HALF, LIGHT_ONLY, Rounding, as_markdown, measure, real_inputs  # noqa: E402
-from export.to_onnx import MODULES, cases  # noqa: E402
+from export.to_onnx import cases  # noqa: E402
 from tests.hard.scenes import lit_corner  # noqa: E402
 
 NAMES = ("gather", "radiosity")
@@ -42,7 +43,7 @@ def test_rounding_is_that_of_half_precision() -> None:
 
 
 def test_nothing_is_rounded_while_it_is_inactive() -> None:
-    module = MODULES["gather"]().eval()
+    module = UNTRAINED["gather"]().eval()
     inputs = [torch.from_numpy(x) for x in dict(cases(module.contract))["room"].values()]
     with torch.no_grad():
         plain = module(*inputs)
@@ -56,7 +57,7 @@ def test_nothing_is_rounded_while_it_is_inactive() -> None:
 def test_light_may_be_half_but_geometry_must_not(name: str) -> None:
     """On what the renderer hands to it: less than a thousandth off with geometry in single precision, else useless."""
     ((_, inputs),) = real_inputs(name, {"corner": lit_corner()})
-    single, mixed, half = (measure(name, MODULES[name]().eval(), "corner", inputs, v) for v in ("", LIGHT_ONLY, HALF))
+    single, mixed, half = (measure(name, UNTRAINED[name]().eval(), "corner", inputs, v) for v in ("", LIGHT_ONLY, HALF))
     print("\n" + as_markdown([mixed, half]))
     assert single.mean == 0 and single.overflows == 0 and single.not_finite == 0
     assert mixed.mean is not None and 1e-5 < mixed.mean < 2e-3
@@ -71,7 +72,7 @@ def test_real_inputs_are_those_of_the_renderer() -> None:
     """Single precision gives what the network pass gives, but for the frame's exposure."""
     ((_, inputs),) = real_inputs("radiosity", {"corner": lit_corner()})
     with torch.no_grad():
-        mine = MODULES["radiosity"]().eval()(*(torch.from_numpy(x) for x in inputs.values())).numpy()[0]
+        mine = UNTRAINED["radiosity"]().eval()(*(torch.from_numpy(x) for x in inputs.values())).numpy()[0]
     height, width = mine.shape[1:]
     run = Network(find_model("radiosity"), (width, height), "cpu").run({t: x[0] for t, x in inputs.items()})
     np.testing.assert_allclose(run["indirect.rgb"], mine, atol=2e-3 * mine.max())
@@ -80,7 +81,7 @@ def test_real_inputs_are_those_of_the_renderer() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_extreme_inputs_stay_numbers_with_geometry_in_single(name: str) -> None:
     """Black, broken and negative values; only light at the very end of the range overflows."""
-    module = MODULES[name]().eval()
+    module = UNTRAINED[name]().eval()
     inputs = dict(cases(module.contract))
     for label in ("0.0", "some 0.0", "nan", "some nan", "-inf", "-100.0", "some -100.0"):
         row = measure(name, module, label, inputs[label], LIGHT_ONLY)

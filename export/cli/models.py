@@ -1,0 +1,26 @@
+"""``python -m export models``: the presets that can be trained or exported."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated
+
+import typer
+
+
+def models(as_json: Annotated[bool, typer.Option("--json", help="Print a JSON list instead of a table.")] = False,
+           ) -> None:
+    """List presets of networks with their numbers of weights."""
+    from export.models import PRESETS, make_network, weights_of
+
+    rows = []
+    for preset in PRESETS:
+        network = make_network(preset)
+        contract = network.contract
+        rows.append({"preset": preset, "weights": weights_of(network), "scale": contract.scale,
+                     "bounces": contract.bounces})
+    if as_json:
+        typer.echo(json.dumps(rows, indent=1))
+        return
+    for row in rows:
+        typer.echo(f"{row['preset']:12} {row['weights']:>9,} weights, {row['scale']:g} of the image, {row['bounces']}")

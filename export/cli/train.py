@@ -1,0 +1,46 @@
+"""``python -m export train``: train a network as a configuration says."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+
+def train(config: Annotated[Path, typer.Argument(help="What to do; export/configs/ has those of shipped networks.",
+                                                 metavar="CONFIG.toml")],
+          out: Annotated[Path, typer.Option(help="Folder of the run; one with a checkpoint is continued.",
+                                            metavar="DIR")],
+          dataset: Annotated[Path | None, typer.Option(help="Instead of the configuration's.", metavar="DIR")] = None,
+          workers: Annotated[int | None, typer.Option(help="Processes that draw inputs; one for each core without.",
+                                                      min=1)] = None) -> None:
+    """Train a network; it may be stopped at any moment and continued by the same command."""
+    # Threads that spin while they wait make training many times slower when anything else runs.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    from export.dataset import Dataset
+    from export.models import make_network
+    from export.training.config import read_config
+    from export.training.examples import Examples, draw_missing
+    from export.training.loop import Run
+
+    chosen = read_config(config, dataset)
+    pairs = Dataset(chosen.data.dataset)
+    contract = make_network(chosen.network.preset, chosen.network.options).contract
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+               TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty()) as bar:
+        examples = Examples(pairs, contract)
+        if examples.missing:
+            task = bar.add_task("drawing", total=len(examples.missing))
+            for count in draw_missing(pairs, contract, workers):
+                bar.advance(task, count)
+        run = Run(chosen, examples, out)
+        task = bar.add_task("training", total=run.steps, completed=run.progress.step)
+        found = run.train(lambda step, steps, terms: bar.update(
+            task, completed=step, description=f"training, loss {terms['loss']:.4f}"))
+    print(f"{out}: {run.steps} steps, loss on held-out pairs {found['loss']:.4f}")

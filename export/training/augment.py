@@ -1,0 +1,82 @@
+"""Random changes under which the answer stays right: exposure, colours, left and right."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from app.channels import CHANNELS, CUBE
+from app.contract import ModelContract, TensorSpec
+from export.training.config import AugmentationConfig
+from export.training.examples import Batch
+
+MIRRORED_FACES = [0, 1, 3, 2, 4, 5]  # left and right change places
+
+
+def augment(batch: Batch, contract: ModelContract, config: AugmentationConfig, random: torch.Generator) -> Batch:
+    """``batch`` with each example changed in its own way."""
+    count = len(batch["target"])
+    stops = config.exposure_stops * (2 * torch.rand(count, generator=random) - 1)
+    order = torch.stack([torch.randperm(3, generator=random) for _ in range(count)])
+    flip = torch.rand(count, generator=random) < 0.5
+    batch = exposed(batch, contract, 2**stops)
+    if config.permute_colors:
+        batch = permuted(batch, contract, order)
+    if config.mirror:
+        other = mirrored(batch, contract)
+        batch = {name: torch.where(_over(flip.to(x.device), x), other[name], x) for name, x in batch.items()}
+    return batch
+
+
+def exposed(batch: Batch, contract: ModelContract, factor: Tensor) -> Batch:
+    """All light multiplied by ``factor`` [B]."""
+    out = dict(batch)
+    for name, spec in _inputs(batch, contract):
+        scale = torch.ones(len(factor), spec.components)
+        for channel, rows in spec.rows():
+            if CHANNELS[channel].radiance:
+                scale[:, rows] = factor[:, None]
+        out[name] = batch[name] * _over(scale.to(batch[name]), batch[name])
+    out["target"] = batch["target"] * _over(factor.to(batch["target"]), batch["target"])
+    return out
+
+
+def permuted(batch: Batch, contract: ModelContract, order: Tensor) -> Batch:
+    """Red, green and blue in the ``order`` [B, 3] of each example."""
+    out = dict(batch)
+    for name, spec in _inputs(batch, contract):
+        at = torch.arange(spec.components).repeat(len(order), 1)
+        for channel, rows in spec.rows():
+            if channel.endswith(".rgb"):
+                at[:, rows] = rows.start + order
+        out[name] = _reordered(batch[name], at)
+    out["target"] = _reordered(batch["target"], order)
+    return out
+
+
+def mirrored(batch: Batch, contract: ModelContract) -> Batch:
+    """Left and right exchanged: images, the x of vectors, a cube's faces, and motion."""
+    out = {name: x.flip(-1) if x.shape[-1] > 1 else x for name, x in batch.items()}
+    out["motion"] = out["motion"] * torch.tensor([-1.0, 1.0], device=out["motion"].device).reshape(1, 2, 1, 1)
+    for name, spec in _inputs(batch, contract):
+        sign = torch.ones(1, spec.components)
+        for channel, rows in spec.rows():
+            if channel.endswith(".xyz"):
+                sign[:, rows.start] = -1
+        x = out[name][:, :, MIRRORED_FACES] if spec.grid == CUBE else out[name]
+        out[name] = x * _over(sign.to(x), x)
+    return out
+
+
+def _inputs(batch: Batch, contract: ModelContract) -> list[tuple[str, TensorSpec]]:
+    return [(f"{frame}.{t}", spec) for frame in ("current", "previous") for t, spec in contract.inputs.items()]
+
+
+def _over(x: Tensor, tensor: Tensor) -> Tensor:
+    """``x`` with as many axes as ``tensor``, so that it is broadcast over the last ones."""
+    return x.reshape(*x.shape, *[1] * (tensor.dim() - x.dim()))
+
+
+def _reordered(x: Tensor, at: Tensor) -> Tensor:
+    """Channels of each example in the order ``at`` [B, C]."""
+    return torch.stack([example[order] for example, order in zip(x, at.to(x.device), strict=True)])

@@ -1,0 +1,157 @@
+"""Examples drawn once and kept: memory-mapped half floats, so that epochs don't draw again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import multiprocessing
+import os
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+import torch
+from numpy.lib.format import open_memmap
+from numpy.typing import NDArray
+from torch import Tensor
+
+from app.atomic import replacing_folder
+from app.contract import ModelContract
+from app.infer import FLOOR
+from app.passes.downsample import tensor_shape
+from export.inputs import Drawer, Inputs
+
+if TYPE_CHECKING:
+    from export.dataset import Pair, Target
+
+Arrays = dict[str, NDArray[Any]]
+Batch = dict[str, Tensor]
+
+VERSION = 1         # of what is kept
+TARGET_SCALE = 0.5  # targets lie on the grid of half the image, so that is what inputs are drawn for
+AT_ONCE = 16        # neighbours that one process draws, as they often share a scene
+DONE = "done"
+
+
+class Pairs(Protocol):
+    """What training needs of a dataset: ``export.dataset.Dataset``, or a stand-in."""
+
+    folder: Path
+
+    def __len__(self) -> int: ...
+    def pair(self, index: int) -> Pair: ...
+    def target(self, index: int) -> Target: ...
+
+
+class Examples:
+    """What a network is given and what it is to find, for every pair of a dataset.
+
+    They are kept in ``DATASET/drawn/KEY``; the key holds what they depend on.
+
+    Attributes
+    ----------
+    missing : list of int
+        Pairs that are not drawn yet; see ``draw_missing``.
+    """
+
+    def __init__(self, pairs: Pairs, contract: ModelContract) -> None:
+        self.contract = replace(contract, scale=TARGET_SCALE)
+        self.folder = pairs.folder / "drawn" / _key(pairs, self.contract)
+        layout = _layout(self.contract, pairs.pair(0).current.size)
+        if not self.folder.exists():
+            with replacing_folder(self.folder) as fresh:
+                for name, (kind, shape) in layout.items():
+                    open_memmap(fresh / f"{name}.npy", "w+", kind, (len(pairs), *shape)).flush()
+        self._arrays: Arrays = {name: open_memmap(self.folder / f"{name}.npy", "r+") for name in layout}
+
+    def __len__(self) -> int:
+        return len(self._arrays[DONE])
+
+    @property
+    def missing(self) -> list[int]:
+        return [int(i) for i in np.flatnonzero(self._arrays[DONE] == 0)]
+
+    def put(self, index: int, inputs: Inputs, target: Target) -> None:
+        """Keep what was drawn and traced for a pair."""
+        for name, value in _values(inputs, target, self.contract).items():
+            self._arrays[name][index] = value
+        self._arrays[DONE][index] = 1  # last: a process killed before leaves it to be drawn again
+
+    def batch(self, indices: list[int]) -> Batch:
+        """Examples, float32, each tensor with the batch first; see ``_layout`` for what there is."""
+        return {name: torch.from_numpy(np.stack([array[i] for i in indices]).astype(np.float32))
+                for name, array in self._arrays.items() if name != DONE}
+
+
+def draw_missing(pairs: Pairs, contract: ModelContract, workers: int | None = None) -> Iterator[int]:
+    """Draw what is missing, in ``workers`` processes or one for each core; yields how many, whenever some are done."""
+    missing = Examples(pairs, contract).missing
+    parts = [missing[at:at + AT_ONCE] for at in range(0, len(missing), AT_ONCE)]
+    workers = min(workers or len(os.sched_getaffinity(0)), len(parts))
+    if workers <= 1:
+        for part in parts:
+            yield _draw(pairs, contract, part)
+        return
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, spawn, _one_thread) as pool:
+        for future in as_completed([pool.submit(_draw, pairs, contract, part) for part in parts]):
+            yield future.result()
+
+
+def tensors_of(batch: Mapping[str, Tensor], frame: str) -> dict[str, Tensor]:
+    """The network's inputs for ``current`` or ``previous``, by their names in the contract."""
+    return {name.removeprefix(f"{frame}."): x for name, x in batch.items() if name.startswith(f"{frame}.")}
+
+
+def _layout(contract: ModelContract, size: tuple[int, int]) -> dict[str, tuple[type, tuple[int, ...]]]:
+    """What is kept of each pair: type and shape.
+
+    ``current.T`` and ``previous.T`` for each input tensor T, exposed; ``motion`` in texels; ``target``, light / albedo
+    in means of the current frame; ``seen`` and ``visible``, 0 or 1; ``ratio``, the previous frame's exposure over the
+    current one's.
+    """
+    grid = contract.screen_size(size)
+    h, w = grid[1], grid[0]
+    frames = {f"{frame}.{t}": (np.float16, tensor_shape(spec, grid))
+              for frame in ("current", "previous") for t, spec in contract.inputs.items()}
+    return {**frames, "motion": (np.float16, (2, h, w)), "target": (np.float16, (3, h, w)),
+            "seen": (np.uint8, (1, h, w)), "visible": (np.uint8, (1, h, w)), "ratio": (np.float32, (1, 1, 1)),
+            DONE: (np.uint8, ())}
+
+
+def _values(inputs: Inputs, target: Target, contract: ModelContract) -> dict[str, Any]:
+    """What is kept of one pair. A frame that is black to the network teaches nothing, so nothing is seen in it."""
+    exposure = max(inputs.current.exposure, FLOOR)
+    light = target.indirect if contract.bounces == "multi" else target.indirect_single
+    half = np.finfo(np.float16).max
+    frames = {f"{name}.{t}": np.clip(x, -half, half)
+              for name, frame in (("current", inputs.current), ("previous", inputs.previous))
+              for t, x in frame.tensors.items()}
+    return {**frames, "motion": inputs.motion, "target": np.minimum(np.moveaxis(light, -1, 0) / exposure, half),
+            "seen": target.seen & (inputs.current.exposure > FLOOR), "visible": inputs.visible,
+            "ratio": inputs.previous.exposure / exposure}
+
+
+def _key(pairs: Pairs, contract: ModelContract) -> str:
+    about = pairs.folder / "dataset.json"
+    text = about.read_text("utf-8") if about.exists() else ""
+    inputs = {t: [spec.channels, spec.grid, spec.size] for t, spec in contract.inputs.items()}
+    parts = [VERSION, len(pairs), text, inputs, contract.exposure, contract.bounces, contract.scene_extent,
+             contract.cube_axes]
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
+
+
+def _draw(pairs: Pairs, contract: ModelContract, indices: list[int]) -> int:
+    examples = Examples(pairs, contract)
+    with Drawer(examples.contract) as drawer:
+        for index in indices:
+            examples.put(index, drawer.draw(pairs.pair(index)), pairs.target(index))
+    return len(indices)
+
+
+def _one_thread() -> None:
+    """Several software renderers at once are quickest with one thread each."""
+    os.environ["LP_NUM_THREADS"] = "1"

@@ -1,0 +1,186 @@
+"""The training loop. What is random depends on seed and step alone, so that a run can be resumed anywhere."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import torch
+from lightning_fabric import Fabric, seed_everything
+from torch import Tensor
+from torch.optim.swa_utils import AveragedModel
+
+from app.atomic import prepare_folders
+from app.errors import SettingsError
+from export.losses import Views, make_loss, warp
+from export.models import make_network, weights_of
+from export.training import state
+from export.training.augment import augment
+from export.training.config import Config, ScheduleConfig
+from export.training.examples import Batch, Examples, tensors_of
+from export.training.log import Log, mean_of, write_pictures
+
+CHECKPOINT = "checkpoint.pt"
+Terms = dict[str, float]
+Tell = Callable[[int, int, Terms], object]
+
+
+class Run:
+    """A training run in its folder; goes on from the checkpoint there, if there is one.
+
+    Parameters
+    ----------
+    examples : Examples
+        All drawn.
+    folder : Path
+        Gets ``checkpoint.pt``, ``log.jsonl``, ``curve.png`` and ``pictures/``.
+
+    Raises
+    ------
+    AfterglowError
+        When the configuration does not fit the network, the examples or the checkpoint.
+    """
+
+    def __init__(self, config: Config, examples: Examples, folder: Path) -> None:
+        self.config, self.examples, self.folder = config, examples, folder
+        held_out = max(1, round(config.data.validation * len(examples)))
+        self.trained_on = len(examples) - held_out
+        self.held_out = list(range(self.trained_on, len(examples)))
+        self.epoch_steps = self.trained_on // config.schedule.batch
+        if self.epoch_steps < 1:
+            raise SettingsError(f"{self.trained_on} pairs to train on", config.data.dataset,
+                                f"expected at least a batch of {config.schedule.batch}")
+        self.steps = config.schedule.epochs * self.epoch_steps
+        self.loss = make_loss(config.loss.kind, config.loss.options)
+        device = config.device
+        self.fabric = Fabric(accelerator=device.accelerator, devices=device.devices, precision=device.precision)
+        self.fabric.launch()
+        seed_everything(config.seed, verbose=False)
+        self._bare = make_network(config.network.preset, config.network.options)
+        self.contract = self._bare.contract
+        optimizer = torch.optim.Adam(self._bare.parameters(), config.schedule.learning_rate)
+        self.ema = AveragedModel(self._bare, avg_fn=_average(config.schedule.ema))
+        self.progress = state.Progress()
+        prepare_folders(folder, folder / "pictures")
+        if (folder / CHECKPOINT).exists():
+            self._resume(state.load(folder / CHECKPOINT), optimizer)
+        self.log = Log(folder, self.progress.step)
+        self.network, self.optimizer = self.fabric.setup(self._bare, optimizer)
+        self.ema.to(self.fabric.device)
+
+    def train(self, tell: Tell = lambda step, steps, terms: None) -> Terms:
+        """Train to the end; ``tell`` is told the steps taken, of how many, and the newest losses.
+
+        Returns
+        -------
+        dict of str to float
+            The loss on the held-out pairs, by term and ``loss``.
+        """
+        began = time.perf_counter() - self.progress.seconds
+        recent: list[Terms] = []
+        saved = self.progress.step
+        while (step := self.progress.step) < self.steps:
+            recent.append(self._step(step))
+            self.progress.step, self.progress.seconds = step + 1, time.perf_counter() - began
+            ends_epoch = (step + 1) % self.epoch_steps == 0
+            if not (ends_epoch or (step + 1) % self.config.report.log_steps == 0):
+                continue
+            self._write_log(**mean_of(recent))
+            tell(step + 1, self.steps, recent[-1])
+            recent.clear()
+            if ends_epoch:
+                self._end_epoch((step + 1) // self.epoch_steps)
+            if ends_epoch or step + 1 - saved >= self.config.report.checkpoint_steps:
+                self._save()
+                saved = step + 1
+        return self.progress.validation
+
+    def validate(self) -> Terms:
+        """The averaged network's loss on the held-out pairs."""
+        size = self.config.schedule.batch
+        parts = [self.held_out[at:at + size] for at in range(0, len(self.held_out), size)]
+        with torch.no_grad():
+            found = [self._terms(self.ema, self._batch(part)) for part in parts]
+        return {name: sum(len(part) * float(terms[name]) for part, terms in zip(parts, found, strict=True))
+                / len(self.held_out) for name in found[0]}
+
+    def _step(self, step: int) -> Terms:
+        schedule = self.config.schedule
+        for group in self.optimizer.param_groups:
+            group["lr"] = learning_rate(schedule, step / self.steps)
+        epoch, at = divmod(step, self.epoch_steps)
+        order = torch.randperm(self.trained_on, generator=_random(self.config.seed, epoch)).tolist()
+        mine = order[at * schedule.batch:(at + 1) * schedule.batch][self.fabric.global_rank::self.fabric.world_size]
+        batch = augment(self._batch(mine), self.contract, self.config.augmentation,
+                        _random(self.config.seed, self.steps + step * self.fabric.world_size + self.fabric.global_rank))
+        terms = self._terms(self.network, batch)
+        self.fabric.backward(terms["loss"])
+        self.optimizer.step()
+        self.optimizer.zero_grad(set_to_none=True)
+        self.ema.update_parameters(self._bare)
+        return {name: float(term.detach()) for name, term in terms.items()}
+
+    def _terms(self, network: Any, batch: Batch) -> dict[str, Tensor]:
+        """Weighted terms of the loss by name, and their sum ``loss``."""
+        # The previous output is what the current one is pulled to, not the other way round: no gradient, half the time.
+        with torch.no_grad():
+            previous = network(**tensors_of(batch, "previous")) * batch["ratio"]
+            warped = warp(previous.float(), batch["motion"])
+        output = network(**tensors_of(batch, "current"))
+        terms = self.loss(Views(output, batch["target"], warped, batch["seen"], batch["visible"]))
+        return {**terms, "loss": torch.stack(list(terms.values())).sum()}
+
+    def _batch(self, indices: list[int]) -> Batch:
+        return {name: x.to(self.fabric.device) for name, x in self.examples.batch(indices).items()}
+
+    def _end_epoch(self, epoch: int) -> None:
+        self.progress.validation = self.validate()
+        self._write_log(epoch=epoch, validation=self.progress.validation)
+        if self.fabric.is_global_zero:
+            self.log.plot(self.folder / "curve.png")
+            batch = self._batch(self.held_out[:self.config.report.pictures])
+            with torch.no_grad():
+                output = self.ema(**tensors_of(batch, "current"))
+            write_pictures(self.folder / "pictures" / f"{epoch:04d}.png", batch, output, self.contract)
+
+    def _write_log(self, **values: Any) -> None:
+        if self.fabric.is_global_zero:
+            self.log.write(step=self.progress.step, seconds=round(self.progress.seconds, 1), **values)
+
+    def _save(self) -> None:
+        if self.fabric.is_global_zero:
+            facts = {"pairs": len(self.examples), "trained_on": self.trained_on, "weights": weights_of(self._bare),
+                     "machine": state.machine(self.fabric.device)}
+            state.save(self.folder / CHECKPOINT, self.config, self.progress, self._bare, self.ema, self.optimizer,
+                       facts)
+        self.fabric.barrier()
+
+    def _resume(self, checkpoint: state.Checkpoint, optimizer: torch.optim.Optimizer) -> None:
+        if checkpoint.config != self.config:
+            raise SettingsError("another configuration than that of the checkpoint", self.folder / CHECKPOINT,
+                                "expected the same; take another folder, or delete the checkpoint")
+        self._bare.load_state_dict(checkpoint.model)
+        self.ema.load_state_dict(checkpoint.ema)
+        optimizer.load_state_dict(checkpoint.optimizer)
+        self.progress = checkpoint.progress
+        torch.set_rng_state(checkpoint.random)
+
+
+def learning_rate(schedule: ScheduleConfig, done: float) -> float:
+    """Half a cosine from the first to the final rate, when the share ``done`` of all steps is taken."""
+    fall = 0.5 * (1 + math.cos(math.pi * done))
+    return schedule.final_learning_rate + fall * (schedule.learning_rate - schedule.final_learning_rate)
+
+
+def _random(seed: int, stream: int) -> torch.Generator:
+    return torch.Generator().manual_seed((seed << 32) + stream)
+
+
+def _average(decay: float) -> Callable[[Tensor, Tensor, Tensor | int], Tensor]:
+    """Moving average whose memory grows to ``decay``, so that the first weights are soon forgotten."""
+    def average(mean: Tensor, new: Tensor, count: Tensor | int) -> Tensor:
+        return torch.lerp(mean, new, 1 - min(decay, (1 + int(count)) / (10 + int(count))))
+    return average

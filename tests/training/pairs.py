@@ -1,0 +1,56 @@
+"""A stand-in for a dataset: the embedded Cornell box, a camera that moves a little, and made-up targets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from app.load import embedded_scene
+from app.scene import Scene
+from export.inputs import picked
+from export.reference import Still
+
+
+@dataclass(frozen=True)
+class Pair:
+    previous: Still
+    current: Still
+
+
+@dataclass(frozen=True)
+class Target:
+    indirect: np.ndarray
+    indirect_single: np.ndarray
+    seen: np.ndarray
+
+
+@dataclass
+class CornellPairs:
+    """``count`` pairs; the target is a smooth function of the place on the screen, the same for all."""
+
+    folder: Path
+    count: int
+    size: tuple[int, int] = (64, 48)
+
+    @cached_property
+    def scene(self) -> Scene:
+        return embedded_scene()
+
+    def __len__(self) -> int:
+        return self.count
+
+    def pair(self, index: int) -> Pair:
+        camera = self.scene.cameras[self.scene.default_camera].at(0.0)
+        rng = np.random.default_rng(index)
+        before = np.asarray(camera.eye) + 0.1 * self.scene.longest_edge * rng.uniform(-1, 1, 3)
+        eyes = before, before + 0.01 * self.scene.longest_edge
+        return Pair(*(Still(self.scene, replace(camera, eye=tuple(eye)), self.size) for eye in eyes))
+
+    def target(self, index: int) -> Target:
+        rows, columns = picked(self.size, (self.size[0] // 2, self.size[1] // 2))
+        x, y = np.meshgrid(columns / self.size[0], rows / self.size[1])
+        light = 0.1 * np.stack([1 + x, 1 + y, 2 - x], axis=-1).astype(np.float32)
+        return Target(light, 0.5 * light, np.ones(light.shape[:2], bool))

@@ -1,0 +1,112 @@
+from __future__ import annotations
+
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from app.errors import ModelError  # noqa: E402
+from export.models import PRESETS, make_network, weights_of  # noqa: E402
+from export.models.bcnn import Bcnn, Bilateral, bilateral_taps  # noqa: E402
+
+GRID = (24, 32)
+LIGHT, NORMAL, DEPTH = slice(0, 3), slice(3, 6), 8
+
+
+def wall(depth: torch.Tensor, seed: int = 0) -> torch.Tensor:
+    """Random light on surfaces that face the camera at ``depth`` [h, w]."""
+    x = torch.zeros(1, 9, *depth.shape)
+    x[:, LIGHT] = torch.rand(1, 3, *depth.shape, generator=torch.Generator().manual_seed(seed))
+    x[:, 5], x[:, DEPTH] = 1.0, -depth
+    return x
+
+
+def test_the_papers_preset_has_its_weights() -> None:
+    assert weights_of(make_network("bcnn-paper")) == pytest.approx(3.95e6, rel=0.02)
+
+
+def test_lighter_presets_are_lighter() -> None:
+    weights = [weights_of(make_network(name)) for name in PRESETS if name.startswith("bcnn")]
+    assert weights == sorted(weights, reverse=True)
+
+
+@pytest.mark.parametrize("widths", [(4, 4), (12, 4)], ids=["gathers", "scatters"])
+def test_at_equal_depth_a_bilateral_convolution_is_a_plain_one(widths: tuple[int, int]) -> None:
+    layer, x = Bilateral(*widths), torch.randn(2, widths[0], *GRID)
+    one = torch.ones(2, 1, *GRID)
+    plain = torch.nn.functional.conv2d(x, layer.weight, layer.bias, padding=1)
+    torch.testing.assert_close(layer(x, bilateral_taps(17.0 * one, one)), plain, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("widths", [(4, 4), (12, 4)], ids=["gathers", "scatters"])
+def test_taps_weigh_by_depth(widths: tuple[int, int]) -> None:
+    layer, x = Bilateral(*widths), torch.randn(1, widths[0], *GRID)
+    depth = 3 * torch.rand(1, 1, *GRID)
+    found = layer(x, bilateral_taps(depth, torch.ones_like(depth)))[0, :, 10, 20]
+    expected = layer.bias.clone()
+    for row in range(3):
+        for column in range(3):
+            at = 9 + row, 19 + column
+            factor = torch.exp(-(depth[0, 0, 10, 20] - depth[0, 0, at[0], at[1]]) ** 2)
+            expected = expected + factor * layer.weight[:, :, row, column] @ x[0, :, at[0], at[1]]
+    torch.testing.assert_close(found, expected)
+
+
+def test_nothing_flows_across_a_step_of_ten_sigma() -> None:
+    depth = torch.full(GRID, 10.0)
+    depth[:, 16:] = 20.0  # at a texel that every level's grid shares
+    x, changed = wall(depth), wall(depth)
+    changed[:, LIGHT, :, 16:] *= 5.0
+    network = Bcnn("bcnn-8").eval()
+    with torch.no_grad():
+        before, after = network(x), network(changed)
+    assert torch.equal(before[..., :16], after[..., :16])
+    assert not torch.allclose(before[..., 16:], after[..., 16:])
+
+
+def test_without_bilateral_taps_light_flows_across_it() -> None:
+    depth = torch.full(GRID, 10.0)
+    depth[:, 16:] = 20.0
+    x, changed = wall(depth), wall(depth)
+    changed[:, LIGHT, :, 16:] *= 5.0
+    network = Bcnn("bcnn-8", bilateral=False).eval()
+    with torch.no_grad():
+        assert not torch.allclose(network(x)[..., :16], network(changed)[..., :16])
+
+
+def test_ablations_leave_inputs_out() -> None:
+    x = wall(torch.full(GRID, 10.0))
+    other = x.clone()
+    other[:, 3:5], other[:, 6:8] = 0.5, 3.0
+    whole, light = Bcnn("bcnn-8").eval(), Bcnn("bcnn-8", reads=["direct"]).eval()
+    with torch.no_grad():
+        assert torch.equal(light(x), light(other)) and not torch.equal(whole(x), whole(other))
+    with pytest.raises(ModelError, match="depht"):
+        make_network("bcnn-8", {"reads": ["depht"]})
+
+
+def test_the_sky_is_dark_and_what_its_channels_hold_does_not_matter() -> None:
+    x = wall(torch.full(GRID, 10.0))
+    x[..., :8, :] = 0.0
+    other = x.clone()
+    other[:, LIGHT, :8] = 30.0
+    network = Bcnn("bcnn-8").eval()
+    with torch.no_grad():
+        found = network(x)
+        assert torch.equal(found, network(other))
+    assert found[..., :8, :].max() == 0.0 and found[..., 8:, :].min() > 0.0
+
+
+def test_half_the_surfaces_in_a_pooled_texel_count_whole() -> None:
+    """Beside the sky a level's features are means over surfaces, not over surfaces and sky."""
+    network = Bcnn("bcnn-8").eval()
+    for name, parameter in network.named_parameters():
+        if name.endswith("bias"):
+            torch.nn.init.constant_(parameter, 0.3)
+    whole, ragged = wall(torch.full(GRID, 10.0)), wall(torch.full(GRID, 10.0))
+    whole[:, LIGHT], ragged[:, LIGHT] = 1.0, 1.0
+    ragged[..., ::2, ::2] = 0.0
+    seen: list[torch.Tensor] = []
+    network.bottom.register_forward_hook(lambda module, inputs, output: seen.append(inputs[1]))
+    with torch.no_grad():
+        network(whole), network(ragged)
+    assert torch.equal(seen[0], seen[1])  # every texel of the coarsest level has surfaces at the same depth

@@ -1,0 +1,97 @@
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+onnx = pytest.importorskip("onnx")
+pytest.importorskip("lightning_fabric")
+
+from app.contract import read_contract  # noqa: E402
+from app.errors import ModelError  # noqa: E402
+from app.infer import Network  # noqa: E402
+from app.load import embedded_scene  # noqa: E402
+from app.renderer import Renderer  # noqa: E402
+from app.settings import Settings  # noqa: E402
+from export.linearity import additivity, exposure_error  # noqa: E402
+from export.models import make_network  # noqa: E402
+from export.to_onnx import TRAINED, cases, export_checkpoint, half_of, write_network  # noqa: E402
+from export.training.loop import CHECKPOINT, Run  # noqa: E402
+from export.training.state import load  # noqa: E402
+from tests.training.test_training import config, examples  # noqa: E402
+
+ROOT = Path(__file__).parents[2]
+pytestmark = pytest.mark.gl
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with a network after one epoch, its half variant and its card."""
+    folder = tmp_path_factory.mktemp("exported")
+    Run(config(folder, epochs=1), examples(folder), folder / "run").train()
+    export_checkpoint(load(folder / "run" / CHECKPOINT), folder)
+    return folder
+
+
+@pytest.mark.parametrize(("name", "dtype"), [("bcnn-8", "float32"), ("bcnn-8-half", "float16")])
+def test_the_renderer_runs_what_was_exported(exported: Path, name: str, dtype: str) -> None:
+    path = exported / f"{name}.onnx"
+    contract = read_contract(path)
+    assert (contract.name, contract.dtype) == (name, dtype)
+    assert "8 pairs" in contract.trained_on
+    scene = embedded_scene()
+    with Renderer(scene, Settings((128, 96), ("indirect",), taa=False, provider="cpu", check=True), path) as renderer:
+        image = renderer.render(scene.cameras[scene.default_camera].at(0.0))["indirect"]
+    assert np.isfinite(image).all() and image.min() >= 0 and image.max() > 0
+
+
+def test_half_is_close_to_single_in_the_renderer(exported: Path) -> None:
+    rng = np.random.default_rng(0)
+    x = np.concatenate([rng.random((3, 48, 64)), np.zeros((2, 48, 64)), np.ones((1, 48, 64)),
+                        rng.uniform(-1, 1, (2, 48, 64)), np.full((1, 48, 64), -20.0)]).astype(np.float32)
+    single, half = (Network(exported / f"bcnn-8{kind}.onnx", (64, 48), "cpu").run({"x": x})["indirect.rgb"]
+                    for kind in ("", "-half"))
+    assert np.abs(single - half).max() < 1e-2 * single.max()
+
+
+def test_the_card_says_what_the_checkpoint_knows(exported: Path) -> None:
+    card = (exported / "bcnn-8.md").read_text()
+    for fact in ("62,691", "8 of 10 pairs", "2, 4, 0", "bcnn-8-half.onnx", "`direct.rgb`"):
+        assert fact in card
+
+
+def test_a_network_that_differs_from_torch_is_not_kept(tmp_path: Path) -> None:
+    network, other = make_network("bcnn-8").eval(), make_network("bcnn-8").eval()
+    inputs = list(cases(network.contract))
+    with pytest.raises(ModelError, match="differs from torch"):
+        write_network(network, tmp_path, inputs, {label: TRAINED["float32"] for label, _ in inputs}, other)
+    assert not list(tmp_path.iterdir())
+
+
+def test_half_holds_its_tolerance_with_fresh_weights_of_other_widths(tmp_path: Path) -> None:
+    network = make_network("bcnn-16").eval()
+    inputs = list(cases(network.contract))
+    tolerance = {label: TRAINED["float16"] for label, _ in inputs}
+    assert 0 < write_network(half_of(network), tmp_path, inputs, tolerance, network)[1] < TRAINED["float16"]
+
+
+def test_linearity_is_measured(exported: Path) -> None:
+    """Of a network that is linear by making, and of one that is not."""
+    model = onnx.load(exported / "bcnn-8.onnx")
+    assert additivity(model.SerializeToString()) > 1e-3
+    assert exposure_error(model.SerializeToString(), 1.0) == 0.0
+    gather = (ROOT / "nets" / "gather.onnx").read_bytes()
+    assert exposure_error(gather, 10.0) < 1e-4
+
+
+def test_models_lists_all_presets() -> None:
+    command = [sys.executable, "-m", "export", "models", "--json"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    rows = {row["preset"]: row["weights"] for row in json.loads(done.stdout)}
+    assert rows["bcnn-paper"] == pytest.approx(3.95e6, rel=0.02)
+    assert rows["gather"] == 0 and rows["bcnn-8"] < rows["bcnn-16"] < rows["bcnn-paper"]

@@ -1,0 +1,155 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from app.contract import ModelContract, TensorSpec  # noqa: E402
+from app.gl.lights import radiance_scale  # noqa: E402
+from app.infer import Network  # noqa: E402
+from app.load import embedded_scene  # noqa: E402
+from app.renderer import Renderer  # noqa: E402
+from app.scene import Camera, Instance, PointLight, Scene  # noqa: E402
+from app.settings import Settings  # noqa: E402
+from export.inputs import DEPTH_TOLERANCE, Drawer, Inputs, draw, picked, seen_before  # noqa: E402
+from export.losses import warp  # noqa: E402
+from export.reference import Still  # noqa: E402
+from export.training.augment import mirrored  # noqa: E402
+from tests.training.pairs import Pair  # noqa: E402
+
+pytestmark = pytest.mark.gl
+
+SIZE = (64, 48)
+CHANNELS = ("direct.rgb", "normal.view.xyz", "position.view.xyz", "depth")
+
+
+def contract(scale: float = 0.5) -> ModelContract:
+    return ModelContract(name="test", inputs={"x": TensorSpec(CHANNELS)}, scale=scale, exposure="mean-radiance",
+                         outputs={"y": TensorSpec(("indirect.rgb",))}, bounces="multi", scene_extent=40.0)
+
+
+def pair_of(scene: Scene, step: float = 0.0) -> Pair:
+    camera = scene.cameras[scene.default_camera].at(0.0)
+    eye = np.asarray(camera.eye) - [step * scene.longest_edge, 0.0, 0.0]
+    target = np.asarray(camera.target) - [step * scene.longest_edge, 0.0, 0.0]
+    before = replace(camera, eye=tuple(eye), target=tuple(target))
+    return Pair(Still(scene, before, SIZE), Still(scene, camera, SIZE))
+
+
+def test_training_sees_what_inference_is_fed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The tensors that onnxruntime gets in the renderer are those that ``draw`` returns."""
+    from export.inputs import _black_network
+
+    fed: list[np.ndarray] = []
+    path = tmp_path / "black.onnx"
+    path.write_bytes(_black_network(contract()))
+    pair = pair_of(embedded_scene())
+    run = Network.run
+
+    def spy(self: Network, tensors: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        found = run(self, tensors)
+        fed.append(self._buffers["x"][0].copy())
+        return found
+
+    monkeypatch.setattr(Network, "run", spy)
+    with Renderer(pair.current.scene, Settings(SIZE, ("indirect",), taa=False, provider="cpu"), path) as renderer:
+        renderer.render(pair.current.camera)
+    drawn = draw(pair, contract())
+    np.testing.assert_array_equal(drawn.current.tensors["x"], fed[1])  # the first one is the dry run
+    assert drawn.current.tensors["x"][:3].mean() > 0.3
+
+
+def test_exposure_is_in_the_scenes_own_units() -> None:
+    scene = embedded_scene()
+    bright = scene.with_lights(*(replace(light, **{key: tuple(1e6 * v for v in getattr(light, key))})
+                                 for light in scene.lights
+                                 for key in ("radiance", "intensity", "irradiance") if hasattr(light, key)))
+    assert radiance_scale(bright) != radiance_scale(scene)
+    one, million = (draw(pair_of(s), contract()).current for s in (scene, bright))
+    assert million.exposure == pytest.approx(1e6 * one.exposure, rel=1e-2)
+    np.testing.assert_allclose(million.tensors["x"][:3].mean(), one.tensors["x"][:3].mean(), rtol=1e-2)
+
+
+def test_motion_brings_the_previous_frames_positions_here() -> None:
+    """Camera-space positions differ by the camera's own step where motion says that it is the same surface."""
+    step = 0.02
+    drawn = draw(pair_of(embedded_scene(), step), contract())
+    now, before = (torch.from_numpy(f.tensors["x"][6:9])[None] for f in (drawn.current, drawn.previous))
+    moved = warp(before, torch.from_numpy(drawn.motion)[None])[0].numpy()
+    off = moved - now[0].numpy() - np.array([step * 40, 0, 0])[:, None, None]
+    assert np.abs(drawn.motion[0]).max() > 0.3
+    assert drawn.visible.mean() > 0.6
+    depth = drawn.current.tensors["x"][9]
+    relative = np.abs(off).max(axis=0)[drawn.visible] / depth[drawn.visible]
+    assert np.median(relative) < 1e-3
+    assert np.percentile(relative, 99) < DEPTH_TOLERANCE  # creases are no planes
+
+
+def test_a_surface_behind_another_one_was_not_seen() -> None:
+    previous = np.full((4, 8), 5.0, np.float32)
+    previous[:, 4:] = 0.0  # sky
+    expected = np.full((4, 8), 5.0, np.float32)
+    expected[2] = 9.0      # was behind the wall
+    motion = np.zeros((2, 4, 8), np.float32)
+    motion[0] = -1.0       # came from one texel further right
+    visible = seen_before(previous, expected, motion)
+    assert visible[[0, 1, 3], :3].all()
+    assert not visible[2].any() and not visible[:, 3:].any()
+
+
+def test_a_moved_light_gives_another_previous_frame_and_no_motion() -> None:
+    scene = embedded_scene()
+    lamp = PointLight(tuple(scene.bounds.mean(axis=0)), (1.0, 1.0, 1.0))
+    camera = scene.cameras[scene.default_camera].at(0.0)
+    x, y, z = lamp.position
+    moved = scene.with_lights(replace(lamp, position=(x, 0.5 * (scene.bounds[0][1] + y), z)))
+    pair = Pair(Still(moved, camera, SIZE), Still(scene.with_lights(lamp), camera, SIZE))
+    with Drawer(contract()) as drawer:
+        found, again = drawer.draw(pair), drawer.draw(pair)
+    assert np.abs(found.motion).max() == 0.0
+    assert not np.allclose(found.current.tensors["x"][:3], found.previous.tensors["x"][:3], atol=0.05)
+    np.testing.assert_array_equal(found.previous.tensors["x"], again.previous.tensors["x"])
+
+
+def test_picked_texels_are_the_shaders() -> None:
+    rows, columns = picked((256, 192), (128, 96))
+    assert rows.tolist() == list(range(0, 192, 2)) and columns.tolist() == list(range(1, 256, 2))
+
+
+def test_mirroring_the_scene_mirrors_the_inputs() -> None:
+    """At full resolution, where picks have no side; lights without a size, whose shadows have no noise."""
+    scene = embedded_scene()
+    lamp = PointLight(tuple(scene.bounds.mean(axis=0) + np.array([0.1, 0.2, 0.3])), (1.0, 1.0, 1.0))
+    pair = pair_of(scene.with_lights(lamp), 0.02)
+    batches = [as_batch(draw(p, contract(1.0))) for p in (pair, Pair(*map(reflected, (pair.previous, pair.current))))]
+    expected, found = mirrored(batches[0], contract(1.0)), batches[1]
+    for name in ("current.x", "previous.x", "motion", "visible"):
+        off = (expected[name] - found[name]).abs()
+        assert (off > 2e-2 * expected[name].abs().max()).float().mean() < 0.02, name  # edges fall on either side
+    assert not torch.allclose(batches[0]["motion"], found["motion"], atol=0.1)
+
+
+def as_batch(inputs: Inputs) -> dict[str, torch.Tensor]:
+    found = {"current.x": inputs.current.tensors["x"], "previous.x": inputs.previous.tensors["x"],
+             "motion": inputs.motion, "visible": inputs.visible[None].astype(np.float32)}
+    batch = {name: torch.from_numpy(np.ascontiguousarray(x))[None] for name, x in found.items()}
+    return {**batch, "target": torch.zeros(1, 3, SIZE[1], SIZE[0])}
+
+
+def reflected(still: Still) -> Still:
+    """Everything seen in a mirror at x = 0."""
+    flip = np.diag([-1.0, 1.0, 1.0, 1.0])
+    scene = still.scene
+    instances = tuple(Instance(i.name, i.mesh, flip @ i.transform, i.motion) for i in scene.instances)
+    lights = tuple(replace(light, position=(-light.position[0], *light.position[1:])) for light in scene.lights)
+    camera: Camera = still.camera
+    camera = replace(camera, eye=(-camera.eye[0], *camera.eye[1:]), target=(-camera.target[0], *camera.target[1:]),
+                     up=(-camera.up[0], *camera.up[1:]))
+    bounds = np.array([[-scene.bounds[1][0], *scene.bounds[0][1:]], [-scene.bounds[0][0], *scene.bounds[1][1:]]])
+    return Still(replace(scene, instances=instances, lights=lights, bounds=bounds), camera, still.size, still.time)
+
+

@@ -1,0 +1,190 @@
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("lightning_fabric")
+
+from app.errors import ModelError, SettingsError  # noqa: E402
+from export.inputs import Frame, Inputs  # noqa: E402
+from export.models import make_network  # noqa: E402
+from export.training.augment import exposed, permuted  # noqa: E402
+from export.training.config import Config, from_table, read_config  # noqa: E402
+from export.training.examples import Examples, tensors_of  # noqa: E402
+from export.training.loop import CHECKPOINT, Run, learning_rate  # noqa: E402
+from export.training.state import load  # noqa: E402
+from tests.training.pairs import CornellPairs, Target  # noqa: E402
+
+ROOT = Path(__file__).parents[2]
+H, W = 24, 32
+CONTRACT = make_network("bcnn-8").contract
+
+
+def config(folder: Path, **schedule: Any) -> Config:
+    return from_table({
+        "network": {"preset": "bcnn-8"}, "data": {"dataset": str(folder), "validation": 0.2},
+        "schedule": {"epochs": 3, "batch": 4, "learning_rate": 2e-3, **schedule},
+        "device": {"accelerator": "cpu"}, "report": {"log_steps": 2, "checkpoint_steps": 2}}, "test")
+
+
+def examples(folder: Path, count: int = 10) -> Examples:
+    """Made-up inputs: a room of random light whose indirect light is a blurred half of it."""
+    pairs = CornellPairs(folder, count)
+    made = Examples(pairs, CONTRACT)
+    for index in range(count):
+        rng = np.random.default_rng(index)
+        x = np.zeros((9, H, W), np.float32)
+        x[:3] = np.repeat(np.repeat(rng.random((3, H // 8, W // 8)), 8, axis=1), 8, axis=2)
+        x[5], x[8] = 1.0, -20.0
+        frame = Frame({"x": x}, 2.0)
+        light = np.moveaxis(x[:3], 0, -1)
+        ones = np.ones((H, W), bool)
+        made.put(index, Inputs(frame, frame, np.zeros((2, H, W), np.float32), ones), Target(light, light / 2, ones))
+    return made
+
+
+def losses(folder: Path) -> list[tuple[int, Any]]:
+    lines = [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
+    return [(line["step"], line.get("loss", line.get("validation"))) for line in lines]
+
+
+def test_examples_come_back_as_they_were_put(tmp_path: Path) -> None:
+    kept = examples(tmp_path, 2)
+    again = Examples(CornellPairs(tmp_path, 2), CONTRACT)
+    batch = again.batch([1])
+    assert again.missing == []
+    light = tensors_of(batch, "current")["x"][0, :3]
+    torch.testing.assert_close(batch["target"][0], light / 2, rtol=1e-3, atol=1e-3)  # exposure is 2
+    assert batch["ratio"].item() == 1.0 and batch["seen"].min() == 1.0
+    assert torch.equal(batch["current.x"], kept.batch([1])["current.x"])
+
+
+def test_single_bounce_networks_get_single_bounce_targets(tmp_path: Path) -> None:
+    from dataclasses import replace
+
+    pairs = CornellPairs(tmp_path, 1)
+    found = {}
+    for bounces in ("single", "multi"):
+        kept = Examples(pairs, replace(CONTRACT, bounces=bounces))
+        frame = Frame({"x": np.zeros((9, H, W), np.float32)}, 1.0)
+        kept.put(0, Inputs(frame, frame, np.zeros((2, H, W), np.float32), np.ones((H, W), bool)), pairs.target(0))
+        found[bounces] = kept.batch([0])["target"]
+    torch.testing.assert_close(found["single"], 0.5 * found["multi"], rtol=1e-2, atol=1e-4)
+
+
+@pytest.mark.gl
+def test_missing_examples_are_drawn_once(tmp_path: Path) -> None:
+    from export.training.examples import draw_missing
+
+    pairs = CornellPairs(tmp_path, 3)
+    first = Examples(pairs, CONTRACT)
+    assert first.missing == [0, 1, 2]
+    assert sum(draw_missing(pairs, CONTRACT, workers=1)) == 3
+    drawn = Examples(pairs, CONTRACT)
+    assert drawn.missing == [] and sum(draw_missing(pairs, CONTRACT, workers=1)) == 0
+    assert drawn.batch([0])["current.x"][:, :3].mean() > 0.3
+
+
+def test_augmented_colours_stay_with_their_channels(tmp_path: Path) -> None:
+    batch = examples(tmp_path, 2).batch([0, 1])
+    order = torch.tensor([[1, 2, 0], [0, 1, 2]])
+    found = permuted(batch, CONTRACT, order)
+    assert torch.equal(found["current.x"][0, :3], batch["current.x"][0, [1, 2, 0]])
+    assert torch.equal(found["target"][0], batch["target"][0, [1, 2, 0]])
+    assert torch.equal(found["current.x"][0, 3:], batch["current.x"][0, 3:])
+    assert torch.equal(found["target"][1], batch["target"][1])
+    bright = exposed(batch, CONTRACT, torch.tensor([4.0, 0.5]))
+    assert torch.equal(bright["previous.x"][0, :3], 4 * batch["previous.x"][0, :3])
+    assert torch.equal(bright["target"][1], 0.5 * batch["target"][1])
+    assert torch.equal(bright["current.x"][:, 3:], batch["current.x"][:, 3:])
+
+
+def test_loss_falls_on_a_few_examples(tmp_path: Path) -> None:
+    run = Run(config(tmp_path, epochs=8, learning_rate=5e-3, ema=0.9), examples(tmp_path, 50), tmp_path / "run")
+    before = run.validate()["loss"]
+    assert run.train()["loss"] < 0.6 * before
+    assert (tmp_path / "run" / "curve.png").stat().st_size > 1000
+    assert (tmp_path / "run" / "pictures" / "0008.png").exists()
+    assert load(tmp_path / "run" / CHECKPOINT).facts["weights"] == 62691
+
+
+def test_the_seed_decides_the_run(tmp_path: Path) -> None:
+    made = examples(tmp_path)
+    for name in ("one", "two"):
+        Run(config(tmp_path), made, tmp_path / name).train()
+    assert losses(tmp_path / "one") == losses(tmp_path / "two")
+    other = config(tmp_path).to_json() | {"seed": 1}
+    Run(from_table(other, "test"), made, tmp_path / "other").train()
+    assert losses(tmp_path / "other") != losses(tmp_path / "one")
+
+
+def test_a_killed_run_resumes_to_the_same_curve(tmp_path: Path) -> None:
+    """Killed as by a cluster, somewhere after its first checkpoint; the curve is the same to the last bit."""
+    made = examples(tmp_path)
+    Run(config(tmp_path, epochs=4), made, tmp_path / "whole").train()
+    script = (f"from pathlib import Path; from tests.training.test_training import *; f = Path({str(tmp_path)!r});"
+              "Run(config(f, epochs=4), Examples(CornellPairs(f, 10), CONTRACT), f / 'killed').train("
+              "lambda step, steps, terms: time.sleep(0.2))")
+    process = subprocess.Popen([sys.executable, "-c", script], cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)})
+    checkpoint = tmp_path / "killed" / CHECKPOINT
+    deadline = time.monotonic() + 60
+    while not checkpoint.exists() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    resumed = Run(config(tmp_path, epochs=4), made, tmp_path / "killed")
+    assert 0 < resumed.progress.step < resumed.steps
+    resumed.train()
+    assert losses(tmp_path / "killed") == losses(tmp_path / "whole")
+    last = [load(tmp_path / name / CHECKPOINT) for name in ("whole", "killed")]
+    assert all(torch.equal(last[0].ema[key], last[1].ema[key]) for key in last[0].ema)
+
+
+def test_learning_rate_falls_by_a_cosine() -> None:
+    schedule = config(Path(), learning_rate=1e-3, final_learning_rate=1e-5).schedule
+    assert [learning_rate(schedule, s) for s in (0.0, 0.5, 1.0)] == pytest.approx([1e-3, 5.05e-4, 1e-5])
+
+
+def test_another_configuration_does_not_go_on_with_a_checkpoint(tmp_path: Path) -> None:
+    made = examples(tmp_path)
+    Run(config(tmp_path, epochs=1), made, tmp_path / "run").train()
+    with pytest.raises(SettingsError, match="another configuration"):
+        Run(config(tmp_path, epochs=2), made, tmp_path / "run")
+
+
+@pytest.mark.parametrize(("text", "message"), [
+    ("[network]\npreset = 'bcnn-8'\n", "data"),
+    ("[network]\npreset = 'bcnn-8'\nwidth = 3\n[data]\ndataset = 'x'\n[schedule]\nepochs = 1\n", "network.width"),
+    ("[network]\npreset = 'bcnn-8'\n[data]\ndataset = 'x'\n[schedule]\nepochs = 0\n", "schedule.epochs"),
+    ("nonsense", "can't read"),
+])
+def test_bad_configurations_are_one_line(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "config.toml"
+    path.write_text(text)
+    with pytest.raises(SettingsError, match=message) as error:
+        read_config(path)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "export" / "configs").glob("*.toml")), ids=lambda path: path.stem)
+def test_shipped_configurations_fit(path: Path) -> None:
+    chosen = read_config(path)
+    assert make_network(chosen.network.preset, chosen.network.options).contract.bounces in ("single", "multi")
+
+
+def test_a_damaged_checkpoint_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / CHECKPOINT).write_bytes(b"PK\x03\x04 nothing")
+    with pytest.raises(ModelError, match="no checkpoint"):
+        load(tmp_path / CHECKPOINT)
+    with pytest.raises(ModelError, match="can't read"):
+        load(tmp_path / "missing.pt")
