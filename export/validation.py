@@ -7,6 +7,7 @@ scenes come from seeds that it never uses.
 from __future__ import annotations
 
 import json
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,13 +36,15 @@ class View:
     still: Still
 
 
-def views(scenes: Path = SCENES) -> list[View]:
+def views(scenes: Path = SCENES, only: Collection[str] = ()) -> list[View]:
     """All views, those of one scene and lighting together, which share one ``Scene`` object.
 
     Parameters
     ----------
     scenes : Path
         The folder that the scene files of the list lie in.
+    only : collection of str
+        Names of the scenes that are wanted; all without any.
 
     Raises
     ------
@@ -52,6 +55,8 @@ def views(scenes: Path = SCENES) -> list[View]:
     loaded: dict[str, Scene] = {}
     found = []
     for entry in listed["views"]:
+        if only and entry["scene"] not in only:
+            continue
         group = json.dumps([entry.get(key) for key in ("scene", "lighting", "seed")])
         if group not in loaded:
             loaded[group] = _scene(entry, listed["files"], scenes)

@@ -43,7 +43,7 @@ def validate(
     from export.judge import SCALED, by_scene, by_view, judge, to_csv, to_json
     from export.validation import SCENES, views
 
-    chosen = [view for view in views(scenes or SCENES) if not only or view.scene in only]
+    chosen = views(scenes or SCENES, only or ())
     if not chosen:
         raise SettingsError(f"no view of {', '.join(only or ())}", "--only", "expected scenes of the validation list")
     prepare_folders(out)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import drjit
 
@@ -24,11 +24,14 @@ CANDIDATES = 48  # cameras that are tried in a scene
 _ALONE = threading.Lock()  # the path tracer has all threads of a process for itself
 
 
-def make_group(config: Config, seed: int, group: Group, known: Mapping[int, Origin], threads: int) -> dict[int, bytes]:
-    """The files, by index, of those pairs whose ``known`` origin is not what would be made today.
+def make_group(config: Config, seed: int, group: Group, wanted: Sequence[int], known: Mapping[int, Origin],
+               threads: int) -> dict[int, bytes]:
+    """The files, by index, of those ``wanted`` pairs whose ``known`` origin is not what would be made today.
 
     Parameters
     ----------
+    wanted : sequence of int
+        Indices of pairs of the group.
     threads : int
         For the path tracer; 0: as many as there are cores.
 
@@ -40,7 +43,7 @@ def make_group(config: Config, seed: int, group: Group, known: Mapping[int, Orig
     with _ALONE:
         if threads:
             drjit.set_thread_count(threads)
-        missing = [k for k in range(group.pairs) if not _up_to_date(config, seed, group, known.get(group.first + k))]
+        missing = [index for index in wanted if not _up_to_date(config, seed, group, known.get(index))]
         return dict(_make(config, seed, group, missing)) if missing else {}
 
 
@@ -59,10 +62,11 @@ def _up_to_date(config: Config, seed: int, group: Group, origin: Origin | None) 
 
 def _make(config: Config, seed: int, group: Group, missing: list[int]) -> Iterator[tuple[int, bytes]]:
     tracer, choices = _choose(config, seed, group)
-    for k in missing:
-        pair = pair_at(config, seed, group, choices[k])
-        target = trace_target(tracer, pair.current, config.paths, seed=k, denoised=config.denoised)
-        yield group.first + k, encode(target, Origin(choices[k], key_of(config, pair)))
+    for index in missing:
+        choice = choices[index - group.first]
+        pair = pair_at(config, seed, group, choice)
+        target = trace_target(tracer, pair.current, config.paths, index - group.first, config.denoised)
+        yield index, encode(target, Origin(choice, key_of(config, pair)))
 
 
 def _choose(config: Config, seed: int, group: Group) -> tuple[PathTracer, list[Choice]]:

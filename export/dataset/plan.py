@@ -35,6 +35,10 @@ class Group:
     first: int
     pairs: int
 
+    def within(self, total: int) -> range:
+        """Indices of its pairs in a dataset of ``total`` pairs, which may end before the group does."""
+        return range(self.first, min(self.first + self.pairs, total))
+
 
 @dataclass(frozen=True)
 class Choice:
@@ -46,7 +50,7 @@ class Choice:
 
 @lru_cache(maxsize=4)
 def plan(config: Config, pairs: int) -> tuple[Group, ...]:
-    """The groups of the first ``pairs`` pairs; each is by the source that is furthest behind its share."""
+    """The groups that the first ``pairs`` pairs are in; each is by the source that is furthest behind its share."""
     total = sum(s.share for s in config.sources)
     made = dict.fromkeys(config.sources, 0)
     groups: list[Group] = []
@@ -55,7 +59,7 @@ def plan(config: Config, pairs: int) -> tuple[Group, ...]:
         if first >= pairs:
             break
         chosen = max(config.sources, key=lambda s: s.share / total * (first + s.pairs) - made[s])
-        groups.append(Group(number, chosen.source, first, min(chosen.pairs, pairs - first)))
+        groups.append(Group(number, chosen.source, first, chosen.pairs))
         made[chosen] += chosen.pairs
         first += chosen.pairs
     return tuple(groups)

@@ -14,7 +14,7 @@ from app.extras import extra_module
 from export.dataset.config import Config
 from export.dataset.dataset import config_of, read_about, write_about
 from export.dataset.make import make_group
-from export.dataset.plan import Group, plan
+from export.dataset.plan import plan
 from export.dataset.store import Origin, item_path, read_origin, write_item
 
 RETRIES = 3  # of a group whose worker died
@@ -51,20 +51,23 @@ def make_dataset(folder: Path, config: Config, seed: int, pairs: int, scheduler:
     write_about(folder, config, seed, max(pairs, about["pairs"] if about else 0))
     made = 0
     with _client(scheduler, workers) as (client, threads):
-        jobs = {client.submit(make_group, config, seed, group, _known(folder, group), threads, pure=False,
-                              retries=RETRIES): group for group in plan(config, pairs)}
+        jobs = {}
+        for group in plan(config, pairs):
+            wanted = group.within(pairs)
+            jobs[client.submit(make_group, config, seed, group, wanted, _known(folder, wanted), threads, pure=False,
+                               retries=RETRIES)] = wanted
         for job in extra_module("distributed", "export").as_completed(jobs):
             for index, content in job.result().items():
                 write_item(item_path(folder, index), content)
                 made += 1
-            progress(jobs[job].pairs)
+            progress(len(jobs[job]))
             job.release()
     return made
 
 
-def _known(folder: Path, group: Group) -> dict[int, Origin]:
-    """Origins of the sound files of a group."""
-    found = {i: read_origin(item_path(folder, i)) for i in range(group.first, group.first + group.pairs)}
+def _known(folder: Path, wanted: range) -> dict[int, Origin]:
+    """Origins of those of the ``wanted`` files that are there and sound."""
+    found = {i: read_origin(item_path(folder, i)) for i in wanted}
     return {i: origin for i, origin in found.items() if origin is not None}
 
 

@@ -24,7 +24,7 @@ from export.dataset import Dataset
 from export.dataset.config import Config, Share, from_table, read_config
 from export.dataset.key import scene_key
 from export.dataset.make import make_group
-from export.dataset.plan import Choice, pair_at, plan
+from export.dataset.plan import Choice, Group, pair_at, plan
 from export.dataset.run import make_dataset
 from export.dataset.sources import SOURCES
 from export.dataset.store import Origin, encode, item_path, read_origin, read_target, write_item
@@ -56,7 +56,11 @@ def path_tracer() -> None:
 @pytest.fixture(scope="module")
 def expected() -> dict[int, bytes]:
     """Every file, made in this very process."""
-    return {i: content for group in plan(SMALL, PAIRS) for i, content in make_group(SMALL, 0, group, {}, 0).items()}
+    return {i: content for group in plan(SMALL, PAIRS) for i, content in made(SMALL, 0, group).items()}
+
+
+def made(config: Config, seed: int, group: Group, known: dict[int, Origin] | None = None) -> dict[int, bytes]:
+    return make_group(config, seed, group, group.within(PAIRS), known or {}, 0)
 
 
 def files(folder: Path) -> dict[int, bytes]:
@@ -65,8 +69,8 @@ def files(folder: Path) -> dict[int, bytes]:
 
 def test_the_same_seed_gives_the_same_bytes(expected: dict[int, bytes]) -> None:
     group = plan(SMALL, PAIRS)[1]
-    again = make_group(SMALL, 0, group, {}, 0)
-    other = make_group(SMALL, 1, group, {}, 0)
+    again = made(SMALL, 0, group)
+    other = made(SMALL, 1, group)
     assert again == {i: expected[i] for i in again}
     assert all(other[i] != expected[i] for i in other)
 
@@ -152,14 +156,14 @@ def test_corrupt_and_outdated_items_are_made_again(tmp_path: Path, expected: dic
     known = {i: origin for i in expected if (origin := read_origin(item_path(tmp_path, i))) is not None}
     assert sorted(known) == sorted(set(expected) - set(broken))
     groups = plan(SMALL, PAIRS)
-    made = {i: c for group in groups[:3] for i, c in make_group(SMALL, 0, group, known, 0).items()}
-    assert made == {i: expected[i] for i in broken}
+    again = {i: c for group in groups[:2] for i, c in made(SMALL, 0, group, known).items()}
+    assert again == {i: expected[i] for i in broken}
     corridor = SOURCES["corridor"]
     monkeypatch.setitem(SOURCES, "corridor", lambda rng: replace(p := corridor(rng), scene=replace(
         p.scene, lights=(*p.scene.lights, *p.scene.lights))))
     pair_at.__globals__["place_of"].cache_clear()
     outdated = next(group for group in groups if group.source == "corridor")
-    assert len(make_group(SMALL, 0, outdated, known, 0)) == outdated.pairs
+    assert len(made(SMALL, 0, outdated, known)) == outdated.pairs
     pair_at.__globals__["place_of"].cache_clear()
 
 
@@ -267,5 +271,5 @@ def test_held_out_scenes_are_refused_under_other_names(tmp_path: Path, scenes: P
 @pytest.mark.long
 def test_a_thousand_pairs_fit_into_sixty_mebibytes() -> None:
     config = replace(read_config(None), paths=16, sources=tuple(Share(s, 1, 1) for s in ("room", "blocks", "hall")))
-    sizes = [len(content) for group in plan(config, 3) for content in make_group(config, 7, group, {}, 0).values()]
+    sizes = [len(content) for group in plan(config, 3) for content in made(config, 7, group).values()]
     assert np.mean(sizes) * 1000 < 60 * 2**20
