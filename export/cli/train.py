@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -20,8 +19,9 @@ def train(config: Annotated[Path, typer.Argument(help="What to do; export/config
           workers: Annotated[int | None, typer.Option(help="Processes that draw inputs; one for each core without.",
                                                       min=1)] = None) -> None:
     """Train a network; it may be stopped at any moment and continued by the same command."""
-    # Threads that spin while they wait make training many times slower when anything else runs.
-    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    from export.training.process import tune
+
+    tune()
     from export.dataset import Dataset
     from export.models import make_network
     from export.training.config import read_config
