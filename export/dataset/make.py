@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 
 import drjit
 
@@ -21,30 +22,37 @@ from export.path_tracer import PathTracer
 ATTEMPTS = 20    # scenes that are tried for a group
 CANDIDATES = 48  # cameras that are tried in a scene
 
-_ALONE = threading.Lock()  # the path tracer has all threads of a process for itself
+_ALONE = threading.Lock()  # the path tracer's number of threads is that of the process
 
 
-def make_group(config: Config, seed: int, group: Group, wanted: Sequence[int], known: Mapping[int, Origin],
-               threads: int) -> dict[int, bytes]:
+def make_group(config: Config, seed: int, group: Group, wanted: Sequence[int],
+               known: Mapping[int, Origin]) -> dict[int, bytes]:
     """The files, by index, of those ``wanted`` pairs whose ``known`` origin is not what would be made today.
 
     Parameters
     ----------
     wanted : sequence of int
         Indices of pairs of the group.
-    threads : int
-        For the path tracer; 0: as many as there are cores.
 
     Raises
     ------
     SceneError
         When a source makes no scene with enough cameras.
     """
-    with _ALONE:
-        if threads:
-            drjit.set_thread_count(threads)
+    with _ALONE, _one_thread():
         missing = [index for index in wanted if not _up_to_date(config, seed, group, known.get(index))]
         return dict(_make(config, seed, group, missing)) if missing else {}
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """With several threads the path tracer now and then gives a few texels another value, so bytes would differ."""
+    before = drjit.thread_count()
+    drjit.set_thread_count(1)
+    try:
+        yield
+    finally:
+        drjit.set_thread_count(before)
 
 
 def key_of(config: Config, pair: Pair) -> str:

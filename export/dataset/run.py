@@ -50,12 +50,13 @@ def make_dataset(folder: Path, config: Config, seed: int, pairs: int, scheduler:
     prepare_folders(folder)
     write_about(folder, config, seed, max(pairs, about["pairs"] if about else 0))
     made = 0
-    with _client(scheduler, workers) as (client, threads):
+    with _client(scheduler, workers) as client:
         jobs = {}
         for group in plan(config, pairs):
             wanted = group.within(pairs)
-            jobs[client.submit(make_group, config, seed, group, wanted, _known(folder, wanted), threads, pure=False,
-                               retries=RETRIES)] = wanted
+            job = client.submit(make_group, config, seed, group, wanted, _known(folder, wanted), pure=False,
+                                retries=RETRIES)
+            jobs[job] = wanted
         for job in extra_module("distributed", "export").as_completed(jobs):
             for index, content in job.result().items():
                 write_item(item_path(folder, index), content)
@@ -72,8 +73,8 @@ def _known(folder: Path, wanted: range) -> dict[int, Origin]:
 
 
 @contextmanager
-def _client(scheduler: str | None, workers: int | None) -> Iterator[tuple[Any, int]]:
-    """A Dask client, and the path tracer's threads in each of its workers (0: all cores)."""
+def _client(scheduler: str | None, workers: int | None) -> Iterator[Any]:
+    """A Dask client, of workers with one thread each."""
     distributed = extra_module("distributed", "export")
     if scheduler is not None:
         try:
@@ -82,10 +83,9 @@ def _client(scheduler: str | None, workers: int | None) -> Iterator[tuple[Any, i
             raise DeviceError(f"can't reach the scheduler ({' '.join(str(error).split())})", scheduler,
                               "expected the address of a running one, such as tcp://host:8786") from None
         with client:
-            yield client, 0
+            yield client
         return
-    cores = len(os.sched_getaffinity(0))
-    count = workers or cores
+    count = workers or len(os.sched_getaffinity(0))
     with (distributed.LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None, memory_limit=0,
                                    silence_logs=50) as cluster, distributed.Client(cluster) as client):
-        yield client, max(1, cores // count)
+        yield client

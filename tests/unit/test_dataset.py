@@ -60,7 +60,7 @@ def expected() -> dict[int, bytes]:
 
 
 def made(config: Config, seed: int, group: Group, known: dict[int, Origin] | None = None) -> dict[int, bytes]:
-    return make_group(config, seed, group, group.within(PAIRS), known or {}, 0)
+    return make_group(config, seed, group, group.within(PAIRS), known or {})
 
 
 def files(folder: Path) -> dict[int, bytes]:
