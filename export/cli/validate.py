@@ -11,8 +11,9 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+WIDTH = 120  # of the table, wherever it is printed
 COLUMNS = {"final.psnr": "PSNR", "final.ssim": "SSIM", "final.rel_mse": "relMSE", "final.flip": "FLIP",
-           "indirect.psnr": "indirect PSNR", "indirect.ssim": "SSIM", "indirect.rel_mse": "relMSE",
+           "indirect.psnr": "ind. PSNR", "indirect.ssim": "SSIM", "indirect.rel_mse": "relMSE",
            "indirect.flip": "FLIP"}
 
 
@@ -55,8 +56,8 @@ def validate(
                  lambda line: typer.secho(line, err=True, dim=True))
     write_text(out / "validation.csv", to_csv(by_view(rows)))
     write_text(out / "validation.json", to_json(rows, {"spp": spp, "constant": constant}))
-    console = Console(highlight=False, file=sys.stdout)
+    console = Console(highlight=False, file=sys.stdout, width=WIDTH)
     table = Table("scene", "model", *COLUMNS.values(), box=box.SIMPLE)
     for row in by_scene(rows):
-        table.add_row(row["scene"], row["model"], *(f"{row[key]:.4g}" for key in COLUMNS))
+        table.add_row(row["scene"], row["model"], *(f"{row[key]:.3g}" for key in COLUMNS))
     console.print(table)

@@ -18,6 +18,7 @@ from export.dataset.plan import plan
 from export.dataset.store import Origin, item_path, read_origin, write_item
 
 RETRIES = 3  # of a group whose worker died
+CONNECT_SECONDS = 30
 
 
 def make_dataset(folder: Path, config: Config, seed: int, pairs: int, scheduler: str | None = None,
@@ -78,7 +79,7 @@ def _client(scheduler: str | None, workers: int | None) -> Iterator[Any]:
     distributed = extra_module("distributed", "export")
     if scheduler is not None:
         try:
-            client = distributed.Client(scheduler, timeout=10)
+            client = distributed.Client(scheduler, timeout=CONNECT_SECONDS)
         except (OSError, ValueError) as error:
             raise DeviceError(f"can't reach the scheduler ({' '.join(str(error).split())})", scheduler,
                               "expected the address of a running one, such as tcp://host:8786") from None

@@ -110,14 +110,13 @@ def test_frames_of_a_pair_are_neighbours_and_share_their_scene() -> None:
 
 
 def test_a_worker_that_is_killed_loses_nothing(tmp_path: Path, expected: dict[int, bytes]) -> None:
-    from distributed import Client, LocalCluster
+    from distributed import LocalCluster
 
-    killed = []
+    killed: list[int] = []
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster:
         def kill_one(done: int) -> None:
             if not killed:
-                with Client(cluster) as client:
-                    killed.append(next(iter(client.run(os.getpid).values())))
+                killed.append(cluster.workers[0].pid)
                 os.kill(killed[0], signal.SIGKILL)
 
         assert make_dataset(tmp_path, SMALL, 0, PAIRS, cluster.scheduler_address, progress=kill_one) == PAIRS
