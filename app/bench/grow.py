@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from app.bench.configurations import Configuration, rescaled
+from app.bench.exporter import run_export
 from app.bench.hall import hall
 from app.bench.measure import FRAME, Contender, Race
 
@@ -21,7 +22,6 @@ TRIANGLES = (1_000, 10_000, 100_000, 1_000_000)
 LIGHTS = (1, 2, 4, 8, 16)
 SCALES = (1 / 16, 1 / 8, 3 / 16, 1 / 4)
 MIDDLE, WIDE = (512, 384), (768, 768)  # in the second the scale 1/16 is not raised
-FIXED = "surfels and network width, which are fixed in a network's file; its queries are swept instead"
 LEAST_MS = 0.1  # a stage that never takes longer is not fitted
 
 
@@ -45,20 +45,27 @@ def fit_power(counts: Sequence[float], times: Sequence[float]) -> Fit:
 
 def grow(configurations: Sequence[Configuration], turns: int, provider: str, folder: Path,
          progress: Progress = lambda _: None) -> Json:
-    """Sweep pixels, triangles, lights and the network's queries in a generated hall.
+    """Sweep pixels, triangles, lights, the network's queries, surfels and network width in a generated hall.
+
+    Surfels and width are fixed in a network's file: ``python -m export sized`` makes networks that differ in them.
 
     Parameters
     ----------
     configurations : sequence of Configuration
         The model of the last one with a network is used, or else that of the last one.
     folder : Path
-        For copies of the network with other scales.
+        For networks of other scales and sizes.
 
     Returns
     -------
     dict
-        ``model``; ``fixed``, what can't be swept; and ``sweeps`` by quantity: ``counts``, and ``stages`` with ``ms``
-        for each count, ``exponent`` and its standard ``error``.
+        ``model``; and ``sweeps`` by quantity: ``counts``, and ``stages`` with ``ms`` for each count, ``exponent`` and
+        its standard ``error``.
+
+    Raises
+    ------
+    TruthError
+        When the networks can't be made.
     """
     model = ([c for c in configurations if c.grid] or configurations)[-1]
     sweeps: dict[str, list[tuple[int, Contender]]] = {
@@ -70,6 +77,11 @@ def grow(configurations: Sequence[Configuration], turns: int, provider: str, fol
         network = model.file
         at = [replace(model, size=WIDE, file=rescaled(network, scale, folder)) for scale in SCALES]
         sweeps["queries"] = [(int(np.prod(c.grid or (0,))), _contender(c)) for c in at]
+    sized = folder / "sized"
+    run_export(["sized", "--out", str(sized)], "networks of several sizes, which need pip install 'afterglow[export]'")
+    for quantity in ("surfels", "width"):
+        files = {int(file.stem.removeprefix(f"{quantity}-")): file for file in sized.glob(f"{quantity}-*.onnx")}
+        sweeps[quantity] = [(n, _contender(Configuration(quantity, files[n], MIDDLE))) for n in sorted(files)]
     found = {}
     for name, points in sweeps.items():
         contenders = [contender for _, contender in points]
@@ -78,7 +90,7 @@ def grow(configurations: Sequence[Configuration], turns: int, provider: str, fol
                 progress(f"growth with {name}, turn {turn + 1} of {turns}")
                 race.turn()
         found[name] = _fitted([count for count, _ in points], contenders)
-    return {"model": model.label, "fixed": FIXED, "sweeps": found}
+    return {"model": model.label, "sweeps": found}
 
 
 def _contender(configuration: Configuration, triangles: int = 10_000, lights: int = 1) -> Contender:

@@ -111,7 +111,8 @@ def _times(scene: Json) -> str:
 
 def _growth(found: Json) -> str:
     note = (f"In a generated hall whose block moves, with {found['model']}. Each stage's median time is fitted with a "
-            f"power of the quantity; the exponent's standard error follows it. Not swept: {found['fixed']}.")
+            "power of the quantity; the exponent's standard error follows it. Surfels and width are those of networks "
+            "of their own, radiosity and BCNN.")
     parts = ["<h2>How cost grows</h2>", f"<p class=note>{escape(note)}</p>", growth(found["sweeps"])]
     for quantity, data in found["sweeps"].items():
         body = [[name, *map(number, s["ms"]),

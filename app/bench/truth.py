@@ -6,8 +6,6 @@ import hashlib
 import json
 import math
 import os
-import subprocess
-import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -20,8 +18,8 @@ from numpy.typing import NDArray
 
 from app.atomic import replacing_folder
 from app.bench.content import content_key
-from app.bench.fresh import environment
-from app.errors import MissingExtraError, SceneError, TruthError
+from app.bench.exporter import run_export
+from app.errors import MissingExtraError, SceneError
 from app.image import read_exr
 from app.paths import shader_dir
 from app.scene import Camera, Scene
@@ -186,13 +184,7 @@ def _renderer_version(scene: Scene) -> str:
 
 def _run(arguments: Sequence[str]) -> None:
     exporter_version()
-    done = subprocess.run([sys.executable, "-m", "export", "reference", *arguments], capture_output=True, text=True,
-                          check=False, env=environment())
-    if done.returncode:
-        lines = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
-        reason = next((line for line in lines if line.startswith("error: ")), lines[-1]).removeprefix("error: ")
-        raise TruthError(f"the path tracer failed ({reason})", f"export reference {arguments[0]}",
-                         "expected it to draw the scene")
+    run_export(["reference", *arguments], "the path tracer to draw the scene")
 
 
 def _read_layers(path: Path, names: Sequence[str]) -> dict[str, F32]:

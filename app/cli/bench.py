@@ -55,7 +55,7 @@ def bench(
     repeats: Annotated[int, typer.Option(
         help="Turns that each configuration takes.", min=1, metavar="N", rich_help_panel=WHAT)] = 5,
     grow: Annotated[bool, typer.Option(
-        "--grow", help="Also sweep pixels, triangles, lights and queries in a generated scene.",
+        "--grow", help="Also sweep pixels, triangles, lights, queries, surfels and width in a generated scene.",
         rich_help_panel=WHAT)] = False,
     reference: Annotated[str, typer.Option(
         help="Folder with the truth (or one for each scene's name), or auto: path-traced and kept.",

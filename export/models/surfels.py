@@ -21,7 +21,7 @@ from export.models.network import Network
 FACE, FACE_CELL = 48, 8  # texels along the edge of a cube face, and of a cell on it
 SCREEN_ROWS, SCREEN_COLUMNS, SCREEN_CELL = 48, 64, 4  # texels taken from the screen grid, whatever its size
 CANDIDATES = 3  # along the edge of a cell: texels that are tried as the middle of its largest surface
-SURFELS = 512  # at most
+SURFELS = 512  # at most, unless told otherwise
 BLOCK = 256  # surfels per block, so that a block's matrices stay in the cache
 BOUNCES = 8
 LONGEST = 0.95  # largest ratio of one bounce to the one before
@@ -69,6 +69,11 @@ class Gather(Network):
 
     The surfels come from the screen and from those parts of the cube that the screen does not show.
 
+    Parameters
+    ----------
+    surfels : int
+        How many are kept, at most 816.
+
     Attributes
     ----------
     contract : ModelContract
@@ -76,6 +81,10 @@ class Gather(Network):
     """
 
     contract = _contract("gather", "single", ("position.view.xyz", "normal.view.xyz", "radiance.rgb", "solid_angle"))
+
+    def __init__(self, surfels: int = SURFELS) -> None:
+        super().__init__()
+        self.surfels = surfels
 
     def forward(self, screen: Tensor, cube: Tensor) -> Tensor:
         """Light the points on the screen.
@@ -97,7 +106,7 @@ class Gather(Network):
         # A texel is lit a little in front of its surface, or the gaps between disks would show along edges.
         position, normal = (q["position"] * (1 - LIFT * q["solid_angle"].sqrt())).t(), q["normal"].t()
         surfels = _largest([self._surfels(self._screen_texels(screen), SCREEN_CELL),
-                            self._surfels(self._cube_texels(cube[0]), FACE_CELL)])
+                            self._surfels(self._cube_texels(cube[0]), FACE_CELL)], self.surfels)
         # Around the middle of the surfels, so that products of coordinates stay small.
         origin = (surfels.position * surfels.area).sum(0) / surfels.area.sum().clamp(min=1e-12)
         surfels = replace(surfels, position=surfels.position - origin)
@@ -199,7 +208,7 @@ def _receive(p: Tensor, n: Tensor, surfels: Surfels, light: Tensor) -> Tensor:
     """Radiance / albedo [Q, 3] at points ``p`` with normals ``n``; their form factors sum to 1 at most."""
     light = torch.cat([light, torch.ones_like(light[:, :1])], 1)
     sums = torch.zeros_like(p[:, :1])
-    for at in range(0, SURFELS, BLOCK):
+    for at in range(0, len(surfels.area), BLOCK):
         rows = slice(at, at + BLOCK)
         sums = sums + _form_factors(p, n, surfels.rows(rows)) @ light[rows]
     return sums[:, :3] / sums[:, 3:].clamp(min=1)
@@ -241,10 +250,10 @@ def _fullest(same: Tensor, omega: Tensor) -> Tensor:
     return same.gather(1, rows.expand(-1, 1, same.shape[2]))
 
 
-def _largest(parts: list[Surfels]) -> Surfels:
-    """Those that fill most of their cells, so that a cell's second surface goes first."""
+def _largest(parts: list[Surfels], count: int) -> Surfels:
+    """Those ``count`` that fill most of their cells, so that a cell's second surface goes first."""
     every = Surfels(*(torch.cat([getattr(part, f.name) for part in parts]) for f in fields(Surfels)))
-    return every.rows(every.share[:, 0].topk(SURFELS).indices)
+    return every.rows(every.share[:, 0].topk(count).indices)
 
 
 def _cells(texels: Tensor, cell: int) -> Tensor:

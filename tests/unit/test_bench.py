@@ -624,7 +624,7 @@ def test_the_table_has_a_row_for_everything(results: Json) -> None:
 
 def test_the_page_needs_no_other_file(results: Json) -> None:
     image = np.full((12, 16, 3), 0.5, np.float32)
-    results["growth"] = {"model": "net", "fixed": "width", "sweeps": {"lights": {
+    results["growth"] = {"model": "net", "sweeps": {"lights": {
         "counts": [1, 2], "stages": {"frame": {"ms": [1.0, 2.0], "exponent": 1.0, "error": 0.0},
                                      "tiny": {"ms": [0.01, 0.01], "exponent": None, "error": None}}}}}
     page = html_report(results, {"<box>": {"truth": image, "net": image * 2}})
