@@ -99,7 +99,7 @@ def test_renderers_that_nobody_closes(count: int, most: float) -> None:
     assert handles() == before
 
 
-@pytest.fixture(params=[False, True], ids=["untimed", "timed"])
+@pytest.fixture(params=[False, pytest.param(True, marks=pytest.mark.long)], ids=["untimed", "timed"])
 def renderer(request: pytest.FixtureRequest) -> Iterator[Renderer]:
     settings = Settings(size=SIZE, outputs=OUTPUTS, timing=request.param, check=request.param, provider="cpu")
     mover = box((0.5, 0.0, 0.3), (0.2, 0.2, 0.2), motion=slide([0, 9], [(0, 0, 0), (0.5, 0, 0)]))
