@@ -110,7 +110,7 @@ def test_augmented_colours_stay_with_their_channels(tmp_path: Path) -> None:
 
 
 def test_loss_falls_on_a_few_examples(tmp_path: Path) -> None:
-    run = Run(config(tmp_path, epochs=2, learning_rate=5e-3, ema=0.9), examples(tmp_path, 70), tmp_path / "run")
+    run = Run(config(tmp_path, epochs=2, learning_rate=5e-3, ema=0.9), examples(tmp_path, 130), tmp_path / "run")
     before = run.validate()["loss"]
     assert run.train()["loss"] < 0.6 * before
     assert (tmp_path / "run" / "curve.png").stat().st_size > 1000
