@@ -29,6 +29,7 @@ SHORT = {  # dB that are reached where the shadow map, coarser than what casts, 
     ("breakfast-room", "sun"): (29, "21 texels behind the slats of blinds"),
     ("grey-white-room", "sun"): (30, "18 texels lit through the corners of mouldings"),
     ("country-kitchen", "spot"): (37, "18 texels of thin furniture"),
+    ("country-kitchen", "lamp"): (33, "60 texels in the creases of mouldings and beside crockery"),
     ("contemporary-bathroom", "spot"): (38, "10 texels of thin furniture"),
 }
 
