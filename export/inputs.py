@@ -20,6 +20,7 @@ from app.infer import feed
 from app.passes.downsample import tensor_name
 from app.renderer import Renderer
 from app.settings import Settings
+from export.picks import picked
 
 if TYPE_CHECKING:
     from export.dataset import Pair
@@ -138,14 +139,6 @@ def draw(pair: Pair, contract: ModelContract) -> Inputs:
     """The inputs of one pair; ``Drawer`` is quicker for many."""
     with Drawer(contract) as drawer:
         return drawer.draw(pair)
-
-
-def picked(size: tuple[int, int], grid: tuple[int, int]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of the image's texels that stand for the grid's, as ``shaders/include/pick.glsl`` picks."""
-    (w, h), (columns, rows) = size, grid
-    x = np.floor((np.arange(columns) + 0.5) * (w / columns))
-    y = h - 1 - np.floor((np.arange(rows)[::-1] + 0.5) * (h / rows))  # the shader's rows begin at the bottom
-    return y.astype(np.intp), x.astype(np.intp)
 
 
 def seen_before(previous: F32, expected: F32, motion: F32) -> NDArray[np.bool_]:

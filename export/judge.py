@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -12,10 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from app.atomic import replacing_folder
 from app.bench.configurations import Configuration, expand
 from app.bench.judge import AMBIENT, METRICS, Errors, Layers, draw_ambient, draw_layers, errors_of
-from app.bench.truth import Truth, cache_folder, exporter_version, read_truth
+from app.bench.truth import Truth, cache_folder, exporter_version, kept_truth, renderer_version
 from app.errors import SettingsError
 from app.renderer import Renderer
 from app.settings import Settings
@@ -44,12 +41,10 @@ class Row:
 def truth_of(view: View, spp: int, folder: Path | None) -> Truth:
     """The path-traced truth, from ``folder`` (or the benchmark's cache) where it was made before."""
     still = view.still
-    key = scene_key(still.scene, still.camera, still.size, still.time, spp, exporter_version())
-    place = (folder or cache_folder()) / f"{view.name}-{key}"
-    if not place.is_dir():
-        with replacing_folder(place) as fresh:
-            write_reference(fresh, still, spp, 0, MAX_BOUNCES, {"view": view.name}, lambda share: None)
-    return read_truth(place)
+    key = scene_key(still.scene, still.camera, still.size, still.time, spp, exporter_version(),
+                    renderer_version(still.scene))
+    return kept_truth((folder or cache_folder()) / f"{view.name}-{key}", lambda fresh: write_reference(
+        fresh, still, spp, 0, MAX_BOUNCES, {"view": view.name}, lambda share: None))
 
 
 def judge(views: Sequence[View], models: Sequence[str], spp: int, truths: Path | None, constant: float | None,
@@ -90,15 +85,6 @@ def by_scene(rows: Sequence[Row]) -> list[dict[str, Any]]:
 def by_view(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Each row as flat as CSV."""
     return [{"model": row.model, "scene": row.scene, "view": row.view, **_flat(row.errors)} for row in rows]
-
-
-def to_csv(rows: Sequence[dict[str, Any]]) -> str:
-    """Rows of equal keys as CSV."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
 
 
 def to_json(rows: Sequence[Row], about: dict[str, Any]) -> str:

@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import metadata, util
@@ -110,13 +110,18 @@ def make_truth(order: Order, scene: Scene, camera: Camera, spp: int) -> Truth:
     TruthError
         When it fails.
     """
-    key = content_key(scene, camera, order.size, spp, exporter_version(), _renderer_version(scene))
-    folder = cache_folder() / key
+    key = content_key(scene, camera, order.size, spp, exporter_version(), renderer_version(scene))
+    return kept_truth(cache_folder() / key,
+                      lambda fresh: _run([*order.arguments, "--spp", str(spp), "--out", str(fresh)]))
+
+
+def kept_truth(folder: Path, make: Callable[[Path], object]) -> Truth:
+    """The truth in ``folder``; where it is missing or damaged, ``make`` writes it into a new folder."""
     if folder.is_dir():
-        with suppress(SceneError):  # a damaged one is made anew
+        with suppress(SceneError):
             return read_truth(folder)
     with replacing_folder(folder) as fresh:
-        _run([*order.arguments, "--spp", str(spp), "--out", str(fresh)])
+        make(fresh)
     return read_truth(folder)
 
 
@@ -173,7 +178,7 @@ def exporter_version() -> str:
     return digest.hexdigest()
 
 
-def _renderer_version(scene: Scene) -> str:
+def renderer_version(scene: Scene) -> str:
     """Changes when the renderer's shaders do, if it adds highlights or emission of its own to the truth."""
     digest = hashlib.sha256()
     if any(material.emits or material.shiny for material in scene.materials):

@@ -37,11 +37,12 @@ def validate(
     """Judge models, and the oracle ambient light, on the validation views; prints means of each scene."""
     from app.atomic import prepare_folders, write_text
     from app.bench.configurations import all_models
+    from app.bench.tables import to_csv
     from app.contract import find_model
     from app.errors import SettingsError
     from export.constant import fitted_constant
     from export.dataset import Dataset
-    from export.judge import SCALED, by_scene, by_view, judge, to_csv, to_json
+    from export.judge import SCALED, by_scene, by_view, judge, to_json
     from export.validation import SCENES, views
 
     chosen = views(scenes or SCENES, only or ())

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.extras import extra_module
+from export import picks
 from export.path_tracer import PathTracer
 from export.reference import RAYS_AT_ONCE, Still
 
@@ -75,10 +76,8 @@ def picked(size: tuple[int, int]) -> F64:
     ndarray, float64, shape (H, W, 2)
         x to the right, y down.
     """
-    (w, h), (cols, rows) = size, (size[0] // 2, size[1] // 2)
-    x = np.floor((np.arange(cols) + 0.5) * (w / cols))
-    y = h - 1 - np.floor((np.arange(rows)[::-1] + 0.5) * (h / rows))  # the shader's rows begin at the bottom
-    return np.stack(np.meshgrid((x + 0.5) / w, (y + 0.5) / h), axis=-1)
+    y, x = picks.picked(size, (size[0] // 2, size[1] // 2))
+    return np.stack(np.meshgrid((x + 0.5) / size[0], (y + 0.5) / size[1]), axis=-1)
 
 
 def denoise(light: F32, normal: F32) -> F32:
