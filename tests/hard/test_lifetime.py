@@ -58,6 +58,8 @@ def _trim() -> None:
 
 
 def handles() -> tuple[int, int]:
+    """Open files and threads, once what other tests dropped is gone."""
+    gc.collect()
     process = psutil.Process()
     return process.num_fds(), process.num_threads()
 
@@ -95,7 +97,6 @@ def test_renderers_that_nobody_closes(count: int, most: float) -> None:
     one(0)
     before = handles()
     assert growth(one, count) < most
-    gc.collect()
     assert handles() == before
 
 
