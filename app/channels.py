@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-SCREEN, CUBE = "screen", "cube"
+SCREEN, CUBE, SURFELS, RAYS = "screen", "cube", "surfels", "rays"
+SEEN = (SCREEN, CUBE)  # grids of texels, drawn from the camera; the others are points on surfaces and their rays
 
 
 @dataclass(frozen=True)
@@ -49,32 +50,44 @@ class Channel:
 
 
 HALF_MAX = 65504.0
-_BOTH = (SCREEN, CUBE)
+_EVERYWHERE = (*SEEN, SURFELS)
 _RADIANCE = (0.0, HALF_MAX)
 
 CHANNELS: dict[str, Channel] = {
     c.name: c
     for c in (
-        Channel("direct.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, _BOTH,
+        Channel("direct.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, SEEN,
                 "diffuse radiance that leaves the surface by direct light alone", radiance=True),
-        Channel("emission.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, _BOTH,
+        Channel("emission.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, SEEN,
                 "radiance that the surface emits itself", radiance=True),
-        Channel("radiance.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, _BOTH,
+        Channel("radiance.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, SEEN,
                 "direct + emission, without emitters that are analytic lights already", radiance=True),
-        Channel("albedo.rgb", 3, "1", (0.0, 1.0), 0.0, _BOTH, "diffuse reflectance"),
-        Channel("normal.view.xyz", 3, "1", (-1.0, 1.0), 0.0, _BOTH,
+        Channel("albedo.rgb", 3, "1", (0.0, 1.0), 0.0, SEEN, "diffuse reflectance"),
+        Channel("normal.view.xyz", 3, "1", (-1.0, 1.0), 0.0, _EVERYWHERE,
                 "unit shading normal towards the viewer, camera space (x right, y up, z back)"),
-        Channel("normal.world.xyz", 3, "1", (-1.0, 1.0), 0.0, _BOTH,
+        Channel("normal.world.xyz", 3, "1", (-1.0, 1.0), 0.0, SEEN,
                 "unit shading normal towards the viewer, world space"),
-        Channel("position.view.xyz", 3, "extent", (-HALF_MAX, HALF_MAX), 0.0, _BOTH,
+        Channel("position.view.xyz", 3, "extent", (-HALF_MAX, HALF_MAX), 0.0, _EVERYWHERE,
                 "surface point, camera space"),
-        Channel("depth", 1, "extent", (0.0, HALF_MAX), 0.0, _BOTH,
+        Channel("depth", 1, "extent", (0.0, HALF_MAX), 0.0, SEEN,
                 "distance along the main camera's -z (screen) or along the ray (cube)"),
-        Channel("roughness", 1, "1", (0.0, 1.0), 1.0, _BOTH, "perceptual GGX roughness"),
-        Channel("solid_angle", 1, "sr", (0.0, 13.0), 0.0, _BOTH,
+        Channel("roughness", 1, "1", (0.0, 1.0), 1.0, SEEN, "perceptual GGX roughness"),
+        Channel("solid_angle", 1, "sr", (0.0, 13.0), 0.0, SEEN,
                 "solid angle of the texel as seen from the camera; 0 where no surface is seen"),
         Channel("on_screen", 1, "1", (0.0, 1.0), 0.0, (CUBE,),
                 "1 where the direction of the texel lies inside the main camera's image"),
+        Channel("irradiance.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, (SURFELS,),
+                "what a white surface would send by direct light: irradiance / π", radiance=True),
+        Channel("glow.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, (SURFELS,),
+                "the same by surfaces that glow, without emitters that are analytic lights already", radiance=True),
+        Channel("surfel.radius", 1, "extent", (0.0, HALF_MAX), 0.0, (SURFELS,),
+                "distance to the neighbours that it shares its surroundings with"),
+        Channel("surfel.weight", 1, "1", (0.0, 1.0), 0.0, (SURFELS,),
+                "how well it stands for its surroundings; 0 where there is no surfel"),
+        Channel("ray.surfel", 1, "1", (-1.0, HALF_MAX), -1.0, (RAYS,),
+                "number of the surfel that a ray from this one meets; -1 for none"),
+        Channel("ray.albedo.rgb", 3, "1", (0.0, 1.0), 0.0, (RAYS,),
+                "diffuse reflectance where the ray ends; 0 where it meets nothing"),
         Channel("indirect.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, (SCREEN,),
                 "indirect radiance divided by albedo", radiance=True, output=True),
     )

@@ -13,7 +13,7 @@ from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from app.channels import CHANNELS, CUBE, SCREEN
+from app.channels import CHANNELS, CUBE, RAYS, SCREEN, SEEN, SURFELS
 from app.errors import ModelError
 from app.paths import nets_dir
 
@@ -22,9 +22,9 @@ Model = Path | Literal["ssgi"]
 
 KEY = "afterglow"
 VERSION = 1
-GRIDS = (SCREEN, CUBE)
+GRIDS = (*SEEN, SURFELS, RAYS)
 SHORTEST_SIDE, LARGEST_RAISED_SCALE = 48, 0.5
-MOST_TEXELS, LARGEST_NUMBER = 1024, 1e30  # along an edge, so that a mistyped contract can't fill the memory
+MOST_TEXELS, MOST_SURFELS, LARGEST_NUMBER = 1024, 65536, 1e30  # so that a mistyped contract can't fill the memory
 
 
 @dataclass(frozen=True)
@@ -36,19 +36,32 @@ class TensorSpec:
     channels : tuple of str
         Names from the channel table, in tensor order.
     grid : str
-        ``screen`` [1, C, h, w] or ``cube`` [1, C, 6, n, n] (front, back, left, right, up, down); top row first.
+        ``screen`` [1, C, h, w] or ``cube`` [1, C, 6, n, n] (front, back, left, right, up, down), top row first;
+        ``surfels`` [1, C, S], points on the scene's surfaces, or ``rays`` [1, C, S, K], which go out from them.
     size : int or None
-        Texels along the edge of a cube face; None on the screen.
+        Texels along the edge of a cube face; number of surfels; None on the screen.
+    rays : int or None
+        Of each surfel: a square number, the same in all tensors on the rays.
     """
 
     channels: tuple[str, ...]
     grid: str = SCREEN
     size: int | None = None
+    rays: int | None = None
 
     @property
     def components(self) -> int:
         """Number of tensor channels, C."""
         return sum(CHANNELS[name].components for name in self.channels)
+
+    def extent(self, screen: tuple[Any, ...]) -> tuple[Any, ...]:
+        """Everything behind the channels in the tensor's shape, ``screen`` being what stands for [h, w]."""
+        size = self.size or 0
+        return {SCREEN: screen, CUBE: (6, size, size), SURFELS: (size,), RAYS: (size, self.rays or 0)}[self.grid]
+
+    def shape(self, screen: tuple[int, int]) -> tuple[int, ...]:
+        """The tensor's shape without the batch, for a screen grid of the given width and height."""
+        return self.components, *self.extent((screen[1], screen[0]))
 
     def rows(self) -> Iterator[tuple[str, slice]]:
         """Each channel name with the tensor channels that it takes."""
@@ -123,8 +136,13 @@ class ModelContract:
         tensors = {**self.inputs, **self.outputs}
         for tensor, spec in tensors.items():
             need(spec.grid in GRIDS, f"bad grid {spec.grid!r} of tensor {tensor!r}", _one_of(GRIDS))
-            need((spec.grid == CUBE) == _whole(spec.size), f"bad size {spec.size!r} of tensor {tensor!r}",
-                 f"texels along the edge of a face on the cube, 1 to {MOST_TEXELS}, and no size on the screen")
+            most = MOST_TEXELS if spec.grid == CUBE else MOST_SURFELS
+            need(spec.size is None if spec.grid == SCREEN else _whole(spec.size, most),
+                 f"bad size {spec.size!r} of tensor {tensor!r}",
+                 f"texels along the edge of a face on the cube, 1 to {MOST_TEXELS}, the number of surfels on surfels and "
+                 f"rays, 1 to {MOST_SURFELS}, and no size on the screen")
+            need(_square(spec.rays) if spec.grid == RAYS else spec.rays is None,
+                 f"bad rays {spec.rays!r} of tensor {tensor!r}", "a square number of rays a surfel on rays, else none")
             need(bool(spec.channels), f"tensor {tensor!r} has no channels", "at least one")
             for name in dict.fromkeys(spec.channels):
                 need(name in CHANNELS, f"unknown channel {name!r} of tensor {tensor!r}", _suggest(name, CHANNELS))
@@ -134,8 +152,11 @@ class ModelContract:
             for name in dict.fromkeys(spec.channels):
                 need(not CHANNELS[name].output, f"channel {name!r} of input {tensor!r} can't be read",
                      "a channel that the renderer makes")
-        faces = {spec.size for spec in tensors.values() if spec.grid == CUBE}
-        need(len(faces) <= 1, f"cube tensors of different sizes {sorted(faces, key=str)}", "one size for all")
+        for grids, what in (((CUBE,), "cube"), ((SURFELS, RAYS), "surfel")):
+            sizes = {spec.size for spec in tensors.values() if spec.grid in grids}
+            need(len(sizes) <= 1, f"{what} tensors of different sizes {sorted(sizes, key=str)}", "one size for all")
+        counts = {spec.rays for spec in tensors.values() if spec.grid == RAYS}
+        need(len(counts) <= 1, f"different numbers of rays {sorted(counts, key=str)}", "one for all tensors")
         writable = [name for name, channel in CHANNELS.items() if channel.output]
         for tensor, spec in self.outputs.items():
             for name in dict.fromkeys(spec.channels):
@@ -143,6 +164,13 @@ class ModelContract:
                      _one_of(writable))
         on_cube = any(spec.grid == CUBE for spec in tensors.values())
         need(not on_cube or self.cube_axes is not None, "no cube_axes", "'world' or 'camera', since a tensor is a cube")
+
+    @property
+    def surfels(self) -> tuple[int, int] | None:
+        """Number of surfels and of rays of each (1 when it reads none) that the network reads; None for no surfels."""
+        sizes = [spec.size for spec in self.inputs.values() if spec.grid in (SURFELS, RAYS)]
+        rays = [spec.rays for spec in self.inputs.values() if spec.grid == RAYS]
+        return (sizes[0] or 0, (rays[0] if rays else 1) or 1) if sizes else None
 
     def screen_size(self, output: tuple[int, int]) -> tuple[int, int]:
         """Width and height of the screen grid for an output image of the given width and height.
@@ -333,5 +361,9 @@ def _number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_NUMBER
 
 
-def _whole(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= MOST_TEXELS
+def _whole(value: object, most: int = MOST_TEXELS) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= most
+
+
+def _square(value: object) -> bool:
+    return isinstance(value, int) and _whole(value) and math.isqrt(value)**2 == value

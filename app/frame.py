@@ -22,11 +22,14 @@ from app.passes import (
     position,
     shadow,
     ssgi,
+    surfel_light,
+    surfels,
     taa,
     upsample,
 )
 from app.scene import Scene
 from app.settings import Settings
+from app.surfels.tracked import TrackedSurfels
 
 if TYPE_CHECKING:
     from app.infer import Network
@@ -44,7 +47,7 @@ AOVS: dict[str, str] = {
     "emission": "emitted radiance, W/(sr m²)",
     "lit": "the composite before temporal anti-aliasing, W/(sr m²)",
 }
-NETWORK_PASSES = ("surround", "surround_direct", "downsample", "network")
+NETWORK_PASSES = ("surround", "surround_direct", "surfel_light", "surfels", "downsample", "network")
 # On the GPU these are multiplied by LightSet.scale.
 RADIANCE = frozenset({"final", "direct", "specular", "indirect", "emission", "lit"})
 
@@ -139,7 +142,13 @@ def _network(scene: Scene, settings: Settings, lights: LightSet, model: Network,
                    direct.declare_surround(lights, face, camera_axes)]
     if not faces:
         absent |= dict.fromkeys(("surround", "surround_direct"), "the network reads no cube")
-    passes.append(downsample.declare(contract, settings.size, scene.longest_edge))
     tensors = {t: downsample.tensor_name(t) for t in contract.inputs}
-    shapes = {t: downsample.tensor_shape(spec, grid) for t, spec in contract.inputs.items()}
+    if contract.surfels is not None:
+        world = TrackedSurfels(scene, *contract.surfels)
+        passes += [surfel_light.declare(world, lights),
+                   surfels.declare(world, contract, tensors, scene.longest_edge)]
+    else:
+        absent |= dict.fromkeys(("surfel_light", "surfels"), "the network reads no surfels")
+    passes.append(downsample.declare(contract, settings.size, scene.longest_edge))
+    shapes = {t: spec.shape(grid) for t, spec in contract.inputs.items()}
     return [*passes, network.declare(model, tensors, shapes, grid, target)]

@@ -70,9 +70,9 @@ class Network:
         m = self.contract.multiple_of
         self._size = size[1], size[0]
         self._padded = tuple(-(-n // m) * m for n in self._size)
-        self._buffers = {t: np.zeros((1, s.components, *self._grid(s, self._padded)), np.float32)
+        self._buffers = {t: np.zeros((1, s.components, *s.extent(self._padded)), np.float32)
                          for t, s in self.contract.inputs.items()}
-        self.run({t: np.zeros((s.components, *self._grid(s, self._size)), np.float32)
+        self.run({t: np.zeros((s.components, *s.extent(self._size)), np.float32)
                   for t, s in self.contract.inputs.items()})
 
     def run(self, tensors: Mapping[str, F32]) -> dict[str, F32]:
@@ -81,7 +81,7 @@ class Network:
         Parameters
         ----------
         tensors : mapping of str to ndarray, float32
-            For each input tensor [C, h, w] (screen) or [C, 6, n, n] (cube), top row first. Left untouched;
+            For each input tensor its ``TensorSpec.shape``, top row first. Left untouched;
             non-finite values become the channel's background or the end of its range.
 
         Returns
@@ -110,7 +110,7 @@ class Network:
                              f"expected it to run on a {w}x{h} grid") from None
         out: dict[str, F32] = {}
         for (t, spec), result in zip(self.contract.outputs.items(), results, strict=True):
-            expected = (1, spec.components, *self._grid(spec, self._padded))
+            expected = (1, spec.components, *spec.extent(self._padded))
             if result.shape != expected:
                 raise ModelError(f"output {t!r} came back as {list(result.shape)}", self.path,
                                  f"expected {list(expected)}")
@@ -125,16 +125,13 @@ class Network:
     def _tensors(self) -> dict[str, TensorSpec]:
         return {**self.contract.inputs, **self.contract.outputs}
 
-    def _grid(self, spec: TensorSpec, screen: tuple[int, ...]) -> tuple[int, ...]:
-        return screen if spec.grid == SCREEN else (6, spec.size or 0, spec.size or 0)
-
     def _check_graph(self, kind: str, specs: Mapping[str, TensorSpec], found: Mapping[str, ort.NodeArg]) -> None:
         if set(specs) != set(found):
             raise ModelError(f"the contract's {kind}s are {sorted(specs)}", self.path,
                              f"expected the graph's {kind}s {sorted(found)}")
         wanted_type = {"float32": "tensor(float)", "float16": "tensor(float16)"}[self.contract.dtype]
         for t, spec in specs.items():
-            shape, wanted = found[t].shape, (1, spec.components, *self._grid(spec, ("h", "w")))  # type: ignore[arg-type]
+            shape, wanted = found[t].shape, (1, spec.components, *spec.extent(("h", "w")))
             fits = len(shape) == len(wanted) and all(
                 n == m or not (isinstance(n, int) and isinstance(m, int)) for n, m in zip(shape, wanted, strict=True))
             if not fits:
@@ -151,7 +148,7 @@ def feed(contract: ModelContract, tensors: Mapping[str, F32], out: Mapping[str, 
     Parameters
     ----------
     tensors : mapping of str to ndarray, float32
-        For each input tensor [C, h, w] (screen) or [C, 6, n, n] (cube); left untouched.
+        For each input tensor its ``TensorSpec.shape``; left untouched.
     out : mapping of str to ndarray, float32
         Written, of the same shapes.
 
@@ -243,7 +240,7 @@ def _robust_mean(radiance: list[F32], count: int) -> float:
 def _bounds(spec: TensorSpec) -> tuple[F32, F32, F32]:
     """Background, smallest and largest value of each tensor channel, broadcastable to the tensor."""
     columns = [[c.background, *c.range] for n in spec.channels for c in [CHANNELS[n]] for _ in range(c.components)]
-    shape = (-1, 1, 1) if spec.grid == SCREEN else (-1, 1, 1, 1)
+    shape = (-1, *[1] * len(spec.extent((1, 1))))
     background, low, high = np.array(columns, np.float32).T
     return background.reshape(shape), low.reshape(shape), high.reshape(shape)
 

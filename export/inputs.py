@@ -174,8 +174,8 @@ def _black_network(contract: ModelContract) -> bytes:
     kind = {"float32": TensorProto.FLOAT, "float16": TensorProto.FLOAT16}[contract.dtype]
 
     def values(tensors: Mapping[str, Any]) -> list[onnx.ValueInfoProto]:
-        return [helper.make_tensor_value_info(t, kind, [1, s.components, *(
-            ("h", "w") if s.grid == SCREEN else (6, s.size, s.size))]) for t, s in tensors.items()]
+        return [helper.make_tensor_value_info(t, kind, [1, s.components, *s.extent(("h", "w"))])
+                for t, s in tensors.items()]
 
     screen = next(t for t, spec in contract.inputs.items() if spec.grid == SCREEN)
     nodes, constants = [], []

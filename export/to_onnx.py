@@ -15,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 
 from app.atomic import replacing, write_text
-from app.channels import CHANNELS, SCREEN
+from app.channels import CHANNELS, SCREEN, SEEN
 from app.contract import KEY, ModelContract, TensorSpec
 from app.errors import ModelError
 from app.golden.scenes import outdoor, room
@@ -34,6 +34,7 @@ OPSET = 17
 # to give numbers. To surfels random points make no surface, so rounding alone decides what belongs together.
 SURFELS = {"room": 1e-4, "random": 2e-2}
 TRAINED = {"float32": 1e-4, "float16": 1e-2}  # of all inputs
+ROOM = 20.0  # radius
 ODD = (5, 7)
 SIZES = ((1, 1), ODD, (48, 64))
 BROKEN = (0.0, np.nan, np.inf, -np.inf, -100.0, 1e6)
@@ -195,14 +196,16 @@ def _tensors(contract: ModelContract, size: tuple[int, int], rng: np.random.Gene
     tensors = {}
     rows, columns = (-(-n // contract.multiple_of) * contract.multiple_of for n in size)
     for tensor, spec in contract.inputs.items():
-        grid = (rows, columns) if spec.grid == SCREEN else (6, spec.size or 0, spec.size or 0)
+        grid = spec.extent((rows, columns))
         given = known(spec, grid, rng)
         tensors[tensor] = np.concatenate([given.get(name, _noise(name, grid, rng)) for name in spec.channels])
     return {tensor: x[None].astype(np.float32) for tensor, x in tensors.items()}
 
 
 def _room(spec: TensorSpec, grid: tuple[int, ...], rng: np.random.Generator) -> Channels:
-    """A sphere of radius 20 seen from 3 off its middle: what a network may meet, without a renderer."""
+    """A sphere seen from 3 off its middle: what a network may meet, without a renderer."""
+    if spec.grid not in SEEN:
+        return _room_surfels(spec.size or 0, spec.rays or 0, rng)
     x, y = np.meshgrid(*((2 * np.arange(n) + 1) / n - 1 for n in (grid[-1], grid[-2])))
     front = np.stack([x, -y, -np.ones_like(x)])
     turned = [front[[0, 1, 2]], front * [[[-1]], [[1]], [[-1]]], front[[2, 1, 0]], front[[2, 1, 0]] * -1,
@@ -212,11 +215,20 @@ def _room(spec: TensorSpec, grid: tuple[int, ...], rng: np.random.Generator) -> 
     rays = rays / length
     middle = np.array([1.0, 2.0, 2.0]).reshape(3, *[1] * (rays.ndim - 1))
     along = (rays * middle).sum(axis=0)
-    points = rays * (along + np.sqrt(along ** 2 + 20.0 ** 2 - 9.0))
-    normals = (middle - points) / 20.0
+    points = rays * (along + np.sqrt(along ** 2 + ROOM ** 2 - 9.0))
+    normals = (middle - points) / ROOM
     return {"position.view.xyz": points, "normal.view.xyz": normals, "normal.world.xyz": normals,
             "depth": -points[2:], "solid_angle": (4 / (grid[-1] * grid[-2]) / length ** 3)[None],
             "radiance.rgb": 1 + normals, "direct.rgb": 1 + normals}
+
+
+def _room_surfels(count: int, rays: int, rng: np.random.Generator) -> Channels:
+    """Surfels all over the same sphere; each ray may meet any, as inside a sphere."""
+    normals = rng.normal(size=(3, count))
+    normals /= np.linalg.norm(normals, axis=0)
+    return {"position.view.xyz": np.array([[1.0], [2.0], [2.0]]) - ROOM * normals, "normal.view.xyz": normals,
+            "irradiance.rgb": 1 + normals, "surfel.radius": np.full((1, count), 8 * ROOM / max(count, 1) ** 0.5),
+            "ray.surfel": rng.integers(-1, max(count, 1), (1, count, rays)).astype(float)}
 
 
 def _noise(name: str, grid: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.float64]:

@@ -46,12 +46,13 @@ class GpuScene:
         self.transforms: list[F64] = []
         self.previous: list[F64] = []
         self._time: float | None = None
+        self.time = 0.0  # seconds, of the newest update
         self.changes = 0  # how often any instance has moved
         self.update(0.0, cut=True)
 
     def update(self, time: float, cut: bool = False) -> None:
         """Place all instances at ``time`` seconds; ``cut`` makes last frame's places the same."""
-        self.previous = self.transforms
+        self.previous, self.time = self.transforms, time
         if self._time is None or (self._moving and time != self._time):
             places = [i.transform_at(time) for i in self.scene.instances]
             self._time = time

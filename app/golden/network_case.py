@@ -15,7 +15,7 @@ from app.golden.scene_case import SceneCase
 from app.golden.store import file_name
 from app.image import read_exr
 from app.infer import Network
-from app.passes.downsample import tensor_name, tensor_shape
+from app.passes.downsample import tensor_name
 
 FRAME = 1
 LAYER = f"frame{FRAME}"
@@ -55,7 +55,7 @@ class NetworkCase:
         else:
             drawn = self.source.first_tensors()
             images = {t: half(drawn[tensor_name(t)]).astype(np.float32) for t in contract.inputs}
-        tensors = {t: _tensor(images[t], tensor_shape(spec, size), paths[t]) for t, spec in contract.inputs.items()}
+        tensors = {t: _tensor(images[t], spec.shape(size), paths[t]) for t, spec in contract.inputs.items()}
         made = Network(self.model, size, "cpu").run(tensors)
         return [*(Picture("saved tensors", tensor_name(t), {FRAME: image}) for t, image in images.items()),
                 *(Picture("network", channel.partition(".")[0], {FRAME: np.moveaxis(planes, 0, -1)})
@@ -70,7 +70,7 @@ def _read(path: Path) -> F32:
 
 
 def _tensor(image: F32, shape: tuple[int, ...], path: Path) -> F32:
-    """[C, h, w] or [C, 6, n, n] from planes one below the other."""
+    """A tensor of the given shape from planes one below the other."""
     if image.shape != (int(np.prod(shape[:-1])), shape[-1], 1):
         raise SceneError(f"a saved tensor of {image.shape[0]} rows of {image.shape[1]}", path,
                          f"expected {list(shape)}; delete the file, and golden update saves a new one")

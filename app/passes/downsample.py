@@ -1,10 +1,10 @@
-"""Packs a network's input tensors on the GPU, from the texels that stand for each grid's texels."""
+"""Packs a network's input tensors on screen and cube on the GPU, from the texels that stand for each grid's texels."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from app.channels import CHANNELS, CUBE
+from app.channels import CHANNELS, CUBE, SEEN
 from app.contract import ModelContract, TensorSpec
 from app.gl.context import Device
 from app.gl.frame_state import FrameState
@@ -34,27 +34,20 @@ def tensor_name(tensor: str) -> str:
     return f"tensor_{tensor}"
 
 
-def tensor_shape(spec: TensorSpec, grid: tuple[int, int]) -> tuple[int, ...]:
-    """[C, h, w], or [C, 6, n, n], for a screen ``grid`` of width and height."""
-    if spec.grid == CUBE:
-        assert spec.size is not None
-        return spec.components, 6, spec.size, spec.size
-    return spec.components, grid[1], grid[0]
-
-
 def declare(contract: ModelContract, size: tuple[int, int], extent: float) -> Pass:
-    """Packs all inputs of a network; ``extent`` is the length of the scene's longest edge in scene units."""
+    """Packs a network's inputs on screen and cube; ``extent`` is the scene's longest edge in scene units."""
     grid = contract.screen_size(size)
-    names = dict.fromkeys(name for spec in contract.inputs.values() for name in _sources(spec))
+    specs = {t: spec for t, spec in contract.inputs.items() if spec.grid in SEEN}
+    names = dict.fromkeys(name for spec in specs.values() for name in _sources(spec))
     return Pass("downsample", reads=tuple(n for n in names if not n.endswith("?")),
                 optional=tuple(n.removesuffix("?") for n in names if n.endswith("?")),
-                writes={tensor_name(t): Buf(tensor_shape(spec, grid)) for t, spec in contract.inputs.items()},
+                writes={tensor_name(t): Buf(spec.shape(grid)) for t, spec in specs.items()},
                 make=lambda device, bound: make(device, bound, contract, grid, extent))
 
 
 def make(device: Device, bound: BoundPass, contract: ModelContract, grid: tuple[int, int],
          extent: float) -> Callable[[FrameState, Resources], None]:
-    packers = [_packer(device, bound, contract, t, grid, extent) for t in contract.inputs]
+    packers = [_packer(device, bound, contract, t, grid, extent) for t, spec in contract.inputs.items() if spec.grid in SEEN]
 
     def execute(frame: FrameState, resources: Resources) -> None:
         for pack in packers:

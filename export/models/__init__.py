@@ -8,12 +8,13 @@ from typing import Any
 
 from app.errors import ModelError
 from export.models import bcnn
+from export.models.ember import Ember
 from export.models.network import Network
 from export.models.surfels import Gather, Radiosity
 
 __all__ = ["PRESETS", "UNTRAINED", "Network", "make_network", "weights_of"]
 
-UNTRAINED: Mapping[str, type[Network]] = {"gather": Gather, "radiosity": Radiosity}
+UNTRAINED: Mapping[str, type[Network]] = {"ember": Ember, "gather": Gather, "radiosity": Radiosity}
 PRESETS: Mapping[str, Callable[..., Network]] = {
     **UNTRAINED,
     **{name: partial(bcnn.Bcnn, name) for name in bcnn.PRESETS},

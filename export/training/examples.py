@@ -21,7 +21,6 @@ from torch import Tensor
 from app.atomic import replacing_folder
 from app.contract import ModelContract
 from app.infer import FLOOR
-from app.passes.downsample import tensor_shape
 from export.inputs import Drawer, Inputs
 
 if TYPE_CHECKING:
@@ -115,7 +114,7 @@ def _layout(contract: ModelContract, size: tuple[int, int]) -> dict[str, tuple[t
     """
     grid = contract.screen_size(size)
     h, w = grid[1], grid[0]
-    frames = {f"{frame}.{t}": (np.float16, tensor_shape(spec, grid))
+    frames = {f"{frame}.{t}": (np.float16, spec.shape(grid))
               for frame in ("current", "previous") for t, spec in contract.inputs.items()}
     return {**frames, "motion": (np.float16, (2, h, w)), "target": (np.float16, (3, h, w)),
             "seen": (np.uint8, (1, h, w)), "visible": (np.uint8, (1, h, w)), "ratio": (np.float32, (1, 1, 1)),
@@ -138,7 +137,7 @@ def _values(inputs: Inputs, target: Target, contract: ModelContract) -> dict[str
 def _key(pairs: Pairs, contract: ModelContract) -> str:
     about = pairs.folder / "dataset.json"
     text = about.read_text("utf-8") if about.exists() else ""
-    inputs = {t: [spec.channels, spec.grid, spec.size] for t, spec in contract.inputs.items()}
+    inputs = {t: [spec.channels, spec.grid, spec.size, spec.rays] for t, spec in contract.inputs.items()}
     parts = [VERSION, len(pairs), text, inputs, contract.exposure, contract.bounces, contract.scene_extent,
              contract.cube_axes]
     return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]

@@ -14,14 +14,15 @@ LAYERS = {
     "errors": 0, "channels": 0, "paths": 0, "scene": 0, "data": 0,
     "atomic": 1, "settings": 1, "math3d": 1, "contract": 1, "graph": 1, "extras": 1,
     "image": 2, "load": 2, "gl": 2, "infer": 2,
-    "passes": 3, "metrics": 3,
-    "frame": 4,
-    "renderer": 5,
-    "golden": 6, "bench": 6,
-    "cli": 7,
-    "__main__": 8,
+    "surfels": 3,
+    "passes": 4, "metrics": 4,
+    "frame": 5,
+    "renderer": 6,
+    "golden": 7, "bench": 7,
+    "cli": 8,
+    "__main__": 9,
 }
-PACKAGES_WITH_INNER_IMPORTS = {"load", "gl", "golden", "bench", "cli"}
+PACKAGES_WITH_INNER_IMPORTS = {"load", "gl", "surfels", "golden", "bench", "cli"}
 FOREIGN = {"torch", "onnx", "mitsuba", "export", "tests"}
 
 

@@ -1,0 +1,81 @@
+"""Packs what a network reads of world surfels: on the CPU, since there are few and they are there already."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from app.channels import RAYS, SURFELS
+from app.contract import ModelContract
+from app.gl.context import Device
+from app.gl.frame_state import FrameState
+from app.gl.pool import Resources
+from app.graph import BoundPass, Buf, Pass
+from app.surfels.tracked import TrackedSurfels
+from app.surfels.world import F32, WorldSurfels
+
+
+def declare(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, str], extent: float) -> Pass:
+    """``names`` gives the graph's name of each tensor, ``extent`` is the scene's longest edge in scene units."""
+    specs = {t: spec for t, spec in contract.inputs.items() if spec.grid in (SURFELS, RAYS)}
+    return Pass("surfels", reads=("surfel_light",), writes={names[t]: Buf(spec.shape((0, 0))) for t, spec in specs.items()},
+                make=lambda device, bound: make(surfels, contract, names, contract.scene_extent / extent))
+
+
+def make(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, str],
+         extent: float) -> Callable[[FrameState, Resources], None]:
+    written: dict[str, int] = {}  # version of the surfels that a tensor on the rays holds
+    light: list[tuple[object, F32]] = []
+
+    def execute(frame: FrameState, resources: Resources) -> None:
+        world = surfels.world
+        state = surfels.version, frame.lights.lights, frame.geometry.changes
+        if not light or light[0][0] != state:
+            light[:] = [(state, _mean_light(resources, world))]
+        for tensor, spec in contract.inputs.items():
+            if spec.grid == SURFELS:
+                rows = [_on_surfels(name, world, frame, extent, light[0][1]) for name in spec.channels]
+                resources.buffer(names[tensor]).write(np.concatenate(rows, axis=1).T.astype(np.float32).tobytes())
+            elif spec.grid == RAYS and written.get(tensor) != surfels.version:
+                planes = [_on_rays(name, world) for name in spec.channels]
+                resources.buffer(names[tensor]).write(np.concatenate(planes).astype(np.float32).tobytes())
+                written[tensor] = surfels.version
+
+    return execute
+
+
+def _mean_light(resources: Resources, world: WorldSurfels) -> F32:
+    """Irradiance / π of each surfel, shape (S, 3): the mean over its places."""
+    texture = resources["surfel_light"]
+    texels = np.frombuffer(texture.read(alignment=1), np.float16).astype(np.float32)
+    quads = texels.reshape(texture.height // 2, 2, texture.width // 2, 2, 4)[..., :3].mean(axis=(1, 3))
+    places = quads.reshape(-1, 3)[:len(world.place_surfel)]
+    number = np.maximum(np.bincount(world.place_surfel, minlength=world.count), 1)
+    return np.stack([np.bincount(world.place_surfel, places[:, c], world.count) / number for c in range(3)],
+                    axis=1).astype(np.float32)
+
+
+def _on_surfels(name: str, world: WorldSurfels, frame: FrameState, extent: float, light: F32) -> F32:
+    """A channel, shape (S, components)."""
+    match name:
+        case "position.view.xyz":
+            used = world.weight[:, None] > 0
+            relative = world.position + (world.origin - frame.view.eye)
+            return np.where(used, relative @ frame.view.rotation.T * extent, 0.0).astype(np.float32)
+        case "normal.view.xyz":
+            return (world.normal @ frame.view.rotation.T).astype(np.float32)
+        case "irradiance.rgb":
+            return light
+        case "glow.rgb":
+            return world.glow * np.float32(frame.lights.scale)
+        case "surfel.radius":
+            return world.radius[:, None] * np.float32(extent)
+        case "surfel.weight":
+            return world.weight[:, None]
+    raise AssertionError(name)
+
+
+def _on_rays(name: str, world: WorldSurfels) -> F32:
+    """A channel, shape (components, S, K)."""
+    return world.index[None] if name == "ray.surfel" else np.moveaxis(world.albedo, -1, 0)

@@ -1,0 +1,59 @@
+"""Textures as scattered rays see them: their colour blurred, their alpha as sharp as it is drawn."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.channels import HALF_MAX
+from app.image import srgb_decode
+from app.scene import Texture
+
+F32 = NDArray[np.float32]
+
+SIDE = 64  # texels along the longer edge; a ray of many stands for a cone, which sees no finer detail
+
+
+def texels(texture: Texture, uv: F32) -> F32:
+    """The nearest texels as they are, shape (N, 4); alpha linear in [0, 1], colour as it is stored."""
+    found = _nearest(texture.pixels, texture, uv)
+    return found.astype(np.float32) / np.float32(255) if found.dtype == np.uint8 else found
+
+
+class Prefiltered:
+    """Keeps a blurred copy of each texture that it is asked for."""
+
+    def __init__(self) -> None:
+        self._copies: dict[int, F32] = {}
+
+    def color(self, texture: Texture, uv: F32) -> F32:
+        """Linear colour, shape (N, 3), at mesh coordinates ``uv``, shape (N, 2)."""
+        key = id(texture.pixels)  # which the scene keeps
+        if key not in self._copies:
+            self._copies[key] = _blurred(texture.pixels[..., :3])
+        found: F32 = _nearest(self._copies[key], texture, uv)
+        return found
+
+
+def _blurred(pixels: NDArray[np.uint8] | F32) -> F32:
+    """Means over blocks, at most ``SIDE`` a side, linear."""
+    linear = srgb_decode(pixels / np.float32(255)) if pixels.dtype == np.uint8 else np.nan_to_num(
+        pixels, posinf=HALF_MAX, neginf=0).clip(0, HALF_MAX)
+    edges = [np.linspace(0, n, min(SIDE, n) + 1).astype(int) for n in linear.shape[:2]]
+    sums = linear.astype(np.float64)
+    for axis, edge in enumerate(edges):
+        sums = np.add.reduceat(sums, edge[:-1], axis=axis)
+    mean: F32 = (sums / (np.diff(edges[0])[:, None, None] * np.diff(edges[1])[:, None])).astype(np.float32)
+    return mean
+
+
+def _nearest(pixels: NDArray[Any], texture: Texture, uv: F32) -> NDArray[Any]:
+    at = np.concatenate([uv, np.ones((len(uv), 1), np.float32)], axis=1) @ np.asarray(texture.transform, np.float64)[:2].T
+    height, width = pixels.shape[:2]
+    index = []
+    for value, size, repeat in ((1 - at[:, 1], height, texture.repeat[1]), (at[:, 0], width, texture.repeat[0])):
+        value = value - np.floor(value) if repeat else value
+        index.append(np.clip((value * size).astype(np.int64), 0, size - 1))
+    return pixels[index[0], index[1]]

@@ -1,0 +1,152 @@
+"""The surfels of a scene: where they are, what their traced rays meet, and the places where direct light falls on them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.math3d import View
+from app.scene import Scene
+from app.surfels import kernel
+from app.surfels.bundle import Bundle
+from app.surfels.carried import Carried
+from app.surfels.caster import Caster, Hits
+from app.surfels.spread import farthest, neighbour_distance
+from app.surfels.walk import sphere, walk
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+CANDIDATES = 8  # places that walks find, for each surfel
+PLACES = 8      # of a surfel at most, whose mean is its direct light
+TURN = 4.0      # a unit of normal counts like this many distances between surfels when they are spread
+NEIGHBOUR = 8   # a surfel's radius reaches to this neighbour
+COVERAGE_RAYS, FAR, MOST_BARE = 64, 2.0, 0.25  # rays from the eye; in radii; share that may end far from surfels
+GLOW_RAYS = 144  # of a surfel towards what glows, which may be small
+
+
+class WorldSurfels:
+    """Points that stand for all surfaces that can exchange light with what a view sees.
+
+    Parameters
+    ----------
+    view : View
+        Where walks over the surfaces begin; surfels lie closest together in what it sees.
+    count, rays : int
+        Surfels, S, and rays of each, K.
+
+    Attributes
+    ----------
+    origin : ndarray, float64, shape (3,)
+        Local space's origin in world space; its axes are the world's, its unit the scene's.
+    position, normal : ndarray, float32, shape (S, 3)
+        Local space. There are ``used`` surfels; further rows are zeros.
+    radius, weight : ndarray, float32, shape (S,)
+        See ``kernel``. The weight is at most 1, less in tight corners, 0 in unused rows.
+    index : ndarray, float32, shape (S, K)
+        The surfel that each ray meets; -1 for none.
+    albedo : ndarray, float32, shape (S, K, 3)
+        At the end of each ray; 0 where it meets nothing.
+    glow : ndarray, float32, shape (S, 3)
+        Mean radiance of what glows along the rays, W/(sr m²).
+    place_position, place_normal : ndarray, float32, shape (P, 3)
+        Local space, sorted by surfel.
+    place_surfel : ndarray of int, shape (P,)
+    """
+
+    def __init__(self, scene: Scene, view: View, count: int, rays: int, time: float = 0.0) -> None:
+        rng = np.random.default_rng(0)
+        self._caster = Caster(scene)
+        self._caster.place(time)
+        self._time, self.origin = time, self._caster.origin
+        self.count, self.rays = count, rays
+        found = walk(self._caster, view, CANDIDATES * count, rng)
+        gap = _gap(found.position, count, scene.longest_edge)
+        apart = np.concatenate([found.position, TURN * gap * found.normal], axis=1)
+        chosen = farthest(apart, count)
+        self.used = len(chosen)
+        self._surfels = Carried(self._caster, found.position[chosen], found.normal[chosen], found.body[chosen])
+        self._fill_surfels()
+        reach = neighbour_distance(apart[chosen], NEIGHBOUR)
+        self.radius = self._padded(np.minimum(reach, scene.longest_edge), gap)
+        self._seat_places(found, chosen)
+        self._rays = Bundle(self._caster, self._surfels, rays, rng)
+        glows = any(m.emits and not m.analytic for m in scene.materials)
+        self._glow_rays = Bundle(self._caster, self._surfels, GLOW_RAYS, rng) if glows else None
+        self._trace()
+
+    def place(self, time: float) -> bool:
+        """Move what moves to where it is at ``time`` seconds, and trace again what that changes; False for nothing."""
+        if time == self._time or not self._caster.movers:
+            return False
+        before, self._time = self._caster.matrices, time
+        self._caster.place(time)
+        if np.array_equal(before, self._caster.matrices):
+            return False
+        self._fill_surfels()
+        self.place_position, self.place_normal = self._places.now()
+        self._trace()
+        return True
+
+    def covers(self, eye: F64) -> bool:
+        """Whether most of what surrounds ``eye`` (world space, shape (3,)) has surfels."""
+        origins = np.broadcast_to((eye - self.origin).astype(np.float32), (COVERAGE_RAYS, 3))
+        hits = self._caster.cast(origins, sphere(np.random.default_rng(0), COVERAGE_RAYS))
+        hits = hits.rows(hits.body >= 0)
+        surfel = self._nearest(hits)
+        away = np.linalg.norm(hits.position - self.position[surfel], axis=1)
+        bare = (surfel < 0) | (away > FAR * self.radius[surfel])
+        return not bare.any() or float(bare.mean()) < MOST_BARE
+
+    def _fill_surfels(self) -> None:
+        position, normal = self._surfels.now()
+        self.position, self.normal = self._padded(position), self._padded(normal)
+
+    def _seat_places(self, found: Hits, chosen: Ints) -> None:
+        """Give each candidate to the surfel that weighs most there, at most ``PLACES`` to one."""
+        surfel = self._nearest(found)
+        surfel[chosen] = np.arange(self.used)
+        order = np.argsort(surfel, kind="stable")
+        order = order[surfel[order] >= 0]
+        kept = order[np.arange(len(order)) - np.searchsorted(surfel[order], surfel[order]) < PLACES]
+        self.place_surfel = surfel[kept]
+        self._places = Carried(self._caster, found.position[kept], found.normal[kept], found.body[kept])
+        self.place_position, self.place_normal = self._places.now()
+
+    def _trace(self) -> None:
+        hits = self._rays.trace()
+        shape = self.used, self.rays
+        self.index = self._padded(self._nearest(hits).reshape(shape), -1)
+        self.albedo = self._padded(hits.albedo.reshape(*shape, 3))
+        middle = np.median(hits.distance.reshape(shape), axis=1)
+        self.weight = self._padded(np.minimum(middle / self.radius[:self.used], 1.0).astype(np.float32))
+        glow = np.zeros((self.used, 3), np.float32)
+        if self._glow_rays is not None:
+            glow = self._glow_rays.trace().emission.reshape(self.used, GLOW_RAYS, 3).mean(axis=1)
+        self.glow = self._padded(glow)
+
+    def _nearest(self, hits: Hits) -> Ints:
+        """The surfel of the same body that weighs most at each hit; -1 where there is none."""
+        found = np.full(len(hits.body), -1, np.int64)
+        for body in range(len(self._caster.bodies)):
+            mine, rows = np.flatnonzero(self._surfels.body == body), np.flatnonzero(hits.body == body)
+            if len(mine) and len(rows):
+                key = kernel.keys(self.position[mine], self.normal[mine], self.radius[mine])
+                found[rows] = mine[kernel.nearest(key, hits.position[rows], hits.normal[rows])]
+        return found
+
+    def _padded(self, rows: NDArray[Any], fill: float = 0.0) -> F32:
+        """``count`` rows of float32, of which ``rows`` are the first."""
+        padded = np.full((self.count, *rows.shape[1:]), fill, np.float32)
+        padded[:len(rows)] = rows
+        return padded
+
+
+def _gap(positions: F32, count: int, extent: float) -> float:
+    """About how far ``count`` surfels spread over ``positions`` will lie apart, in scene units."""
+    some = positions[:: max(1, len(positions) // max(count, 1))]
+    nearest = neighbour_distance(some, 1)
+    return float(2 * np.median(nearest)) if len(some) > 1 else extent

@@ -1,0 +1,26 @@
+// Irradiance / π by direct light at the places of world surfels. The four texels of a quad show one place.
+#include "numbers.glsl"
+#include "shadow.glsl"
+
+uniform sampler2D place_position;  // local space: world axes, the scene's centre as origin
+uniform sampler2D place_normal;    // 0: no place
+uniform vec3 local_eye;
+
+out vec4 light;
+
+void main()
+{
+    ivec2 place = ivec2(gl_FragCoord.xy) / 2;
+    vec3 p = texelFetch(place_position, place, 0).xyz - local_eye;
+    vec3 n = texelFetch(place_normal, place, 0).xyz;
+    bool used = dot(n, n) > 0.5;
+    QuadNoise noise = quad_noise();
+    vec3 sum = vec3(0.0);
+    for (int i = 0; i < LIGHT_COUNT; ++i) {
+        vec3 e = irradiance(lights[i], p, n);
+        bool wanted = used && max(max(e.r, e.g), e.b) > 0.0;
+        float v = visibility(lights[i], p, n, noise, wanted);
+        sum += wanted ? v * e : vec3(0.0);
+    }
+    light = vec4(sanitize_radiance(sum / PI), 1.0);
+}
