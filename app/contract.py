@@ -139,8 +139,8 @@ class ModelContract:
             most = MOST_TEXELS if spec.grid == CUBE else MOST_SURFELS
             need(spec.size is None if spec.grid == SCREEN else _whole(spec.size, most),
                  f"bad size {spec.size!r} of tensor {tensor!r}",
-                 f"texels along the edge of a face on the cube, 1 to {MOST_TEXELS}, the number of surfels on surfels and "
-                 f"rays, 1 to {MOST_SURFELS}, and no size on the screen")
+                 f"texels along the edge of a face on the cube, 1 to {MOST_TEXELS}, the number of surfels on surfels "
+                 f"and rays, 1 to {MOST_SURFELS}, and no size on the screen")
             need(_square(spec.rays) if spec.grid == RAYS else spec.rays is None,
                  f"bad rays {spec.rays!r} of tensor {tensor!r}", "a square number of rays a surfel on rays, else none")
             need(bool(spec.channels), f"tensor {tensor!r} has no channels", "at least one")

@@ -47,7 +47,8 @@ def declare(contract: ModelContract, size: tuple[int, int], extent: float) -> Pa
 
 def make(device: Device, bound: BoundPass, contract: ModelContract, grid: tuple[int, int],
          extent: float) -> Callable[[FrameState, Resources], None]:
-    packers = [_packer(device, bound, contract, t, grid, extent) for t, spec in contract.inputs.items() if spec.grid in SEEN]
+    packers = [_packer(device, bound, contract, t, grid, extent)
+               for t, spec in contract.inputs.items() if spec.grid in SEEN]
 
     def execute(frame: FrameState, resources: Resources) -> None:
         for pack in packers:

@@ -14,7 +14,7 @@ from app.gl.lights import LightSet
 from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
 from app.surfels.tracked import TrackedSurfels
-from app.surfels.world import PLACES, F32
+from app.surfels.world import F32, PLACES
 
 
 def declare(surfels: TrackedSurfels, lights: LightSet) -> Pass:

@@ -8,10 +8,9 @@ import numpy as np
 
 from app.channels import RAYS, SURFELS
 from app.contract import ModelContract
-from app.gl.context import Device
 from app.gl.frame_state import FrameState
 from app.gl.pool import Resources
-from app.graph import BoundPass, Buf, Pass
+from app.graph import Buf, Pass
 from app.surfels.tracked import TrackedSurfels
 from app.surfels.world import F32, WorldSurfels
 
@@ -19,7 +18,8 @@ from app.surfels.world import F32, WorldSurfels
 def declare(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, str], extent: float) -> Pass:
     """``names`` gives the graph's name of each tensor, ``extent`` is the scene's longest edge in scene units."""
     specs = {t: spec for t, spec in contract.inputs.items() if spec.grid in (SURFELS, RAYS)}
-    return Pass("surfels", reads=("surfel_light",), writes={names[t]: Buf(spec.shape((0, 0))) for t, spec in specs.items()},
+    return Pass("surfels", reads=("surfel_light",),
+                writes={names[t]: Buf(spec.shape((0, 0))) for t, spec in specs.items()},
                 make=lambda device, bound: make(surfels, contract, names, contract.scene_extent / extent))
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
+from app.errors import DeviceError
 from app.math3d import normal_matrix
-from app.scene import Instance, Material, Mesh, Scene, Texture
+from app.scene import Instance, Mesh, Scene, Texture
 from app.surfels.prefiltered import Prefiltered, texels
 
 F32 = NDArray[np.float32]
@@ -59,11 +59,9 @@ class Body:
         self._colors = _joined([p.colors for p in parts], (0, 4), np.float32)
         self._material = _joined([np.full(len(p.triangles), p.material) for p in parts], (0,), np.int64)
         self._mirrored = _joined([np.full(len(p.triangles), p.mirrored) for p in parts], (0,), np.bool_)
-        self._scene: EmbreeScene | None = None
-        if len(self.triangles):
-            self._scene = EmbreeScene()
-            TriangleMesh(self._scene, self.positions, self.triangles.astype(np.int32))
-        low, high = (self.positions.min(axis=0), self.positions.max(axis=0)) if len(self.positions) else (np.zeros(3),) * 2
+        self._scene = _embree_scene(self.positions, self.triangles) if len(self.triangles) else None
+        corners = self.positions if len(self.positions) else np.zeros((1, 3), np.float32)
+        low, high = corners.min(axis=0).astype(np.float64), corners.max(axis=0).astype(np.float64)
         self.centre, self.radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
         self._masked = np.array([m.alpha_cutoff is not None for m in self._materials], bool)
 
@@ -106,9 +104,9 @@ class Body:
 
     def transparent(self, triangle: Ints, uv: F32) -> NDArray[np.bool_]:
         """Where an alpha mask leaves nothing, shape (N,)."""
-        through = np.zeros(len(triangle), bool)
-        masked = (triangle >= 0) & self._masked[self._material[triangle]] if self._masked.any() else through
-        for index, rows in self._by_material(np.flatnonzero(masked), triangle):
+        through: NDArray[np.bool_] = np.zeros(len(triangle), np.bool_)
+        met = np.flatnonzero(triangle >= 0)
+        for index, rows in self._by_material(met[self._masked[self._material[triangle[met]]]], triangle):
             m = self._materials[index]
             alpha = np.full(len(rows), m.alpha, np.float32) * self._mix(self._colors, triangle[rows], uv[rows])[:, 3]
             if m.albedo_map is not None:
@@ -156,6 +154,18 @@ class Body:
         return zip(found.tolist(), np.split(rows[order], start[1:]), strict=True) if len(rows) else ()
 
 
+def _embree_scene(positions: F32, triangles: Ints) -> Any:
+    try:  # not before surfels are wanted
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+    except ImportError:
+        raise DeviceError("no ray tracer for a network that reads surfels", "embreex",
+                          "expected the package embreex, or --model radiosity") from None
+    scene = EmbreeScene()
+    TriangleMesh(scene, positions, triangles.astype(np.int32))
+    return scene
+
+
 @dataclass(frozen=True, eq=False)
 class _Part:
     positions: F32
@@ -171,7 +181,7 @@ def _part(scene: Scene, instance: Instance, matrix: F64) -> _Part:
     """One instance's mesh in the body's space, without triangles that have broken corners."""
     mesh: Mesh = scene.meshes[instance.mesh]
     count = len(mesh.positions)
-    sound = np.isfinite(mesh.positions).all(axis=1)
+    sound = np.asarray(np.isfinite(mesh.positions).all(axis=1))
     triangles = mesh.triangles[sound[mesh.triangles].all(axis=1)].astype(np.int64)
     with np.errstate(invalid="ignore"):
         positions = np.where(sound[:, None], mesh.positions, 0.0) @ matrix[:3, :3].T + matrix[:3, 3]
@@ -184,5 +194,5 @@ def _part(scene: Scene, instance: Instance, matrix: F64) -> _Part:
                  bool(np.linalg.det(matrix[:3, :3]) < 0))
 
 
-def _joined(arrays: list[NDArray[np.generic]], shape: tuple[int, ...], dtype: type) -> NDArray[np.generic]:
+def _joined(arrays: list[NDArray[Any]], shape: tuple[int, ...], dtype: type) -> NDArray[Any]:
     return np.concatenate([np.zeros(shape, dtype), *arrays]).astype(dtype, copy=False)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,7 +28,8 @@ class Bundle:
         _, normal = surfels.now()
         directions = hemisphere(normal, _squares(rng, len(normal), rays))
         self._body = np.repeat(surfels.body, rays)
-        self._directions = Carried(caster, np.zeros((len(self._body), 3), np.float32), directions.reshape(-1, 3), self._body)
+        nowhere = np.zeros((len(self._body), 3), np.float32)
+        self._directions = Carried(caster, nowhere, directions.reshape(-1, 3), self._body)
         self._rays = rays
         self._still = self._cast(np.flatnonzero(self._body == STILL), (STILL,))
 
@@ -56,8 +59,13 @@ class Bundle:
 
 
 def _squares(rng: np.random.Generator, count: int, rays: int) -> NDArray[np.float64]:
-    """Random numbers, shape (count, rays, 2), one in each square of a grid on [0, 1)²."""
-    side = round(rays**0.5)
+    """Random numbers, shape (count, rays, 2), one in each square of a grid on [0, 1)².
+
+    Each quarter of them has one in each square of a grid half as fine, if that is possible.
+    """
+    side = math.isqrt(rays)
     assert side * side == rays, "rays on a square grid"
-    square = np.stack(np.meshgrid(np.arange(side), np.arange(side)), axis=-1).reshape(1, rays, 2)
+    y, x = np.divmod(np.arange(rays), side)
+    order = np.lexsort((x, y, x % 2, y % 2)) if side % 2 == 0 else np.arange(rays)
+    square = np.stack([x, y], axis=-1)[order]
     return (square + rng.random((count, rays, 2))) / side

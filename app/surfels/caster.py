@@ -1,4 +1,4 @@
-"""Rays through a scene at a moment: everything that stands still in one Embree scene, each moving instance in its own."""
+"""Rays through a scene at a moment: all that stands still in one Embree scene, each moving instance in its own."""
 
 from __future__ import annotations
 
@@ -103,10 +103,9 @@ class Caster:
             Farthest distance to look at.
         """
         count = len(origins)
-        hits = Hits(*(np.zeros((count, 3), np.float32) for _ in range(4)),
-                    np.full(count, np.inf, np.float32), np.full(count, -1, np.int64))
-        if most is not None:
-            hits.distance[:] = most
+        position, normal, albedo, emission = np.zeros((4, count, 3), np.float32)
+        distance = np.full(count, np.inf, np.float32) if most is None else most.copy()
+        hits = Hits(position, normal, albedo, emission, distance, np.full(count, -1, np.int64))
         for index in range(len(self.bodies)) if bodies is None else bodies:
             self._cast_at(index, origins, directions, hits)
         seen = hits.body >= 0

@@ -50,7 +50,8 @@ def _blurred(pixels: NDArray[np.uint8] | F32) -> F32:
 
 
 def _nearest(pixels: NDArray[Any], texture: Texture, uv: F32) -> NDArray[Any]:
-    at = np.concatenate([uv, np.ones((len(uv), 1), np.float32)], axis=1) @ np.asarray(texture.transform, np.float64)[:2].T
+    transform = np.asarray(texture.transform, np.float64)
+    at = uv @ transform[:2, :2].T + transform[:2, 2]
     height, width = pixels.shape[:2]
     index = []
     for value, size, repeat in ((1 - at[:, 1], height, texture.repeat[1]), (at[:, 0], width, texture.repeat[0])):

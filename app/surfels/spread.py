@@ -29,7 +29,7 @@ def farthest(points: F32, count: int) -> Ints:
 
 
 def neighbour_distance(points: F32, rank: int) -> F32:
-    """Distance of each point to its ``rank``-th neighbour (1: the nearest), shape (N,); infinite where there is none."""
+    """Distance of each point to its ``rank``-th neighbour (1: the nearest), shape (N,); infinite without one."""
     found = np.full(len(points), np.inf, np.float32)
     if len(points) <= rank:
         return found

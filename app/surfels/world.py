@@ -1,4 +1,4 @@
-"""The surfels of a scene: where they are, what their traced rays meet, and the places where direct light falls on them."""
+"""The surfels of a scene: where they are, what their traced rays meet, and where direct light falls on them."""
 
 from __future__ import annotations
 

@@ -14,7 +14,8 @@ from app.surfels.kernel import DISTANCE, PLANE, TURN
 from export.models.finite import finite
 from export.models.network import Network
 
-COUNT, K = 2048, 36
+COUNT, K = 2048, 144
+SHARE = 4  # of the rays, one in so many carries bounces between surfels; all carry the last one
 BOUNCES = 4  # after the first; the rest is taken for a geometric series
 LARGEST_RATIO = 0.95  # of one bounce to the one before
 BLOCK = 256  # surfels at once, so that the weights stay in the cache
@@ -48,7 +49,8 @@ class Ember(Network):
                                            "surfel.radius", "surfel.weight"), SURFELS, surfels),
                     "rays": TensorSpec(("ray.surfel", "ray.albedo.rgb"), RAYS, surfels, rays)},
             outputs={"indirect": TensorSpec(("indirect.rgb",))},
-            scale=1 / 16, exposure="mean-radiance", bounces="multi", scene_extent=40.0, trained_on="nothing", licence="MIT")
+            scale=1 / 16, exposure="mean-radiance", bounces="multi", scene_extent=40.0,
+            trained_on="nothing", licence="MIT")
 
     def forward(self, screen: Tensor, surfels: Tensor, rays: Tensor) -> Tensor:
         """Light the points on the screen.
@@ -64,11 +66,15 @@ class Ember(Network):
         Tensor, float32, shape (1, 3, h, w)
             Indirect radiance / albedo; 0 in the sky.
         """
-        screen, surfels, rays = (finite(x, spec) for x, spec in zip((screen, surfels, rays), self.contract.inputs.values(),
-                                                                    strict=True))
-        position, normal, irradiance, glow, radius, weight = surfels[0].t().split((3, 3, 3, 3, 1, 1), dim=1)
-        indirect = all_bounces(irradiance, glow, rays[0, 0], rays[0, 1:].permute(1, 2, 0))
-        pixel_position, pixel_normal = screen[0].flatten(1).t().split(3, dim=1)
+        specs = self.contract.inputs
+        screen, surfels = finite(screen, specs["screen"]), finite(surfels, specs["surfels"])
+        position, normal, irradiance, glow, radius, weight = surfels[0].t().tensor_split((3, 6, 9, 12, 13), dim=1)
+        # What is no number ends in ``bounce``: these are so many that each step over them shows in the time of a frame.
+        index, albedo = rays[0, 0].long().clamp(0, len(position) - 1), rays[0, 1:].clamp(0, 1).permute(1, 2, 0)
+        few = index.shape[1] // SHARE
+        indirect = all_bounces(irradiance, glow, index[:, :few], albedo[:, :few])
+        indirect = glow + bounce(irradiance + indirect, index, albedo)
+        pixel_position, pixel_normal = screen[0].flatten(1).t().tensor_split(2, dim=1)
         light = carry(indirect, pixel_position, pixel_normal, position, normal, radius, weight)
         light = light * (pixel_normal.square().sum(dim=1, keepdim=True) > 0).to(screen)
         return light.t().reshape(1, 3, *screen.shape[2:])
@@ -86,26 +92,26 @@ def all_bounces(irradiance: Tensor, glow: Tensor, index: Tensor, albedo: Tensor)
     ----------
     irradiance, glow : Tensor, shape (S, 3)
         As radiance of a white surface: direct light, and light of what glows.
-    index : Tensor, shape (S, K)
-        The surfel that a ray meets; negative for none.
+    index : Tensor of int, shape (S, K)
+        The surfel that a ray meets; any for none.
     albedo : Tensor, shape (S, K, 3)
+        0 where a ray meets nothing.
     """
-    count, rays = index.shape
-    met = index.flatten().clamp(0, count - 1).long()
-    albedo = albedo * ((index >= 0) & (index < count)).to(albedo)[..., None] / rays
+    newest = glow + bounce(irradiance, index, albedo)
     twice = torch.cat([albedo, albedo], dim=2)  # broadcasting would take ten times as long
-
-    def bounce(light: Tensor, albedo: Tensor) -> Tensor:
-        return (light[met].reshape(count, rays, -1) * albedo).sum(dim=1)
-
-    newest = glow + bounce(irradiance, albedo)
     total, even, ratio = newest, torch.ones_like(newest), torch.zeros_like(newest)
     for _ in range(BOUNCES):
-        newest, dimmer = bounce(torch.cat([newest, even], dim=1), twice).split(3, dim=1)
+        newest, dimmer = bounce(torch.cat([newest, even], dim=1), index, twice).tensor_split(2, dim=1)
         total = total + newest
         ratio = (dimmer / even.clamp(min=1e-6)).clamp(max=LARGEST_RATIO)
         even = dimmer
     return total + newest * ratio / (1 - ratio)
+
+
+def bounce(light: Tensor, index: Tensor, albedo: Tensor) -> Tensor:
+    """Mean over each surfel's rays of albedo times the light [S, C] of what the ray meets; ``albedo`` is [S, K, C]."""
+    mean = (light[index.flatten()].reshape(albedo.shape) * albedo).mean(dim=1)
+    return mean.masked_fill(mean.isnan(), 0.0)
 
 
 def carry(light: Tensor, pixel_position: Tensor, pixel_normal: Tensor, position: Tensor, normal: Tensor, radius: Tensor,
@@ -123,8 +129,8 @@ def carry(light: Tensor, pixel_position: Tensor, pixel_normal: Tensor, position:
     radius, weight : Tensor, shape (S, 1)
     """
     scale = 1 / radius.clamp(min=1e-6).square()
-    x, y, z = position.split(1, dim=1)
-    a, b, c = pixel_normal.split(1, dim=1)
+    x, y, z = position.tensor_split(3, dim=1)
+    a, b, c = pixel_normal.tensor_split(3, dim=1)
     off = (pixel_position * pixel_normal).sum(dim=1, keepdim=True)
     square = position.square().sum(dim=1, keepdim=True)
     own = pixel_position.square().sum(dim=1, keepdim=True)
