@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 FRAME_SECONDS = 1 / 30
 SETTLE_STILL = 16
-DEFAULT_MODEL = "radiosity"
+DEFAULT_MODEL = "ember"
 GEOMETRY = ("depth", "position", "motion")
 
 SCENE, PICTURE, NETWORK, INSIGHT = "Scene", "Picture", "Network and device", "Insight"
