@@ -21,7 +21,7 @@ pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
 SIZE = (256, 192)
 FRAME = 1 / 30
-MODELS = ["none", "radiosity"]
+MODELS = ["none", "radiosity", "ember"]
 BOX = embedded_scene()
 CAMERA = BOX.cameras[BOX.default_camera].at(0.0)
 
@@ -41,7 +41,7 @@ def supersampled(model: str, size: tuple[int, int]) -> NDArray[np.uint8]:
 
 
 @pytest.mark.parametrize(("model", "size"), [
-    ("none", (256, 192)), ("radiosity", (256, 192)),
+    ("none", (256, 192)), ("radiosity", (256, 192)), ("ember", (256, 192)),
     pytest.param("radiosity", (1024, 768), marks=pytest.mark.long),
 ])
 def test_a_still_camera_converges(model: str, size: tuple[int, int]) -> None:
@@ -79,7 +79,7 @@ def film(scene: Scene, model: str, cut: bool) -> list[Images]:
 
 
 @pytest.mark.parametrize(("casts", "model"), [
-    (False, "none"), (True, "none"),
+    (False, "none"), (True, "none"), (True, "ember"),
     pytest.param(True, "radiosity", marks=pytest.mark.xfail(reason=(
         "the surfels that radiosity picks differ from frame to frame while an object crosses the picture: the 99th "
         "percentile in the second frame is about 7 %, and so is that of the render without history"))),
