@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.channels import RAYS, SURFELS
 from app.contract import ModelContract
@@ -35,12 +37,16 @@ def make(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, str]
             light[:] = [(state, _mean_light(resources, world))]
         for tensor, spec in contract.inputs.items():
             if spec.grid == SURFELS:
-                rows = [_on_surfels(name, world, frame, extent, light[0][1]) for name in spec.channels]
-                resources.buffer(names[tensor]).write(np.concatenate(rows, axis=1).T.astype(np.float32).tobytes())
+                values = {name: _on_surfels(name, world, frame, extent, light[0][1]) for name in spec.channels}
             elif spec.grid == RAYS and written.get(tensor) != surfels.version:
-                planes = [_on_rays(name, world) for name in spec.channels]
-                resources.buffer(names[tensor]).write(np.concatenate(planes).astype(np.float32).tobytes())
+                values = {"ray.surfel": world.index[None], "ray.albedo.rgb": np.moveaxis(world.albedo, -1, 0)}
                 written[tensor] = surfels.version
+            else:
+                continue
+            planes = np.empty(spec.shape((0, 0)), np.float32)
+            for name, rows in spec.rows():
+                planes[rows] = values[name]
+            resources.buffer(names[tensor]).write(planes)
 
     return execute
 
@@ -56,26 +62,22 @@ def _mean_light(resources: Resources, world: WorldSurfels) -> F32:
                     axis=1).astype(np.float32)
 
 
-def _on_surfels(name: str, world: WorldSurfels, frame: FrameState, extent: float, light: F32) -> F32:
-    """A channel, shape (S, components)."""
+def _on_surfels(name: str, world: WorldSurfels, frame: FrameState, extent: float, light: F32) -> NDArray[Any]:
+    """A channel, shape (components, S)."""
     match name:
         case "position.view.xyz":
             used = world.weight[:, None] > 0
             relative = world.position + (world.origin - frame.view.eye)
-            return np.where(used, relative @ frame.view.rotation.T * extent, 0.0).astype(np.float32)
+            return np.where(used, relative @ frame.view.rotation.T * extent, 0.0).T
         case "normal.view.xyz":
-            return (world.normal @ frame.view.rotation.T).astype(np.float32)
+            return (world.normal @ frame.view.rotation.T).T
         case "irradiance.rgb":
-            return light
+            return light.T
         case "glow.rgb":
-            return world.glow * np.float32(frame.lights.scale)
+            return world.glow.T * np.float32(frame.lights.scale)
         case "surfel.radius":
-            return world.radius[:, None] * np.float32(extent)
+            return world.radius[None] * np.float32(extent)
         case "surfel.weight":
-            return world.weight[:, None]
+            return world.weight[None]
     raise AssertionError(name)
 
-
-def _on_rays(name: str, world: WorldSurfels) -> F32:
-    """A channel, shape (components, S, K)."""
-    return world.index[None] if name == "ray.surfel" else np.moveaxis(world.albedo, -1, 0)

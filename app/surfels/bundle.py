@@ -1,17 +1,39 @@
-"""The rays of all surfels, traced once through what stands still and again only where things move."""
+"""The rays of all surfels, traced once through what stands still, and each frame only where things move."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.surfels.carried import Carried
-from app.surfels.caster import STILL, Caster, Hits
+from app.surfels.caster import STILL, Caster, Hits, joined
 from app.surfels.walk import hemisphere
 
 F32 = NDArray[np.float32]
+Ints = NDArray[np.int64]
+
+SHARE = 4  # a surfel that rides traces one in so many of its rays, each of which counts as often
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """Rays that end elsewhere than on what stands still.
+
+    Attributes
+    ----------
+    ray : ndarray of int, shape (M,)
+        Numbers of the rays.
+    hits : Hits
+    hit : ndarray of int, shape (M,)
+        Which of the hits is the end of each ray.
+    """
+
+    ray: Ints
+    hits: Hits
+    hit: Ints
 
 
 class Bundle:
@@ -21,41 +43,55 @@ class Bundle:
     ----------
     rays : int
         Of a surfel, K; a square number.
+
+    Attributes
+    ----------
+    still : Hits
+        Where the rays, N · K sorted by surfel, end on what stands still.
     """
 
     def __init__(self, caster: Caster, surfels: Carried, rays: int, rng: np.random.Generator) -> None:
-        self._caster, self._surfels = caster, surfels
-        _, normal = surfels.now()
-        directions = hemisphere(normal, _squares(rng, len(normal), rays))
-        self._body = np.repeat(surfels.body, rays)
-        nowhere = np.zeros((len(self._body), 3), np.float32)
-        self._directions = Carried(caster, nowhere, directions.reshape(-1, 3), self._body)
-        self._rays = rays
-        self._still = self._cast(np.flatnonzero(self._body == STILL), (STILL,))
+        self._caster, self._surfels, self._rays = caster, surfels, rays
+        self._traced = rays // SHARE if rays % SHARE == 0 else rays
+        position, normal = surfels.now()
+        origins, directions = position + normal * caster.skin, hemisphere(normal, _squares(rng, len(normal), rays))
+        self.still = caster.cast(np.repeat(origins, rays, axis=0), directions.reshape(-1, 3), (STILL,))
+        self._standing, self._riding = np.flatnonzero(surfels.body == STILL), np.flatnonzero(surfels.body != STILL)
+        self._origins, self._directions = origins[self._standing], directions[self._standing]
+        turning = directions[self._riding, :self._traced].reshape(-1, 3)
+        body = np.repeat(surfels.body[self._riding], self._traced)
+        self._turning = Carried(caster, np.zeros_like(turning), turning, body)
 
-    def trace(self) -> Hits:
-        """Where the rays end while the bodies are where they are now; N · K rows, sorted by surfel."""
-        if len(self._caster.bodies) == 1:
-            return self._still
-        moving = tuple(range(1, len(self._caster.bodies)))
-        rows = np.flatnonzero(self._body == STILL)
-        before = self._cast(rows, moving, self._still.distance)
-        stands = before.body < 0
-        found = [np.where(stands.reshape(-1, *[1] * (a.ndim - 1)), a, b)
-                 for a, b in zip(self._still.arrays(), before.arrays(), strict=True)]
-        riding = np.flatnonzero(self._body != STILL)
-        merged = []
-        for a, b in zip(found, self._cast(riding).arrays(), strict=True):
-            both = np.empty((len(self._body), *a.shape[1:]), a.dtype)
-            both[rows], both[riding] = a, b
-            merged.append(both)
-        return Hits(*merged)
-
-    def _cast(self, rows: NDArray[np.int64], bodies: tuple[int, ...] | None = None, most: F32 | None = None) -> Hits:
+    def moved(self) -> Moved:
+        """Rays whose ends depend on what moves, while the bodies are where they are now."""
+        standing, before = self._before()
         position, normal = self._surfels.now()
-        of = rows // self._rays
-        origins = position[of] + normal[of] * self._caster.skin
-        return self._caster.cast(origins, self._directions.now()[1][rows], bodies, most)
+        origins = (position + normal * self._caster.skin)[self._riding]
+        ends = self._caster.cast(np.repeat(origins, self._traced, axis=0), self._turning.now()[1])
+        ray = np.arange(self._rays)
+        riding = (self._riding[:, None] * self._rays + ray).ravel()
+        hit = (np.arange(len(self._riding))[:, None] * self._traced + ray % self._traced).ravel()
+        return Moved(np.concatenate([standing, riding]), joined([before, ends]),
+                     np.concatenate([np.arange(len(standing)), len(standing) + hit]))
+
+    def _before(self) -> tuple[Ints, Hits]:
+        """Rays of standing surfels that meet a moving body before what stands still, and where."""
+        distance = self.still.distance.reshape(-1, self._rays)[self._standing]
+        near = np.zeros(distance.shape, bool)
+        moving = tuple(range(1, len(self._caster.bodies)))
+        for index in moving:
+            near |= self._meets_ball(*self._caster.ball(index), distance)
+        surfel, ray = np.nonzero(near)
+        hits = self._caster.cast(self._origins[surfel], self._directions[surfel, ray], moving, distance[near])
+        met = hits.body >= 0
+        return (self._standing[surfel] * self._rays + ray)[met], hits.rows(met)
+
+    def _meets_ball(self, centre: F32, radius: float, distance: F32) -> NDArray[np.bool_]:
+        """Rays of standing surfels, shape (N, K), that may meet a ball before ``distance``."""
+        to = centre - self._origins
+        along = (self._directions @ to[:, :, None])[..., 0]
+        off = (to**2).sum(axis=1, keepdims=True) - along**2
+        return np.asarray((off <= radius**2) & (along > -radius) & (along - radius <= distance))
 
 
 def _squares(rng: np.random.Generator, count: int, rays: int) -> NDArray[np.float64]:

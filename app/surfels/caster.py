@@ -113,10 +113,16 @@ class Caster:
         hits.position[seen] = origins[seen] + directions[seen] * hits.distance[seen, None]
         return hits
 
+    def ball(self, index: int) -> tuple[F32, float]:
+        """Centre in local space, shape (3,), and radius of a ball around body ``index``."""
+        body, matrix = self.bodies[index], self.matrices[index]
+        scale = float(np.linalg.norm(matrix[:3, :3], axis=0).max())
+        return (matrix[:3, :3] @ body.centre + matrix[:3, 3]).astype(np.float32), 1.001 * scale * body.radius
+
     def _cast_at(self, index: int, origins: F32, directions: F32, hits: Hits) -> None:
         """Note in ``hits`` where body ``index`` is nearer than what is noted there."""
         body, matrix = self.bodies[index], self.matrices[index]
-        rows = _towards(body.centre, body.radius, matrix, origins, directions, hits.distance)
+        rows = _towards(*self.ball(index), origins, directions, hits.distance)
         inverse = np.linalg.inv(matrix) if index != STILL else matrix
         start, along = origins[rows], directions[rows]
         if index != STILL:
@@ -140,16 +146,14 @@ class Caster:
             rows, start, along, step = rows[masked], start[masked], along[masked], step[masked]
 
 
-def _towards(centre: F64, radius: float, matrix: F64, origins: F32, directions: F32, most: F32) -> Ints:
-    """Rays that meet the ball around a body before ``most``."""
-    scale = float(np.linalg.norm(matrix[:3, :3], axis=0).max())
-    to = (matrix[:3, :3] @ centre + matrix[:3, 3]).astype(np.float32) - origins
+def _towards(centre: F32, radius: float, origins: F32, directions: F32, most: F32) -> Ints:
+    """Rays that may meet a ball before ``most``."""
+    to = centre - origins
     along = (to * directions).sum(axis=1) / np.maximum((directions**2).sum(axis=1), 1e-30)
     off = ((to - directions * along[:, None])**2).sum(axis=1)
-    reach = 1.001 * scale * radius
-    inside = (to**2).sum(axis=1) <= reach**2
-    near = along - reach / np.maximum(np.linalg.norm(directions, axis=1), 1e-30) <= most
-    return np.flatnonzero(inside | ((off <= reach**2) & (along > 0) & near))
+    inside = (to**2).sum(axis=1) <= radius**2
+    near = along - radius / np.maximum(np.linalg.norm(directions, axis=1), 1e-30) <= most
+    return np.flatnonzero(inside | ((off <= radius**2) & (along > 0) & near))
 
 
 def turned(normals: F32, matrix: F64) -> F32:

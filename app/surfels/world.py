@@ -74,6 +74,10 @@ class WorldSurfels:
         self.radius = self._padded(np.minimum(reach, scene.longest_edge), gap)
         self._seat_places(found, chosen)
         self._rays = Bundle(self._caster, self._surfels, rays, rng)
+        self._still_index = self._nearest(self._rays.still)
+        middle = np.median(self._rays.still.distance.reshape(self.used, rays), axis=1)
+        self.weight = self._padded(np.minimum(middle / self.radius[:self.used], 1.0))
+        self.glow = np.zeros((count, 3), np.float32)
         glows = any(m.emits and not m.analytic for m in scene.materials)
         self._glow_rays = Bundle(self._caster, self._surfels, GLOW_RAYS, rng) if glows else None
         self._trace()
@@ -117,16 +121,15 @@ class WorldSurfels:
         self.place_position, self.place_normal = self._places.now()
 
     def _trace(self) -> None:
-        hits = self._rays.trace()
-        shape = self.used, self.rays
-        self.index = self._padded(self._nearest(hits).reshape(shape), -1)
-        self.albedo = self._padded(hits.albedo.reshape(*shape, 3))
-        middle = np.median(hits.distance.reshape(shape), axis=1)
-        self.weight = self._padded(np.minimum(middle / self.radius[:self.used], 1.0).astype(np.float32))
-        glow = np.zeros((self.used, 3), np.float32)
+        moved = self._rays.moved()
+        index, albedo = self._still_index.copy(), self._rays.still.albedo.copy()
+        index[moved.ray], albedo[moved.ray] = self._nearest(moved.hits)[moved.hit], moved.hits.albedo[moved.hit]
+        self.index = self._padded(index.reshape(self.used, self.rays), -1)
+        self.albedo = self._padded(albedo.reshape(self.used, self.rays, 3))
         if self._glow_rays is not None:
-            glow = self._glow_rays.trace().emission.reshape(self.used, GLOW_RAYS, 3).mean(axis=1)
-        self.glow = self._padded(glow)
+            moved, glow = self._glow_rays.moved(), self._glow_rays.still.emission.copy()
+            glow[moved.ray] = moved.hits.emission[moved.hit]
+            self.glow = self._padded(glow.reshape(self.used, GLOW_RAYS, 3).mean(axis=1))
 
     def _nearest(self, hits: Hits) -> Ints:
         """The surfel of the same body that weighs most at each hit; -1 where there is none."""
