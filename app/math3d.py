@@ -77,8 +77,7 @@ def affine_inverse(m: F64) -> F64 | None:
     """Inverse of the affine matrix ``m``, shape (4, 4); None where it flattens what it moves."""
     if np.linalg.matrix_rank(m[:3, :3]) < 3:
         return None
-    inverse: F64 = np.linalg.inv(m)
-    return inverse
+    return np.asarray(np.linalg.inv(m), np.float64)
 
 
 def frustum_planes(clip: F64) -> F64:
