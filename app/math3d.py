@@ -73,6 +73,13 @@ def normal_matrix(m: F64) -> F64:
     return np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
 
 
+def affine_inverse(m: F64) -> F64 | None:
+    """Inverse of the affine matrix ``m``, shape (4, 4); None where it flattens what it moves."""
+    if np.linalg.matrix_rank(m[:3, :3]) < 3:
+        return None
+    return np.asarray(np.linalg.inv(m), np.float64)
+
+
 def frustum_planes(clip: F64) -> F64:
     """The six planes, shape (6, 4), of clip matrix ``clip``; a point p is inside where plane · (p, 1) >= 0."""
     x, y, z, w = clip

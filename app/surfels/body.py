@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.channels import HALF_MAX
 from app.errors import DeviceError
 from app.math3d import normal_matrix
 from app.scene import Instance, Mesh, Scene, Texture
@@ -188,10 +189,15 @@ def _part(scene: Scene, instance: Instance, matrix: F64) -> _Part:
         normals = np.nan_to_num(mesh.normals, nan=0.0, posinf=0.0, neginf=0.0) @ normal_matrix(matrix).T
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = normals / np.maximum(length, 1e-30)
-    uvs = np.zeros((count, 2), np.float32) if mesh.uvs is None else np.nan_to_num(mesh.uvs)
-    colors = np.ones((count, 4), np.float32) if mesh.colors is None else np.nan_to_num(mesh.colors)
+    uvs = np.zeros((count, 2), np.float32) if mesh.uvs is None else _bounded(mesh.uvs, -HALF_MAX)
+    colors = np.ones((count, 4), np.float32) if mesh.colors is None else _bounded(mesh.colors, 0.0)
     return _Part(positions.astype(np.float32), normals.astype(np.float32), uvs, colors, triangles, mesh.material,
                  bool(np.linalg.det(matrix[:3, :3]) < 0))
+
+
+def _bounded(values: F32, low: float) -> F32:
+    """Numbers between ``low`` and the largest half float, between which corners can be mixed."""
+    return np.nan_to_num(values).clip(np.float32(low), np.float32(HALF_MAX))
 
 
 def _joined(arrays: list[NDArray[Any]], shape: tuple[int, ...], dtype: type) -> NDArray[Any]:

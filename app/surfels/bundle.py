@@ -97,11 +97,12 @@ class Bundle:
 def _squares(rng: np.random.Generator, count: int, rays: int) -> NDArray[np.float64]:
     """Random numbers, shape (count, rays, 2), one in each square of a grid on [0, 1)².
 
-    Each quarter of them has one in each square of a grid half as fine, if that is possible.
+    Each quarter of them has one in each square of a grid half as fine where the grid's side is a multiple of 4.
     """
     side = math.isqrt(rays)
     assert side * side == rays, "rays on a square grid"
     y, x = np.divmod(np.arange(rays), side)
-    order = np.lexsort((x, y, x % 2, y % 2)) if side % 2 == 0 else np.arange(rays)
+    # Which of four neighbouring squares a quarter takes alternates, or it would lean to one side.
+    order = np.lexsort((x, y, (x + y // 2) % 2, (y + x // 2) % 2)) if side % 2 == 0 else np.arange(rays)
     square = np.stack([x, y], axis=-1)[order]
     return (square + rng.random((count, rays, 2))) / side

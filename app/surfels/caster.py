@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.math3d import normal_matrix, translation
+from app.math3d import affine_inverse, normal_matrix, translation
 from app.scene import Scene
 from app.surfels.body import Body
 from app.surfels.prefiltered import Prefiltered
@@ -122,8 +122,10 @@ class Caster:
     def _cast_at(self, index: int, origins: F32, directions: F32, hits: Hits) -> None:
         """Note in ``hits`` where body ``index`` is nearer than what is noted there."""
         body, matrix = self.bodies[index], self.matrices[index]
+        inverse = affine_inverse(matrix)
+        if inverse is None:
+            return  # scaled to nothing
         rows = _towards(*self.ball(index), origins, directions, hits.distance)
-        inverse = np.linalg.inv(matrix) if index != STILL else matrix
         start, along = origins[rows], directions[rows]
         if index != STILL:
             start = (start @ inverse[:3, :3].T + inverse[:3, 3]).astype(np.float32)

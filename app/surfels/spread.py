@@ -23,7 +23,7 @@ def farthest(points: F32, count: int) -> Ints:
     for _ in range(min(count, len(points))):
         chosen.append(index)
         np.minimum(distance, square - 2 * (points @ points[index]) + square[index], out=distance)
-        distance[index] = -1
+        distance[index] = -np.inf
         index = int(distance.argmax())
     return np.array(chosen, np.int64)
 

@@ -102,7 +102,8 @@ class WorldSurfels:
         hits = hits.rows(hits.body >= 0)
         surfel = self._nearest(hits)
         away = np.linalg.norm(hits.position - self.position[surfel], axis=1)
-        bare = (surfel < 0) | (away > FAR * self.radius[surfel])
+        behind = (hits.normal * self.normal[surfel]).sum(axis=1) < 0  # of a wall between two rooms
+        bare = (surfel < 0) | (away > FAR * self.radius[surfel]) | behind
         return not bare.any() or float(bare.mean()) < MOST_BARE
 
     def _fill_surfels(self) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -70,19 +72,19 @@ def test_a_lamp_in_a_closed_box_keeps_its_energy(rho: float, lamp: Point, eye: P
                        [PointLight(lamp, (100.0, 100.0, 100.0))])
     mean = 4 * np.pi * 100 / (6 * 40**2) / np.pi
     for name, truth in (("gather", mean * rho), ("radiosity", mean * rho / (1 - rho))):
-        share = mean_over_walls(scene, eye, name) / truth
+        share = mean_over_walls(scene, eye, find_model(name)) / truth
         print(f"LAMP {name} {rho}: {share - 1:+.2%}")
         assert share == pytest.approx(1, rel=0.10)
         assert share <= 1.01  # quadrature; energy itself is bounded
 
 
-def mean_over_walls(scene: Scene, eye: Point, name: str) -> float:
+def mean_over_walls(scene: Scene, eye: Point, model: Path) -> float:
     """Mean of ``indirect`` over all surfaces, by six views of 90° that cover all directions."""
     at = 2 * (np.arange(VIEW) + 0.5) / VIEW - 1
     solid_angle = (2 / VIEW) ** 2 / (1 + at[:, None] ** 2 + at[None, :] ** 2) ** 1.5
     settings = Settings(size=(VIEW, VIEW), outputs=("indirect", "position", "normal"), taa=False, provider="cpu")
     total = area = 0.0
-    with Renderer(scene, settings, find_model(name)) as renderer:
+    with Renderer(scene, settings, model) as renderer:
         for forward, up in CUBE_FACES:
             view = renderer.render(Camera(eye, tuple(np.asarray(eye) + forward), tuple(up), 90.0))
             to = view["position"] - np.asarray(eye)

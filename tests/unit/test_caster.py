@@ -1,0 +1,209 @@
+"""Rays through scenes of a few triangles, against where they must end and what they must find there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.scene import Material, Mesh, Motion, Scene, Texture
+from app.surfels.caster import Caster, Hits
+from tests.gl.scenes import F32, GREY, Part, Point, box, make_scene, moved, quad, slide
+
+WALL = ((-1, -1, 0), (2, 0, 0), (0, 2, 0))  # 2 × 2 around the origin; its front faces +z
+FRONT, BACK = (0, 0, 3), (0, 0, -3)
+
+
+def cast(scene: Scene, origins: Iterable[Point], targets: Iterable[Point], time: float = 0.0) -> Hits:
+    """Rays from world-space points towards others, in steps of their distance; hit positions in world space."""
+    caster = Caster(scene)
+    caster.place(time)
+    start, end = (np.array(list(p), np.float64) - caster.origin for p in (origins, targets))
+    hits = caster.cast(start.astype(np.float32), (end - start).astype(np.float32))
+    return replace(hits, position=hits.position + caster.origin)
+
+
+def wall(material: Material = GREY, corner: Point = WALL[0], motion: Motion | None = None) -> Part:
+    return quad(corner, *WALL[1:], material, motion)
+
+
+def with_mesh(scene: Scene, index: int = 0, **changes: object) -> Scene:
+    meshes = list(scene.meshes)
+    meshes[index] = replace(meshes[index], **changes)
+    return replace(scene, meshes=tuple(meshes))
+
+
+def texture(texels: list[list[Point]], **options: object) -> Texture:
+    pixels = np.ones((len(texels), len(texels[0]), 4), np.float32)
+    pixels[..., :3] = texels
+    return Texture(pixels, **options)  # type: ignore[arg-type]
+
+
+def test_the_nearest_of_two_walls_is_met_and_the_sky_behind_none() -> None:
+    scene = make_scene([wall(), wall(corner=(-1, -1, -2))])
+    hits = cast(scene, [FRONT, BACK, FRONT, FRONT], [(0.5, 0.25, 0), (0, 0, 0), (5, 0, 0), (0, 0, 9)])
+    np.testing.assert_allclose(hits.distance, [1, 1 / 3, np.inf, np.inf], rtol=1e-6)
+    np.testing.assert_allclose(hits.position[:2], [(0.5, 0.25, 0), (0, 0, -2)], atol=1e-6)
+    assert hits.body.tolist() == [0, 0, -1, -1]
+    assert not hits.albedo[2:].any() and not hits.normal[2:].any()
+
+
+def test_normals_face_the_origin_of_the_ray() -> None:
+    flat = make_scene([wall()])
+    slanted = np.full((6, 3), (0.6, 0, 0.8), np.float32)
+    for scene, front in ((flat, (0, 0, 1)), (with_mesh(flat, normals=slanted), (0.6, 0, 0.8))):
+        hits = cast(scene, [FRONT, BACK], [(0.1, 0, 0)] * 2)
+        np.testing.assert_allclose(hits.normal, [front, np.negative(front)], atol=1e-6)
+
+
+def test_normals_of_a_stretched_instance_are_perpendicular_to_it() -> None:
+    roof = quad((0, 0, 0), (1, 1, 0), (0, 0, -1))
+    stretched = replace(roof, place=np.diag([3.0, 1, 1, 1]))
+    normals = np.full((6, 3), (-(0.5**0.5), 0.5**0.5, 0), np.float32)
+    hits = cast(with_mesh(make_scene([stretched]), normals=normals), [(1.5, 4, -0.5)], [(1.5, 0.5, -0.5)])
+    np.testing.assert_allclose(hits.normal[0], np.array([-1, 3, 0]) / 10**0.5, atol=1e-6)
+
+
+def test_albedo_is_material_times_texture_times_vertex_colour() -> None:
+    stripes = texture([[(1, 0.5, 0), (0, 0.5, 1)]])
+    scene = make_scene([wall(replace(GREY, albedo_map=stripes))])
+    colors = np.full((6, 4), (0.5, 1, 1, 1), np.float32)
+    hits = cast(with_mesh(scene, colors=colors), [FRONT] * 2, [(-0.5, 0, 0), (0.5, 0, 0)])
+    np.testing.assert_allclose(hits.albedo, [(0.25, 0.25, 0), (0, 0.25, 0.5)], atol=1e-6)
+
+
+def test_vertex_colours_are_interpolated() -> None:
+    scene = make_scene([wall()])
+    across = (scene.meshes[0].positions[:, :1] + 1) / 2
+    colors = np.concatenate([np.repeat(across, 3, 1), np.ones((6, 1))], 1).astype(np.float32)
+    hits = cast(with_mesh(scene, colors=colors), [FRONT] * 3, [(-0.5, 0, 0), (0, 0.5, 0), (0.8, 0.1, 0)])
+    np.testing.assert_allclose(hits.albedo[:, 0], 0.5 * np.array([0.25, 0.5, 0.9]), atol=1e-6)
+
+
+def test_rays_pass_where_an_alpha_mask_leaves_nothing() -> None:
+    half = texture([[(1, 1, 1), (1, 1, 1)]])
+    half.pixels[:, 0, 3] = 0.25
+    masked = replace(GREY, albedo=(0.9,) * 3, alpha_cutoff=0.5, albedo_map=half)
+    fences = [wall(masked, (-1, -1, z)) for z in (0.5, 1.0, 1.5)]
+    hits = cast(make_scene([wall(), *fences]), [FRONT, FRONT], [(-0.3, 0, 0), (0.3, 0, 0)])
+    np.testing.assert_allclose(hits.distance, [1, 0.5], rtol=1e-5)
+    np.testing.assert_allclose(hits.albedo[:, 0], [0.5, 0.9], rtol=1e-6)
+    assert cast(make_scene([wall(replace(masked, alpha=0.4))]), [FRONT], [(0.3, 0, 0)]).body[0] == -1
+    assert cast(make_scene([wall(replace(masked, alpha_cutoff=None))]), [FRONT], [(-0.3, 0, 0)]).body[0] == 0
+
+
+@pytest.mark.parametrize("mirror", [False, True])
+@pytest.mark.parametrize("moves", [False, True])
+def test_a_single_sided_lamp_shines_to_its_front_only(mirror: bool, moves: bool) -> None:
+    place = np.diag([-1.0 if mirror else 1.0, 1, 1, 1])
+    motion = slide((0.0, 1.0), [(0, 0, 0), (0, 0, 1e-9)]) if moves else None
+    for both in (False, True):
+        lamp = Material(emission=(2.0, 1.0, 0.5), double_sided=both)
+        scene = make_scene([replace(wall(lamp, motion=motion), place=place)])
+        hits = cast(scene, [FRONT, BACK], [(0.1, 0, 0)] * 2)
+        np.testing.assert_allclose(hits.emission, [(2, 1, 0.5), (2, 1, 0.5) if both else (0, 0, 0)])
+        np.testing.assert_allclose(hits.normal, [(0, 0, 1), (0, 0, -1)], atol=1e-6)
+
+
+def test_emission_takes_its_texture() -> None:
+    lamp = Material(emission=(4.0,) * 3, emission_map=texture([[(1, 0, 0)], [(0, 0.5, 0)]]))
+    hits = cast(make_scene([wall(lamp)]), [FRONT] * 2, [(0, 0.5, 0), (0, -0.5, 0)])
+    np.testing.assert_allclose(hits.emission, [(4, 0, 0), (0, 2, 0)])
+
+
+def test_an_emitter_that_is_an_analytic_light_is_not_there() -> None:
+    lamp = Material(emission=(9.0,) * 3, analytic=True)
+    hits = cast(make_scene([wall(), wall(lamp, (-1, -1, 1))]), [FRONT], [(0, 0, 0)])
+    assert hits.distance[0] == pytest.approx(1)
+    assert not hits.emission.any()
+
+
+def test_a_moving_body_is_met_where_it_is() -> None:
+    slab = box((-0.5, -0.5, -0.1), (1, 1, 0.2), replace(GREY, albedo=(0.1, 0.2, 0.3)),
+               slide((0.0, 1.0), [(-4, 0, 1), (4, 0, 1)]))
+    scene = make_scene([quad((-5, -1, 0), (10, 0, 0), (0, 2, 0)), slab])
+    origins, targets = [(-4, 0, 3), (0, 0, 3), (4, 0, 3)], [(-4, 0, 0), (0, 0, 0), (4, 0, 0)]
+    for time, where in ((0.0, 0), (0.5, 1), (1.0, 2)):
+        hits = cast(scene, origins, targets, time)
+        assert hits.body.tolist() == [int(i == where) for i in range(3)]
+        np.testing.assert_allclose(hits.position[:, 2], [1.1 if i == where else 0 for i in range(3)], atol=1e-6)
+        np.testing.assert_allclose(hits.albedo[where], (0.1, 0.2, 0.3))
+        np.testing.assert_allclose(hits.normal, [(0, 0, 1)] * 3, atol=1e-6)
+
+
+def test_a_turned_and_scaled_body_has_its_normals_turned() -> None:
+    quarter = np.array([[0, 0, 2, 0], [0, 2, 0, 0], [-2, 0, 0, 0], [0, 0, 0, 1.0]])  # +z to +x, twice as large
+    scene = make_scene([wall(motion=Motion(np.array([0.0, 1.0]), np.stack([np.eye(4), quarter])))])
+    hits = cast(scene, [(3, 1.5, 1.5), (-3, 0, 0)], [(0, 1.5, 1.5), (0, 0, 0)], 1.0)
+    np.testing.assert_allclose(hits.distance, [1, 1], rtol=1e-6)
+    np.testing.assert_allclose(hits.normal, [(1, 0, 0), (-1, 0, 0)], atol=1e-6)
+
+
+def test_a_body_scaled_to_nothing_is_not_there() -> None:
+    gone = Motion(np.array([0.0, 1.0]), np.stack([np.diag([0.0, 0, 0, 1]), np.eye(4)]))
+    scene = make_scene([wall(), wall(corner=(-1, -1, 1), motion=gone)])
+    assert cast(scene, [FRONT], [(0, 0, 0)], 0.0).distance[0] == pytest.approx(1)
+    assert cast(scene, [FRONT], [(0, 0, 0)], 1.0).distance[0] == pytest.approx(2 / 3)
+
+
+def test_a_scene_far_away_is_met_as_well() -> None:
+    near = make_scene([wall(), box((-0.4, -0.4, 0.2), (0.8, 0.8, 0.5), motion=slide((0.0, 1.0), [(0, 0, 0)] * 2))])
+    offset = (1e6, -2e6, 3e6)
+    rng = np.random.default_rng(0)
+    targets = rng.uniform(-0.9, 0.9, (100, 3)) * (1, 1, 0)
+    origins = targets + np.array((0.3, 0.1, 2.0))
+    here = cast(near, origins, targets)
+    there = cast(moved(near, offset), origins + offset, targets + offset)
+    assert (here.body == there.body).all() and set(here.body) == {0, 1}
+    np.testing.assert_allclose(there.distance, here.distance, rtol=1e-5)
+
+
+def test_broken_triangles_are_left_out() -> None:
+    corners = np.array([[(-1, -1, 0), (1, -1, 0), (0, 1, 0)],        # sound
+                        [(np.nan, -1, 1), (1, -1, 1), (0, 1, 1)],    # nowhere
+                        [(-1, -1, 1), (np.inf, -1, 1), (0, 1, 1)],   # endless
+                        [(-1, 0, 1), (0, 0, 1), (1, 0, 1)],          # a line
+                        [(0, 0, 2), (0, 0, 2), (0, 0, 2)]], float)   # a point
+    hits = cast(make_scene([Part(corners)]), [FRONT] * 2, [(0.05, -0.1, 0), (0, 0, 0)])
+    np.testing.assert_allclose(hits.distance, 1, rtol=1e-5)
+    np.testing.assert_allclose(hits.normal, [(0, 0, 1)] * 2, atol=1e-6)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 3e38])
+def test_broken_normals_colours_and_coordinates_leave_numbers(bad: float) -> None:
+    checks = texture([[(1, 1, 1), (0, 0, 0)]], repeat=(False, False))
+    scene = make_scene([wall(replace(GREY, albedo_map=checks))])
+    rows = np.full((6, 4), bad, np.float32)
+    hits = cast(with_mesh(scene, normals=rows[:, :3], uvs=rows[:, :2], colors=rows), [FRONT] * 2, [(0.3, 0, 0)] * 2)
+    assert np.isfinite(hits.albedo).all() and (hits.albedo >= 0).all() and (hits.albedo <= 1).all()
+    np.testing.assert_allclose(np.linalg.norm(hits.normal, axis=1), 1, rtol=1e-5)
+    assert (hits.normal[:, 2] >= 0).all()
+
+
+def test_an_empty_scene_and_one_of_a_single_triangle() -> None:
+    empty = replace(make_scene([wall()]), meshes=(), instances=(), materials=(), bounds=np.zeros((2, 3)))
+    hits = cast(empty, [FRONT], [(0, 0, 0)])
+    assert hits.body[0] == -1 and np.isinf(hits.distance[0])
+    bare = Mesh("bare", np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint32))
+    scene = make_scene([wall()])
+    none = replace(scene, meshes=(*scene.meshes, bare), instances=(replace(scene.instances[0], mesh=1),))
+    assert cast(none, [FRONT], [(0, 0, 0)]).body[0] == -1
+    one = make_scene([Part(np.array([[(0, 0, 0), (1, 0, 0), (0, 1, 0)]], float))])
+    hits = cast(one, [(0.2, 0.2, 1), (0.8, 0.8, 1)], [(0.2, 0.2, 0), (0.8, 0.8, 0)])
+    assert hits.body.tolist() == [0, -1]
+
+
+def test_no_ray_gives_no_hit() -> None:
+    none: F32 = np.zeros((0, 3), np.float32)
+    assert len(Caster(make_scene([wall()])).cast(none, none).body) == 0
+
+
+def test_distances_stop_where_they_are_told() -> None:
+    caster = Caster(make_scene([wall()]))
+    origins, along = (np.array([v] * 2, np.float32) for v in (FRONT, (0, 0, -1)))
+    hits = caster.cast(origins, along, most=np.array([2.9, 3.1], np.float32))
+    assert hits.body.tolist() == [-1, 0]
+
+

@@ -1,0 +1,315 @@
+"""Where surfels lie, what their rays meet, and when they are made anew."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.math3d import View
+from app.scene import Camera, Material, Motion, Scene
+from app.surfels.bundle import Bundle
+from app.surfels.carried import Carried
+from app.surfels.caster import STILL, Caster
+from app.surfels.spread import farthest, neighbour_distance
+from app.surfels.tracked import TrackedSurfels
+from app.surfels.walk import hemisphere, walk
+from app.surfels.world import PLACES, WorldSurfels
+from tests.gl.closed_forms import polygon_irradiance
+from tests.gl.scenes import GREY, Part, Point, box, floor, make_scene, moved, quad, slide
+
+ROOM = box((0, 0, 0), (4, 3, 4))
+CUPBOARD = box((1, 0.01, 0.5), (1, 1, 1), replace(GREY, albedo=(0.2,) * 3))
+INSIDE = (2.0, 1.5, 3.5)
+
+
+def view(eye: Point = INSIDE, target: Point = (2, 1, 0)) -> View:
+    return View.of(Camera(eye, target, fov_y_deg=60), (64, 48), 1e-4)
+
+
+def made(scene: Scene, count: int = 128, rays: int = 16, time: float = 0.0, eye: Point = INSIDE) -> WorldSurfels:
+    return WorldSurfels(scene, view(eye), count, rays, time)
+
+
+def furnished(motion: Motion | None = None) -> Scene:
+    ball = box((-0.3, -0.3, -0.3), (0.6, 0.6, 0.6), Material(albedo=(0.9, 0.1, 0.1)), motion)
+    return make_scene([ROOM, CUPBOARD] + ([ball] if motion else []))
+
+
+def crossing() -> Scene:
+    return furnished(slide((0.0, 1.0), [(3, 0.5, 1), (3, 2, 2)]))
+
+
+def arrays(world: WorldSurfels) -> dict[str, np.ndarray]:
+    return {n: v for n, v in vars(world).items() if isinstance(v, np.ndarray)}
+
+
+def test_walks_stay_on_surfaces_that_light_can_reach() -> None:
+    scene = furnished()
+    caster = Caster(scene)
+    hits = walk(caster, view(), 4000, np.random.default_rng(0))
+    assert 2000 < len(hits.body) <= 4000
+    at = hits.position.astype(np.float64) + caster.origin
+    on_wall = np.isclose(at, (0, 0, 0), atol=1e-4) | np.isclose(at, (4, 3, 4), atol=1e-4)
+    on_cupboard = np.isclose(at, (1, 0.01, 0.5), atol=1e-4) | np.isclose(at, (2, 1.01, 1.5), atol=1e-4)
+    assert (on_wall | on_cupboard).any(axis=1).all()
+    outwards = ((at - (1.5, 0.51, 1.0)) * hits.normal).sum(axis=1) > 0
+    cupboard = np.isclose(hits.albedo[:, 0], 0.2)
+    assert cupboard.sum() > 100
+    assert outwards[cupboard].all()
+
+
+def test_walks_spread_evenly_over_a_closed_room() -> None:
+    """Diffuse walks visit each wall as often as its share of the area, but for the picture, where half begin."""
+    scene = make_scene([ROOM])
+    caster = Caster(scene)
+    hits = walk(caster, view((2, 1.5, 2), (2, 1.5, 0)), 40000, np.random.default_rng(0))
+    share = [np.abs(hits.normal[:, axis]).mean() for axis in range(3)]
+    np.testing.assert_allclose(share, np.array([12, 16, 12]) / 40, atol=0.05)
+
+
+def test_every_moving_body_gets_walks_of_its_own() -> None:
+    scene = make_scene([floor(3.0), box((50, 50, 50), (0.1, 0.1, 0.1), motion=slide((0.0, 1.0), [(0, 0, 0)] * 2))])
+    hits = walk(Caster(scene), view((0, 2, 2), (0, 0, 0)), 1600, np.random.default_rng(0))
+    assert (hits.body == 1).sum() > 50
+
+
+def test_the_farthest_points_are_far_apart() -> None:
+    line = np.stack([np.arange(101), np.zeros(101), np.zeros(101)], 1).astype(np.float32)
+    assert farthest(line, 4).tolist() in ([0, 100, 50, 25], [0, 100, 50, 75])
+    points = np.random.default_rng(0).random((2000, 3)).astype(np.float32)
+    chosen = farthest(points, 100)
+    assert len(set(chosen)) == 100
+    nearest = neighbour_distance(points[chosen], 1)
+    to_chosen = np.linalg.norm(points[:, None] - points[chosen], axis=-1).min(axis=1)
+    # Gonzalez: nothing is farther from the chosen than those are from each other.
+    assert to_chosen.max() <= nearest.min() * 1.001
+
+
+@pytest.mark.parametrize("size", [1.0, 1e6])
+def test_points_that_coincide_are_chosen_once_each(size: float) -> None:
+    points = np.repeat(size * np.random.default_rng(0).random((5, 3)), 20, axis=0).astype(np.float32)
+    assert sorted(farthest(points, 100)) == list(range(100))
+    assert len(farthest(points, 200)) == 100
+    assert len(farthest(points[:0], 4)) == 0
+
+
+def test_the_distance_to_neighbours_is_the_true_one() -> None:
+    points = np.random.default_rng(0).random((1500, 3)).astype(np.float32)
+    distance = np.sort(np.linalg.norm(points[:, None] - points, axis=-1), axis=1)
+    np.testing.assert_allclose(neighbour_distance(points, 8), distance[:, 8], rtol=1e-3)
+    assert np.isinf(neighbour_distance(points[:8], 8)).all()
+
+
+def test_hemisphere_directions_see_a_disc_as_its_form_factor() -> None:
+    """A disc of radius r at height h before an element is r² / (r² + h²) of what it sees (Howell's catalogue)."""
+    rng = np.random.default_rng(0)
+    normals = rng.normal(size=(50, 3))
+    normals = np.concatenate([normals / np.linalg.norm(normals, axis=1, keepdims=True), np.eye(3), -np.eye(3)])
+    directions = hemisphere(normals.astype(np.float32), rng.random((len(normals), 20000, 2)))
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=-1), 1, rtol=1e-5)
+    cosine = np.einsum("nkc,nc->nk", directions, normals)
+    assert cosine.min() > -1e-5
+    for r, h in ((0.3, 1.0), (1.0, 1.0), (3.0, 1.0)):
+        inside = cosine > h / np.hypot(r, h)
+        np.testing.assert_allclose(inside.mean(axis=1), r * r / (r * r + h * h), atol=0.02)
+    sideways = directions - cosine[..., None] * normals[:, None]
+    assert np.abs(sideways.mean(axis=1)).max() < 0.02
+
+
+@pytest.mark.parametrize("rays", [16, 64, 144])
+def test_every_quarter_of_the_rays_is_spread_as_the_cosine(rays: int) -> None:
+    """Networks carry bounces along the first quarter only: its mean squared cosine, 1/2 for all, must not lean."""
+    scene = make_scene([floor(1.0)])
+    caster = Caster(scene)
+    count = 400
+    normal = np.tile(np.array([0, 1, 0], np.float32), (count, 1))
+    surfels = Carried(caster, np.zeros((count, 3), np.float32), normal, np.full(count, STILL))
+    bundle = Bundle(caster, surfels, rays, np.random.default_rng(0))
+    directions = bundle._directions.now()[1].reshape(count, rays, 3)
+    for quarter in np.split(directions, 4, axis=1):
+        squared = quarter[..., 1] ** 2
+        assert squared.mean() == pytest.approx(0.5, abs=0.012)
+        # One in each of a coarser grid's squares: much closer to the mean than chance would be.
+        assert squared.mean(axis=1).std() < 0.7 * np.sqrt(1 / 12 / (rays // 4))
+
+
+LID = np.array([(-1, 1, -1), (1, 1, -1), (1, 1, 1), (-1, 1, 1)], float)
+
+
+def lid(material: Material) -> Part:
+    """A square two units wide, one above the floor."""
+    return quad(LID[0], LID[1] - LID[0], LID[3] - LID[0], material)
+
+
+def seen_of_lid(world: WorldSurfels) -> tuple[np.ndarray, np.ndarray]:
+    """Which surfels lie on the floor, and their form factors to the lid."""
+    on_floor = world.normal[:, 1] > 0.5
+    return on_floor, polygon_irradiance(world.position[on_floor] + world.origin, (0, 1, 0), LID) / np.pi
+
+
+def test_the_mean_over_rays_is_a_form_factor() -> None:
+    """A floor sees the square above it as Lambert's formula for polygons says."""
+    world = made(make_scene([floor(1.0), lid(Material(albedo=(1.0,) * 3))]), 64, 144, eye=(0, 0.5, 0.9))
+    on_floor, truth = seen_of_lid(world)
+    found = (world.albedo[on_floor, :, 0] > 0.9).mean(axis=1)
+    assert on_floor.sum() > 20
+    assert found.mean() == pytest.approx(truth.mean(), rel=0.01)
+    assert np.abs(found - truth).max() < 0.04
+
+
+def test_rays_name_a_surfel_of_the_body_that_they_meet() -> None:
+    world = made(crossing())
+    number = world.index.astype(int)
+    body = world._surfels.body
+    on_ball = np.isclose(world.albedo[..., 0], 0.9)
+    met = world.albedo[..., 0] > 0
+    assert on_ball.sum() > 20
+    assert (number[met] >= 0).all() and (number < world.used).all()
+    assert (body[number[on_ball]] == 1).all()
+    assert (body[number[met & ~on_ball]] == STILL).all()
+
+
+def test_every_surfel_has_places_of_its_own_body_near_it() -> None:
+    world = made(crossing(), 200)
+    number = np.bincount(world.place_surfel, minlength=world.count)
+    assert world.used == 200
+    assert number.min() >= 1 and number.max() <= PLACES
+    assert number.mean() > 3
+    assert (np.diff(world.place_surfel) >= 0).all()
+    assert (world._places.body == world._surfels.body[world.place_surfel]).all()
+    away = np.linalg.norm(world.place_position - world.position[world.place_surfel], axis=1)
+    assert (away < 2 * world.radius[world.place_surfel]).mean() > 0.99
+    facing = (world.place_normal * world.normal[world.place_surfel]).sum(axis=1)
+    assert (facing > 0.5).mean() > 0.99
+
+
+def test_a_scene_with_little_in_it_leaves_rows_unused() -> None:
+    world = made(make_scene([Part(np.array([[(0, 0, 0), (1, 0, 0), (0, 1, 0)]], float))]), 4096, 4, eye=(0.2, 0.2, 2))
+    assert 0 < world.used < 4096
+    rows = slice(world.used, None)
+    assert (world.weight[:world.used] > 0).all() and not world.weight[rows].any()
+    assert (world.index[rows] == -1).all() and not world.albedo.any()
+    assert not world.position[rows].any() and not world.normal[rows].any()
+    assert (world.index == -1).all()
+
+
+def test_an_empty_scene_has_no_surfels() -> None:
+    scene = replace(make_scene([ROOM]), meshes=(), instances=(), materials=(), bounds=np.zeros((2, 3)))
+    world = made(scene, 16, 4)
+    assert world.used == 0 and len(world.place_surfel) == 0
+    assert not world.weight.any() and (world.index == -1).all()
+    assert all(np.isfinite(a).all() for a in arrays(world).values())
+    assert world.covers(np.zeros(3))
+
+
+def test_glow_is_the_mean_radiance_of_what_glows() -> None:
+    glowing = lid(Material(albedo=(0.0,) * 3, emission=(3.0, 2.0, 1.0)))
+    world = made(make_scene([floor(1.0), glowing]), 64, 4, eye=(0, 0.5, 0.9))
+    on_floor, truth = seen_of_lid(world)
+    np.testing.assert_allclose(world.glow[on_floor], truth[:, None] * (3, 2, 1), atol=0.12)
+    assert world.glow[on_floor].mean(axis=0) == pytest.approx(truth.mean() * np.array([3, 2, 1]), rel=0.01)
+    assert not world.glow[~on_floor].any()
+
+
+def test_place_gives_the_tables_of_rays_cast_afresh() -> None:
+    scene = crossing()
+    world = made(scene)
+    before = arrays(world)
+    assert world.place(0.7)
+    fresh = Caster(scene)
+    fresh.place(0.7)
+    origins = np.repeat(world.position + world.normal * fresh.skin, world.rays, axis=0)
+    hits = fresh.cast(origins, world._rays._directions.now()[1])
+    albedo = hits.albedo.reshape(world.albedo.shape)
+    np.testing.assert_allclose(world.albedo, albedo, atol=1e-6)
+    assert (world.index.ravel().astype(int) == world._nearest(hits)).mean() > 0.999
+    assert (np.isclose(albedo[..., 0], 0.9) != np.isclose(before["albedo"][..., 0], 0.9)).sum() > 20
+    rides = world._surfels.body == 1
+    np.testing.assert_allclose(world.position[rides] - before["position"][rides], [(0, 0.7 * 1.5, 0.7)] * rides.sum(),
+                               atol=1e-5)
+    assert (world.position[~rides] == before["position"][~rides]).all()
+    rides = world._places.body == 1
+    np.testing.assert_allclose(world.place_position[rides] - before["place_position"][rides],
+                               [(0, 0.7 * 1.5, 0.7)] * rides.sum(), atol=1e-5)
+
+
+def test_a_body_that_comes_back_leaves_no_trace() -> None:
+    world = made(crossing())
+    before = {n: a.copy() for n, a in arrays(world).items()}
+    assert world.place(0.7) and world.place(0.0)
+    assert (world.index == before["index"]).mean() > 0.999
+    np.testing.assert_allclose(world.albedo, before["albedo"], atol=1e-6)
+    np.testing.assert_allclose(world.weight, before["weight"], rtol=1e-3)
+
+
+def test_nothing_is_traced_while_nothing_moves() -> None:
+    assert not made(furnished()).place(5.0)
+    world = made(crossing())
+    assert not world.place(0.0)
+    assert world.place(1.5) and not world.place(2.0)  # held behind the last key
+
+
+def test_a_body_scaled_to_nothing_comes_back() -> None:
+    grow = Motion(np.array([0.0, 1.0]), np.stack([np.diag([0.0, 0, 0, 1]), np.eye(4)]))
+    block = box((2, 1, 1), (0.6, 0.6, 0.6), Material(albedo=(0.9, 0.1, 0.1)), grow)
+    world = made(make_scene([ROOM, block]))
+    assert not np.isclose(world.albedo[..., 0], 0.9).any()
+    assert world.place(1.0)
+    assert np.isclose(world.albedo[..., 0], 0.9).any()
+    assert all(np.isfinite(a).all() for a in arrays(world).values())
+    assert world.place(0.0)
+    assert not np.isclose(world.albedo[..., 0], 0.9).any()
+
+
+def test_the_same_scene_and_view_give_the_same_arrays() -> None:
+    first, second = (arrays(made(crossing(), time=0.3)) for _ in range(2))
+    assert set(first) >= {"position", "normal", "radius", "weight", "index", "albedo", "glow", "place_position"}
+    for name, values in first.items():
+        np.testing.assert_array_equal(values, second[name], name)
+
+
+def test_a_scene_far_away_has_the_same_surfels() -> None:
+    near, far = made(furnished()), made(moved(furnished(), (1e6, 0, -1e6)), eye=(1e6 + 2, 1.5, -1e6 + 3.5))
+    for surface in (near, far):
+        edge = np.abs(np.abs(surface.position) - (2, 1.5, 2)).min(axis=1) < 1e-3
+        assert edge.mean() > 0.7  # the others on the cupboard
+    seen = [np.isclose(surface.albedo[..., 0], 0.2).mean() for surface in (near, far)]
+    assert seen[1] == pytest.approx(seen[0], rel=0.25) and seen[0] > 0.03
+
+
+def two_rooms() -> Scene:
+    """Two closed rooms that share a wall of two sides."""
+    return make_scene([ROOM, box((4.05, 0, 0), (4, 3, 4))])
+
+
+def test_another_room_behind_a_wall_is_not_covered() -> None:
+    world = made(two_rooms(), 512)
+    for eye in (INSIDE, (0.5, 0.5, 0.5), (3.95, 2.5, 0.5)):
+        assert world.covers(np.asarray(eye))
+    assert (world.position[:world.used] + world.origin)[:, 0].max() < 4.01
+    for eye in ((6.05, 1.5, 3.5), (4.3, 1.5, 2), (7.5, 0.5, 1)):
+        assert not world.covers(np.asarray(eye))
+
+
+def test_new_surfels_are_made_where_the_camera_goes_out_of_sight() -> None:
+    tracked = TrackedSurfels(two_rooms(), 512, 16)
+    tracked.follow(view(), 0.0)
+    first, version = tracked.world, tracked.version
+    tracked.follow(view(), 0.0)
+    tracked.follow(view((1, 1, 1), (2, 1, 0)), 0.1)
+    assert tracked.world is first and tracked.version == version
+    tracked.follow(view((6, 1.5, 2), (6, 1, 0)), 0.2)
+    assert tracked.world is not first and tracked.version > version
+    assert (tracked.world.position + tracked.world.origin)[:, 0].min() > 4
+
+
+def test_tracked_surfels_follow_what_moves() -> None:
+    tracked = TrackedSurfels(crossing(), 128, 16)
+    tracked.follow(view(), 0.0)
+    world, version = tracked.world, tracked.version
+    tracked.follow(view(), 0.5)
+    assert tracked.world is world and tracked.version == version + 1
+    tracked.follow(view(), 0.5)
+    assert tracked.version == version + 1
