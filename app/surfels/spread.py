@@ -16,7 +16,7 @@ def farthest(points: F32, count: int) -> Ints:
     ----------
     points : ndarray, float32, shape (N, D)
     """
-    square = (points**2).sum(axis=1)
+    points, square = _centred(points)
     distance = np.full(len(points), np.inf, np.float32)
     chosen: list[int] = []
     index = 0
@@ -33,9 +33,15 @@ def neighbour_distance(points: F32, rank: int) -> F32:
     found = np.full(len(points), np.inf, np.float32)
     if len(points) <= rank:
         return found
-    square = (points**2).sum(axis=1)
+    points, square = _centred(points)
     for start in range(0, len(points), 1024):
         rows = slice(start, start + 1024)
         distance = square[rows, None] + square - 2 * (points[rows] @ points.T)
         found[rows] = np.sqrt(np.maximum(np.partition(distance, rank, axis=1)[:, rank], 0))
     return found
+
+
+def _centred(points: F32) -> tuple[F32, F32]:
+    """Points around their mean, and squared lengths: differences of those are imprecise far from the origin."""
+    around = points - points.mean(axis=0) if len(points) else points
+    return around, (around**2).sum(axis=1)

@@ -135,11 +135,12 @@ class WorldSurfels:
     def _nearest(self, hits: Hits) -> Ints:
         """The surfel of the same body that weighs most at each hit; -1 where there is none."""
         found = np.full(len(hits.body), -1, np.int64)
+        middle = self.position[:max(self.used, 1)].mean(axis=0)  # for precision where the scene is much larger
         for body in range(len(self._caster.bodies)):
             mine, rows = np.flatnonzero(self._surfels.body == body), np.flatnonzero(hits.body == body)
             if len(mine) and len(rows):
-                key = kernel.keys(self.position[mine], self.normal[mine], self.radius[mine])
-                found[rows] = mine[kernel.nearest(key, hits.position[rows], hits.normal[rows])]
+                key = kernel.keys(self.position[mine] - middle, self.normal[mine], self.radius[mine])
+                found[rows] = mine[kernel.nearest(key, hits.position[rows] - middle, hits.normal[rows])]
         return found
 
     def _padded(self, rows: NDArray[Any], fill: float = 0.0) -> F32:

@@ -106,7 +106,8 @@ def test_a_glowing_closed_box_is_uniform(small: Path, rho: float, eye: Point, ta
 
 
 @pytest.mark.parametrize(("rho", "lamp", "eye", "name"), [
-    (0.8, (20, 30, 20), (12, 14, 28), "ember"), (0.3, (20, 20, 20), (20, 20, 20), "small"),
+    pytest.param(0.8, (20, 30, 20), (12, 14, 28), "ember", marks=pytest.mark.long),
+    (0.3, (20, 20, 20), (20, 20, 20), "small"),
     (0.8, (20, 20, 20), (20, 20, 20), "small"), (0.9, (20, 30, 20), (12, 14, 28), "small")])
 def test_a_lamp_in_a_closed_box_keeps_its_energy(small: Path, rho: float, lamp: Point, eye: Point, name: str) -> None:
     """All flux lands on the walls, so their mean indirect radiance is flux / (π area) times ρ / (1 − ρ)."""

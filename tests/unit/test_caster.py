@@ -176,7 +176,9 @@ def test_broken_normals_colours_and_coordinates_leave_numbers(bad: float) -> Non
     checks = texture([[(1, 1, 1), (0, 0, 0)]], repeat=(False, False))
     scene = make_scene([wall(replace(GREY, albedo_map=checks))])
     rows = np.full((6, 4), bad, np.float32)
-    hits = cast(with_mesh(scene, normals=rows[:, :3], uvs=rows[:, :2], colors=rows), [FRONT] * 2, [(0.3, 0, 0)] * 2)
+    broken = with_mesh(scene, normals=rows[:, :3], uvs=rows[:, :2], colors=rows)
+    with np.errstate(over="raise", invalid="raise"):
+        hits = cast(broken, [FRONT] * 2, [(0.3, 0, 0)] * 2)
     assert np.isfinite(hits.albedo).all() and (hits.albedo >= 0).all() and (hits.albedo <= 1).all()
     np.testing.assert_allclose(np.linalg.norm(hits.normal, axis=1), 1, rtol=1e-5)
     assert (hits.normal[:, 2] >= 0).all()

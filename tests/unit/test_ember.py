@@ -253,6 +253,15 @@ def test_carried_light_is_a_mean_of_the_surfels_around() -> None:
     np.testing.assert_allclose(found.numpy(), truth, rtol=0.01)
 
 
+def test_an_unused_surfel_tells_nothing() -> None:
+    """Not even where the only other one is six radii away."""
+    position, normal = np.array([[0, 0, 0], [6.0, 0, 0]]), np.array([[0, 0, 1.0]] * 2)
+    light, weight, radius = np.array([[0.0], [1.0]]), np.array([[0.0], [1.0]]), np.ones((2, 1))
+    found = carry(*(torch.from_numpy(a.astype(F32)) for a in
+                    (light, position[:1], normal[:1], position, normal, radius, weight)))
+    assert found.item() == pytest.approx(1, rel=1e-3)
+
+
 def test_a_wall_between_two_rooms_keeps_their_light_apart() -> None:
     """Surfels a fifth of their radius behind the point, facing the other way, are bright; those around it are dark."""
     grid = np.stack(np.meshgrid(np.arange(9.0), np.arange(9.0)), -1).reshape(-1, 2)

@@ -88,8 +88,10 @@ def test_the_farthest_points_are_far_apart() -> None:
 
 
 @pytest.mark.parametrize("size", [1.0, 1e6])
-def test_points_that_coincide_are_chosen_once_each(size: float) -> None:
-    points = np.repeat(size * np.random.default_rng(0).random((5, 3)), 20, axis=0).astype(np.float32)
+def test_points_that_nearly_coincide_are_chosen_once_each(size: float) -> None:
+    rng = np.random.default_rng(0)
+    points = np.repeat(size * rng.random((5, 3)), 20, axis=0) + 1e-7 * size * rng.random((100, 3))
+    points = points.astype(np.float32)
     assert sorted(farthest(points, 100)) == list(range(100))
     assert len(farthest(points, 200)) == 100
     assert len(farthest(points[:0], 4)) == 0
@@ -285,6 +287,21 @@ def test_a_scene_far_away_has_the_same_surfels() -> None:
         assert edge.mean() > 0.7  # the others on the cupboard
     seen = [np.isclose(surface.albedo[..., 0], 0.2).mean() for surface in (near, far)]
     assert seen[1] == pytest.approx(seen[0], rel=0.25) and seen[0] > 0.03
+
+
+def test_a_room_in_a_scene_a_thousand_times_as_large() -> None:
+    """Far from the middle of the scene, where single precision holds no squares of small distances."""
+    hill = Part(np.array([[(4000, 0, 0), (4000, 1, 0), (4000, 0, 1)]], float))
+    world = made(make_scene([ROOM, CUPBOARD, hill]), 256)
+    assert world.covers(np.asarray(INSIDE))
+    assert np.median(world.radius) == pytest.approx(np.median(made(furnished(), 256).radius), rel=0.1)
+    hits = world._rays.trace()
+    to = (hits.position[:, None].astype(np.float64) - world.position) / world.radius[:, None]
+    turn = 1 - hits.normal @ world.normal.T
+    exponent = 3 * (to**2).sum(-1) + 8 * turn + 24 * (to * hits.normal[:, None]).sum(-1) ** 2
+    met = hits.body >= 0
+    lost = np.take_along_axis(exponent, world.index.reshape(-1, 1).astype(int), 1)[:, 0] - exponent.min(axis=1)
+    assert lost[met].max() < 0.01
 
 
 def two_rooms() -> Scene:
