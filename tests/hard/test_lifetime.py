@@ -104,7 +104,7 @@ def test_renderers_that_nobody_closes(count: int, most: float) -> None:
 def renderer(request: pytest.FixtureRequest) -> Iterator[Renderer]:
     settings = Settings(size=SIZE, outputs=OUTPUTS, timing=request.param, check=request.param, provider="cpu")
     mover = box((0.5, 0.0, 0.3), (0.2, 0.2, 0.2), motion=slide([0, 9], [(0, 0, 0), (0.5, 0, 0)]))
-    with Renderer(lit_corner(more=(mover,)), settings, find_model("ember")) as renderer:
+    with Renderer(lit_corner(more=(mover,)), settings, find_model("radiosity")) as renderer:
         yield renderer
 
 
