@@ -86,6 +86,7 @@ class Renderer:
         self._yardstick = _Yardstick(self._gl, settings.size) if settings.timing else None
         self._non_finite: dict[str, int] = {b.name: 0 for b in self.plan.passes}
         self._overrides: dict[str, Image | float | Callable[[Image], Image]] = {}
+        self._override_count = 0
         self._previous: View | None = None
         self._index = 0
 
@@ -136,11 +137,9 @@ class Renderer:
         """
         if value is not None:
             self._overrides[resource] = value
-        elif self._overrides.pop(resource, None) is not None:
-            # A pass that keeps its texels from frame to frame has to begin anew.
-            with self._gl.ctx:
-                self._executors = [(b, b.spec.make(self._gl, b) if b.spec.make and resource in b.writes else execute, r)
-                                   for b, execute, r in self._executors]
+        else:
+            self._overrides.pop(resource, None)
+        self._override_count += 1
 
     def resource(self, name: str) -> Image:
         """What a pass wrote in the newest frame, as it lies on the GPU: float32, top row first."""
@@ -186,7 +185,7 @@ class Renderer:
         self._geometry.update(time, cut)
         frame = FrameState(self.settings.size, view, self._previous or view, self._jitter(), not cut,
                            (self.settings.seed * GOLDEN) % 1.0, self._index, self.settings.exposure, self._geometry,
-                           self._lights)
+                           self._lights, self._override_count)
         self._lights.upload(view.eye)
         self._camera.upload(frame)
         with self._timer.frame():

@@ -32,7 +32,7 @@ from app.passes.downsample import tensor_name
 from app.renderer import Renderer
 from app.scene import Scene
 from app.settings import Settings
-from export.models import UNTRAINED, surfels
+from export.models import UNTRAINED, ember, surfels
 from export.to_onnx import Arrays, cases
 
 SIZE = (512, 384)  # of the pictures that real inputs are taken from
@@ -142,7 +142,7 @@ def measure(name: str, module: nn.Module, label: str, inputs: Arrays, variant: s
 
 def real_inputs(name: str, scenes: dict[str, Scene], exposed: bool = True) -> Iterator[tuple[str, Arrays]]:
     """What the renderer hands to network ``name``: radiance divided by its mean when ``exposed``."""
-    contract = UNTRAINED[name].contract
+    contract = UNTRAINED[name]().contract
     for label, scene in scenes.items():
         settings = Settings(SIZE, outputs=("indirect",), taa=False, provider="cpu")
         with Renderer(scene, settings, find_model(name)) as renderer:
@@ -198,11 +198,17 @@ def _radiance(contract: ModelContract, tensors: Arrays) -> list[NDArray[np.float
 def _geometry_in_single(module: nn.Module, mode: Rounding) -> Iterator[None]:
     """Rounding only where light is carried: between surfels, and from them to the pixels.
 
-    Form factors are made in single precision and rounded once; sums of flux stay single.
+    Form factors are made in single precision and rounded once; sums of flux stay single. So do the weights of ember's
+    attention, with which it carries light to the pixels.
     """
+    if isinstance(module, ember.Ember):
+        with (patch.object(ember, "all_bounces", mode.switched(ember.all_bounces, active=True)),
+              patch.object(ember, "bounce", mode.switched(ember.bounce, active=True))):
+            yield
+        return
     if not isinstance(module, surfels.Gather):
         raise ModelError(f"{type(module).__name__} has no geometry to keep apart", "export precision",
-                         "expected a network of export/models/surfels.py")
+                         "expected a network without weights")
     exact = mode.switched(surfels._form_factors, active=False)
     with (patch.object(surfels, "_form_factors", lambda *args: mode.round(exact(*args))),
           patch.object(surfels, "_flux", mode.switched(surfels._flux, active=False)),

@@ -1,7 +1,7 @@
 """Writes ``app/golden/probe.onnx``: a network that reads every channel on every grid, so that goldens show them all.
 
-Its output is the mean of a texel's screen channels plus the mean of the cube. Run it again when ``app/channels.py``
-has a new channel: ``python scripts/probe_network.py``.
+Its output is the mean of a texel's screen channels plus the mean of each other tensor. Run it again when
+``app/channels.py`` has a new channel: ``python scripts/probe_network.py``.
 """
 
 from __future__ import annotations
@@ -15,33 +15,36 @@ sys.path.insert(0, str(ROOT))
 import onnx  # noqa: E402
 from onnx import TensorProto, helper  # noqa: E402
 
-from app.channels import CHANNELS, CUBE, SCREEN  # noqa: E402
+from app.channels import CHANNELS, CUBE, RAYS, SCREEN, SURFELS  # noqa: E402
 from app.contract import KEY, ModelContract, TensorSpec  # noqa: E402
 
 FACE = 16
+COUNT, K = 64, 16  # surfels, and rays of each
 
 
 def contract() -> ModelContract:
-    """Every channel that a network can read, on the screen and on a cube that turns with the camera."""
+    """Every channel that a network can read, on every grid; the cube turns with the camera."""
     def channels(grid: str) -> tuple[str, ...]:
         return tuple(name for name, c in CHANNELS.items() if grid in c.grids and not c.output)
 
     return ModelContract(
-        name="probe", inputs={"screen": TensorSpec(channels(SCREEN)), "cube": TensorSpec(channels(CUBE), CUBE, FACE)},
+        name="probe", inputs={"screen": TensorSpec(channels(SCREEN)), "cube": TensorSpec(channels(CUBE), CUBE, FACE),
+                              "surfels": TensorSpec(channels(SURFELS), SURFELS, COUNT),
+                              "rays": TensorSpec(channels(RAYS), RAYS, COUNT, K)},
         outputs={"indirect": TensorSpec(("indirect.rgb",))}, scale=1 / 8, multiple_of=4, cube_axes="camera",
         exposure="mean-radiance", bounces="single", scene_extent=40.0, trained_on="nothing", licence="MIT")
 
 
 def model(spec: ModelContract) -> onnx.ModelProto:
     """The graph with ``spec`` as its contract."""
-    screen, cube = spec.inputs["screen"].components, spec.inputs["cube"].components
-    inputs = [helper.make_tensor_value_info("screen", TensorProto.FLOAT, [1, screen, "h", "w"]),
-              helper.make_tensor_value_info("cube", TensorProto.FLOAT, [1, cube, 6, FACE, FACE])]
+    shapes = {t: [1, s.components, *s.extent(("h", "w"))] for t, s in spec.inputs.items()}
+    inputs = [helper.make_tensor_value_info(t, TensorProto.FLOAT, shape) for t, shape in shapes.items()]
     output = helper.make_tensor_value_info("indirect", TensorProto.FLOAT, [1, 3, "h", "w"])
+    others = [t for t in shapes if t != "screen"]
     nodes = [
         helper.make_node("ReduceMean", ["screen"], ["here"], axes=[1]),
-        helper.make_node("ReduceMean", ["cube"], ["around"], axes=[1, 2, 3, 4], keepdims=0),
-        helper.make_node("Add", ["here", "around"], ["sum"]),
+        *(helper.make_node("ReduceMean", [t], [f"mean of {t}"], keepdims=0) for t in others),
+        helper.make_node("Sum", ["here", *(f"mean of {t}" for t in others)], ["sum"]),
         helper.make_node("Abs", ["sum"], ["grey"]),
         helper.make_node("Concat", ["grey", "grey", "grey"], ["indirect"], axis=1),
     ]

@@ -41,6 +41,9 @@ class FrameState:
         In [0, 1), from the seed.
     index : int
         Frames since the last cut.
+    overrides : int
+        Another number whenever somebody began or ceased to replace what passes write; nothing that a pass made
+        before holds then.
     """
 
     size: tuple[int, int]
@@ -53,6 +56,7 @@ class FrameState:
     exposure: float
     geometry: GpuScene
     lights: LightSet
+    overrides: int = 0
 
     @property
     def motion(self) -> MotionKind:

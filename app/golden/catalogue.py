@@ -20,7 +20,7 @@ SETTLING = 3                                     # frames after which accumulati
 
 def catalogue() -> dict[str, Case]:
     """All cases by name, in the order in which they are checked."""
-    radiosity, gather = find_model("radiosity"), find_model("gather")
+    ember, radiosity, gather = find_model("ember"), find_model("radiosity"), find_model("gather")
     # The sequence ends a few frames after its cut, while histories are still short.
     sequence = (Shot("path", scenes.SEQUENCE), Shot("corner", 4))
     cases: list[SceneCase] = [
@@ -32,6 +32,7 @@ def catalogue() -> dict[str, Case]:
         _single("terrace", scenes.terrace(), PROBE),
         _single("glow", scenes.glow(), radiosity),
         _settled("ssgi", scenes.room(), SSGI),
+        replace(_settled("ember", scenes.room(), ember), stages=("surfel_light", "surfels")),
     ]
     return {case.name: case for case in (*with_networks(cases), CopyCase())}
 

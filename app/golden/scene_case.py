@@ -44,6 +44,8 @@ class SceneCase:
         Frames that become goldens, counted from 1 over all shots.
     size : tuple of int
         Width and height in pixels.
+    stages : tuple of str or None
+        Passes that goldens are kept of; None for all.
     """
 
     name: str
@@ -54,6 +56,7 @@ class SceneCase:
     size: tuple[int, int] = (256, 192)
     taa: bool = True
     seed: int = 0
+    stages: tuple[str, ...] | None = None
 
     def origin(self) -> str:
         """GL renderer and version."""
@@ -65,9 +68,10 @@ class SceneCase:
         return Renderer(self.scene, settings, self.model)
 
     def draw(self, saved: Path) -> list[Picture]:
-        """Every resource of the frame graph, large ones thinned; ``saved`` plays no part."""
+        """Every resource of the kept stages, large ones thinned; ``saved`` plays no part."""
         with self.renderer() as renderer:
-            pictures = [Picture(p.name, w, {}) for p in renderer.plan.passes for w in p.writes]
+            pictures = [Picture(p.name, w, {}) for p in renderer.plan.passes for w in p.writes
+                        if self.stages is None or p.name in self.stages]
             for number, (camera, cut) in enumerate(self._frames(), 1):
                 if cut:
                     renderer.cut()

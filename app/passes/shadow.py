@@ -36,7 +36,7 @@ def make(device: Device, bound: BoundPass) -> Callable[[FrameState, Resources], 
     drawn: list[object] = []  # the state of light and casters that the atlas shows
 
     def execute(frame: FrameState, resources: Resources) -> None:
-        state = (frame.lights.lights, frame.geometry.changes)
+        state = (frame.lights.lights, frame.geometry.changes, frame.overrides)
         if drawn == [state]:
             return
         target = resources.target("shadow", with_depth=True)

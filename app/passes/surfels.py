@@ -27,20 +27,20 @@ def declare(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, s
 
 def make(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, str],
          extent: float) -> Callable[[FrameState, Resources], None]:
-    written: dict[str, int] = {}  # version of the surfels that a tensor on the rays holds
+    written: dict[str, object] = {}  # what a tensor on the rays holds
     light: list[tuple[object, F32]] = []
 
     def execute(frame: FrameState, resources: Resources) -> None:
         world = surfels.world
-        state = surfels.version, frame.lights.lights, frame.geometry.changes
+        state = surfels.version, frame.lights.lights, frame.geometry.changes, frame.overrides
         if not light or light[0][0] != state:
             light[:] = [(state, _mean_light(resources, world))]
         for tensor, spec in contract.inputs.items():
             if spec.grid == SURFELS:
                 values = {name: _on_surfels(name, world, frame, extent, light[0][1]) for name in spec.channels}
-            elif spec.grid == RAYS and written.get(tensor) != surfels.version:
+            elif spec.grid == RAYS and written.get(tensor) != (surfels.version, frame.overrides):
                 values = {"ray.surfel": world.index[None], "ray.albedo.rgb": np.moveaxis(world.albedo, -1, 0)}
-                written[tensor] = surfels.version
+                written[tensor] = surfels.version, frame.overrides
             else:
                 continue
             planes = np.empty(spec.shape((0, 0)), np.float32)

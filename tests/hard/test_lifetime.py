@@ -70,7 +70,7 @@ def default_camera(scene: Scene) -> Camera:
 
 @pytest.fixture(scope="module")
 def scenes_and_models() -> list[tuple[Scene, str | None]]:
-    return [(room(), "radiosity"), (lit_corner(), None), (outdoor(), "gather")]
+    return [(room(), "ember"), (lit_corner(), None), (outdoor(), "gather")]
 
 
 @pytest.mark.parametrize(("count", "most"), [(10, 800.0), pytest.param(1000, 24.0 + KEPT_BY_MODERNGL, marks=LONG)])
@@ -131,7 +131,7 @@ def test_frames(renderer: Renderer, count: int, most: float) -> None:
 def test_other_sizes_and_models(count: int, most: float) -> None:
     """Each is a renderer of its own, beside one that lives on and draws the same picture to the bit all the while."""
     scene = lit_corner()
-    models = (None, find_model("gather"), find_model("radiosity"))
+    models = (None, find_model("gather"), find_model("ember"))
     with Renderer(scene, Settings(size=SIZE, taa=False, provider="cpu"), models[2]) as resident:
         resident.advance(CAMERA)
         first, at_first = resident.render(CAMERA)["final"], live_objects(resident._gl)

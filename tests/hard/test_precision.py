@@ -22,7 +22,7 @@ from export.precision import HALF, LIGHT_ONLY, Rounding, as_markdown, measure, r
 from export.to_onnx import cases  # noqa: E402
 from tests.hard.scenes import lit_corner  # noqa: E402
 
-NAMES = ("gather", "radiosity")
+NAMES = ("ember", "gather", "radiosity")
 
 
 def test_rounding_is_that_of_half_precision() -> None:

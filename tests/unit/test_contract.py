@@ -32,7 +32,7 @@ def test_json_and_back_is_the_same() -> None:
 
 
 def test_bundled_networks_have_valid_contracts_and_cards() -> None:
-    assert {"gather", "radiosity"} <= set(bundled_models())
+    assert {"ember", "gather", "radiosity"} <= set(bundled_models())
     for name, path in bundled_models().items():
         contract = read_contract(path)
         assert contract.name == name and contract.licence
@@ -120,7 +120,7 @@ def test_a_file_without_contract_names_the_command_that_adds_it(tmp_path: Path) 
 
 
 def test_an_unknown_network_lists_the_known_ones() -> None:
-    with pytest.raises(ModelError, match=r"no network 'radiosty'.*'radiosity'\? Known: one of gather, radiosity"):
+    with pytest.raises(ModelError, match=r"no network 'radiosty'.*'radiosity'\? Known: one of ember, gather, radios"):
         find_model("radiosty")
     with pytest.raises(ModelError, match=r"'ssgi'\? Known: one of .*radiosity.*, ssgi"):
         find_model("sgi")
