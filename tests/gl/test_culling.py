@@ -32,7 +32,7 @@ def plan(scene: Scene, *outputs: str, model: Path | None = None, taa: bool = Tru
         return found
 
 
-@pytest.mark.parametrize("model", ["none", "radiosity"])
+@pytest.mark.parametrize("model", ["none", "radiosity", "ember"])
 def test_one_geometry_output_runs_one_pass_with_one_target(model: str) -> None:
     network = None if model == "none" else find_model(model)
     for name in ("normal", "albedo", "depth", "motion"):
@@ -49,6 +49,7 @@ def test_passes_are_culled_under_the_names_that_they_run_by() -> None:
     with Renderer(PLAIN, Settings(size=(32, 24), taa=False)) as renderer:
         culled = set(renderer.plan.culled)
     assert set(plan(PLAIN, model=find_model("gather"), taa=False)) - set(plan(PLAIN, taa=False)) <= culled
+    assert set(plan(PLAIN, model=find_model("ember"), taa=False)) - set(plan(PLAIN, taa=False)) <= culled
 
 
 def test_a_network_that_reads_no_cube_gets_none(tmp_path: Path) -> None:
@@ -61,6 +62,15 @@ def test_a_network_that_reads_a_cube_gets_it() -> None:
     found = plan(PLAIN, model=find_model("gather"))
     assert {"surround", "surround_direct"} <= set(found)
     assert not any("gloss" in w or "emission" in w or "motion" in w for w in found["surround"])
+
+
+def test_only_a_network_that_reads_surfels_has_them_made() -> None:
+    """And ``ember`` reads no cube."""
+    surfels = {"surfel_light", "surfels"}
+    assert surfels <= set(plan(PLAIN, model=find_model("ember")))
+    assert not {"surround", "surround_direct"} & set(plan(PLAIN, model=find_model("ember")))
+    for model in (None, find_model("gather")):
+        assert not surfels & set(plan(PLAIN, model=model))
 
 
 def test_without_taa_no_motion_and_no_history() -> None:

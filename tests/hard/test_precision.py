@@ -57,6 +57,8 @@ def test_nothing_is_rounded_while_it_is_inactive() -> None:
 def test_light_may_be_half_but_geometry_must_not(name: str) -> None:
     """On what the renderer hands to it: less than a thousandth off with geometry in single precision, else useless."""
     ((_, inputs),) = real_inputs(name, {"corner": lit_corner()})
+    if name == "ember":  # whose pixels know nothing of each other
+        inputs["screen"] = np.ascontiguousarray(inputs["screen"][..., ::4, ::4])
     single, mixed, half = (measure(name, UNTRAINED[name]().eval(), "corner", inputs, v) for v in ("", LIGHT_ONLY, HALF))
     print("\n" + as_markdown([mixed, half]))
     assert single.mean == 0 and single.overflows == 0 and single.not_finite == 0
