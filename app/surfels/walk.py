@@ -41,14 +41,14 @@ def _round(caster: Caster, view: View, walks: int, rng: np.random.Generator) -> 
     seen = np.concatenate([image, -np.ones((len(image), 1))], axis=1) @ view.rotation
     directions = np.concatenate([seen.astype(np.float32), sphere(rng, walks - len(seen))])
     origins = np.broadcast_to((view.eye - caster.origin).astype(np.float32), directions.shape)
-    found = []
+    found, alive = [], np.arange(walks)
     for _ in range(BOUNCES + 1):
         hits = caster.cast(origins, directions)
+        alive = alive[hits.body >= 0]
         found.append(hits := hits.rows(hits.body >= 0))
-        if len(hits.body) == 0:
-            break
         origins = hits.position + hits.normal * caster.skin
-        directions = hemisphere(hits.normal, rng.random((len(hits.body), 1, 2)))[:, 0]
+        # Numbers for all walks, or one that ends would give the others new ones: rounding would change everything.
+        directions = hemisphere(hits.normal, rng.random((walks, 1, 2))[alive])[:, 0]
     return found
 
 
