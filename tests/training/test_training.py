@@ -135,8 +135,10 @@ def test_a_killed_run_resumes_to_the_same_curve(tmp_path: Path) -> None:
     script = (f"from pathlib import Path; from tests.training.test_training import *; f = Path({str(tmp_path)!r});"
               "Run(config(f, epochs=4), Examples(CornellPairs(f, 10), CONTRACT), f / 'killed').train("
               "lambda step, steps, terms: time.sleep(0.1))")
-    same = {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": str(torch.get_num_threads())}  # other counts, other sums
-    process = subprocess.Popen([sys.executable, "-c", script], cwd=ROOT, env={**os.environ, **same})
+    # Other numbers of threads give other sums, and Dask leaves such variables behind.
+    threads = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS"), str(torch.get_num_threads()))
+    environment = {**os.environ, **threads, "PYTHONPATH": str(ROOT)}
+    process = subprocess.Popen([sys.executable, "-c", script], cwd=ROOT, env=environment)
     checkpoint = tmp_path / "killed" / CHECKPOINT
     deadline = time.monotonic() + 300
     while not checkpoint.exists() and time.monotonic() < deadline:
