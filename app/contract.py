@@ -24,7 +24,9 @@ KEY = "afterglow"
 VERSION = 1
 GRIDS = (*SEEN, SURFELS, RAYS)
 SHORTEST_SIDE, LARGEST_RAISED_SCALE = 48, 0.5
-MOST_TEXELS, MOST_SURFELS, LARGEST_NUMBER = 1024, 65536, 1e30  # so that a mistyped contract can't fill the memory
+HALF_COUNTS = 2048  # whole numbers that half floats hold exactly
+# So that a mistyped contract can't fill the memory.
+MOST_TEXELS, MOST_SURFELS, MOST_RAYS, LARGEST_NUMBER = 1024, 16384, 2**22, 1e30
 
 
 @dataclass(frozen=True)
@@ -143,6 +145,11 @@ class ModelContract:
                  f"and rays, 1 to {MOST_SURFELS}, and no size on the screen")
             need(_square(spec.rays) if spec.grid == RAYS else spec.rays is None,
                  f"bad rays {spec.rays!r} of tensor {tensor!r}", "a square number of rays a surfel on rays, else none")
+            need((spec.size or 0) * (spec.rays or 0) <= MOST_RAYS,
+                 f"{spec.size} x {spec.rays} rays of tensor {tensor!r}", f"at most {MOST_RAYS} in all")
+            need(spec.grid != RAYS or self.dtype != "float16" or (spec.size or 0) <= HALF_COUNTS,
+                 f"{spec.size} surfels of tensor {tensor!r} in half precision", f"at most {HALF_COUNTS}, whose numbers "
+                 "half floats tell apart")
             need(bool(spec.channels), f"tensor {tensor!r} has no channels", "at least one")
             for name in dict.fromkeys(spec.channels):
                 need(name in CHANNELS, f"unknown channel {name!r} of tensor {tensor!r}", _suggest(name, CHANNELS))

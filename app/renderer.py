@@ -181,6 +181,7 @@ class Renderer:
 
     def _draw(self, camera: Camera, time: float) -> None:
         cut = self._previous is None
+        self._override_count += any(callable(value) for value in self._overrides.values())  # wants what a pass wrote
         view = View.of(camera, self.settings.size, NEAR * self.scene.longest_edge)
         self._geometry.update(time, cut)
         frame = FrameState(self.settings.size, view, self._previous or view, self._jitter(), not cut,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from app.channels import HALF_MAX
 from app.errors import DeviceError
 from app.math3d import normal_matrix
-from app.scene import Instance, Mesh, Scene, Texture
+from app.scene import Instance, Material, Mesh, Scene, Texture
 from app.surfels.prefiltered import Prefiltered, texels
 
 F32 = NDArray[np.float32]
@@ -50,15 +50,16 @@ class Body:
 
     def __init__(self, scene: Scene, placed: Iterable[tuple[Instance, F64]], textures: Prefiltered) -> None:
         self._textures = textures
-        self._materials = scene.materials
         parts = [_part(scene, instance, matrix) for instance, matrix in placed]
+        self._materials = list({id(p.material): p.material for p in parts}.values())
+        number = {id(m): k for k, m in enumerate(self._materials)}
         start = np.cumsum([0, *(len(p.positions) for p in parts)])
         self.triangles = _joined([p.triangles + s for p, s in zip(parts, start, strict=False)], (0, 3), np.int64)
         self.positions = _joined([p.positions for p in parts], (0, 3), np.float32)
         self._normals = _joined([p.normals for p in parts], (0, 3), np.float32)
         self._uvs = _joined([p.uvs for p in parts], (0, 2), np.float32)
         self._colors = _joined([p.colors for p in parts], (0, 4), np.float32)
-        self._material = _joined([np.full(len(p.triangles), p.material) for p in parts], (0,), np.int64)
+        self._material = _joined([np.full(len(p.triangles), number[id(p.material)]) for p in parts], (0,), np.int64)
         self._mirrored = _joined([np.full(len(p.triangles), p.mirrored) for p in parts], (0,), np.bool_)
         self._scene = _embree_scene(self.positions, self.triangles) if len(self.triangles) else None
         corners = self.positions if len(self.positions) else np.zeros((1, 3), np.float32)
@@ -97,7 +98,7 @@ class Body:
         triangle[hit] = found["primID"][hit]
         uv[hit] = np.stack([found["u"], found["v"]], 1)[hit]
         distance[hit] = found["tfar"][hit]
-        normal = found["Ng"][hit]
+        normal = found["Ng"][hit].astype(np.float64)  # of the triangle's area, whose square may be too large
         normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
         away = (normal * directions[hit]).sum(axis=1) > 0
         face[hit] = np.where(away[:, None], -normal, normal)
@@ -126,11 +127,11 @@ class Body:
         front = self._front(triangle, directions)
         for index, rows in self._by_material(np.arange(len(triangle)), triangle):
             m = self._materials[index]
-            at = self._mix(self._uvs, triangle[rows], uv[rows])
-            albedo[rows] *= self._shaded(m.albedo, m.albedo_map, at)
+            at, masked = self._mix(self._uvs, triangle[rows], uv[rows]), m.alpha_cutoff is not None
+            albedo[rows] *= self._shaded(m.albedo, m.albedo_map, at, masked)
             if m.emits and not m.analytic:
                 lit = front[rows, None] | m.double_sided
-                emission[rows] = np.where(lit, self._shaded(m.emission, m.emission_map, at), 0.0)
+                emission[rows] = np.where(lit, self._shaded(m.emission, m.emission_map, at, False), 0.0)
         return Surface(normal.astype(np.float32), np.clip(albedo, 0.0, 1.0), np.maximum(emission, 0.0))
 
     def _front(self, triangle: Ints, directions: F32) -> NDArray[np.bool_]:
@@ -144,9 +145,9 @@ class Body:
         mixed: F32 = (1 - u - v) * a + u * b + v * c
         return mixed
 
-    def _shaded(self, factor: tuple[float, float, float], texture: Texture | None, uv: F32) -> F32:
+    def _shaded(self, factor: tuple[float, float, float], texture: Texture | None, uv: F32, masked: bool) -> F32:
         color = np.broadcast_to(np.asarray(factor, np.float32), (len(uv), 3))
-        return color if texture is None else color * self._textures.color(texture, uv)
+        return color if texture is None else color * self._textures.color(texture, uv, masked)
 
     def _by_material(self, rows: Ints, triangle: Ints) -> Iterable[tuple[int, Ints]]:
         material = self._material[triangle[rows]]
@@ -155,15 +156,27 @@ class Body:
         return zip(found.tolist(), np.split(rows[order], start[1:]), strict=True) if len(rows) else ()
 
 
-def _embree_scene(positions: F32, triangles: Ints) -> Any:
-    try:  # not before surfels are wanted
+def embree() -> tuple[Any, Any]:
+    """Embree's classes of scenes and meshes; not imported before surfels are wanted.
+
+    Raises
+    ------
+    DeviceError
+        Where the package is missing.
+    """
+    try:
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene
     except ImportError:
         raise DeviceError("no ray tracer for a network that reads surfels", "embreex",
                           "expected the package embreex, or --model radiosity") from None
-    scene = EmbreeScene()
-    TriangleMesh(scene, positions, triangles.astype(np.int32))
+    return EmbreeScene, TriangleMesh
+
+
+def _embree_scene(positions: F32, triangles: Ints) -> Any:
+    scene_class, mesh_class = embree()
+    scene = scene_class()
+    mesh_class(scene, positions, triangles.astype(np.int32))
     return scene
 
 
@@ -174,7 +187,7 @@ class _Part:
     uvs: F32
     colors: F32
     triangles: Ints
-    material: int
+    material: Material
     mirrored: bool
 
 
@@ -191,7 +204,10 @@ def _part(scene: Scene, instance: Instance, matrix: F64) -> _Part:
     normals = normals / np.maximum(length, 1e-30)
     uvs = np.zeros((count, 2), np.float32) if mesh.uvs is None else _bounded(mesh.uvs, -HALF_MAX)
     colors = np.ones((count, 4), np.float32) if mesh.colors is None else _bounded(mesh.colors, 0.0)
-    return _Part(positions.astype(np.float32), normals.astype(np.float32), uvs, colors, triangles, mesh.material,
+    material = scene.materials[mesh.material]
+    if mesh.uvs is None and (material.albedo_map or material.emission_map):
+        material = replace(material, albedo_map=None, emission_map=None)
+    return _Part(positions.astype(np.float32), normals.astype(np.float32), uvs, colors, triangles, material,
                  bool(np.linalg.det(matrix[:3, :3]) < 0))
 
 

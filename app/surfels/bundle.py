@@ -15,6 +15,7 @@ from app.surfels.walk import hemisphere
 F32 = NDArray[np.float32]
 Ints = NDArray[np.int64]
 
+ROUNDING = 1e-5  # of squared distances in single precision, and some
 SHARE = 4  # a surfel that rides traces one in so many of its rays, each of which counts as often
 
 
@@ -52,7 +53,7 @@ class Bundle:
 
     def __init__(self, caster: Caster, surfels: Carried, rays: int, rng: np.random.Generator) -> None:
         self._caster, self._surfels, self._rays = caster, surfels, rays
-        self._traced = rays // SHARE if rays % SHARE == 0 else rays
+        self._traced = rays // SHARE if math.isqrt(rays) % SHARE == 0 else rays  # see _squares
         position, normal = surfels.now()
         origins, directions = position + normal * caster.skin, hemisphere(normal, _squares(rng, len(normal), rays))
         self.still = caster.cast(np.repeat(origins, rays, axis=0), directions.reshape(-1, 3), (STILL,))
@@ -91,7 +92,8 @@ class Bundle:
         to = centre - self._origins
         along = (self._directions @ to[:, :, None])[..., 0]
         off = (to**2).sum(axis=1, keepdims=True) - along**2
-        return np.asarray((off <= radius**2) & (along > -radius) & (along - radius <= distance))
+        least = radius**2 + ROUNDING * (to**2).sum(axis=1, keepdims=True)
+        return np.asarray((off <= least) & (along > -radius) & (along - radius <= distance))
 
 
 def _squares(rng: np.random.Generator, count: int, rays: int) -> NDArray[np.float64]:

@@ -116,7 +116,7 @@ class Caster:
     def ball(self, index: int) -> tuple[F32, float]:
         """Centre in local space, shape (3,), and radius of a ball around body ``index``."""
         body, matrix = self.bodies[index], self.matrices[index]
-        scale = float(np.linalg.norm(matrix[:3, :3], axis=0).max())
+        scale = float(np.linalg.norm(matrix[:3, :3], 2))
         return (matrix[:3, :3] @ body.centre + matrix[:3, 3]).astype(np.float32), 1.001 * scale * body.radius
 
     def _cast_at(self, index: int, origins: F32, directions: F32, hits: Hits) -> None:

@@ -26,26 +26,28 @@ class Prefiltered:
     """Keeps a blurred copy of each texture that it is asked for."""
 
     def __init__(self) -> None:
-        self._copies: dict[int, F32] = {}
+        self._copies: dict[tuple[int, bool], F32] = {}
 
-    def color(self, texture: Texture, uv: F32) -> F32:
-        """Linear colour, shape (N, 3), at mesh coordinates ``uv``, shape (N, 2)."""
-        key = id(texture.pixels)  # which the scene keeps
+    def color(self, texture: Texture, uv: F32, masked: bool = False) -> F32:
+        """Linear colour, shape (N, 3), at mesh coordinates ``uv``, shape (N, 2); of what shows, when ``masked``."""
+        key = id(texture.pixels), masked  # which the scene keeps
         if key not in self._copies:
-            self._copies[key] = _blurred(texture.pixels[..., :3])
+            self._copies[key] = _blurred(texture.pixels, masked)
         found: F32 = _nearest(self._copies[key], texture, uv)
         return found
 
 
-def _blurred(pixels: NDArray[np.uint8] | F32) -> F32:
-    """Means over blocks, at most ``SIDE`` a side, linear."""
-    linear = srgb_decode(pixels / np.float32(255)) if pixels.dtype == np.uint8 else np.nan_to_num(
-        pixels, posinf=HALF_MAX, neginf=0).clip(0, HALF_MAX)
-    edges = [np.linspace(0, n, min(SIDE, n) + 1).astype(int) for n in linear.shape[:2]]
-    sums = linear.astype(np.float64)
-    for axis, edge in enumerate(edges):
-        sums = np.add.reduceat(sums, edge[:-1], axis=axis)
-    mean: F32 = (sums / (np.diff(edges[0])[:, None, None] * np.diff(edges[1])[:, None])).astype(np.float32)
+def _blurred(pixels: NDArray[np.uint8] | F32, masked: bool) -> F32:
+    """Means over blocks, at most ``SIDE`` a side, linear; weighted by alpha when ``masked``."""
+    color = pixels[..., :3]
+    linear = srgb_decode(color / np.float32(255)) if pixels.dtype == np.uint8 else np.nan_to_num(
+        color, posinf=HALF_MAX, neginf=0).clip(0, HALF_MAX)
+    share = np.nan_to_num(pixels[..., 3:].astype(np.float64)).clip(1e-6, 255) if masked else np.ones((1, 1, 1))
+    weighted = np.concatenate([linear * share, np.broadcast_to(share, (*linear.shape[:2], 1))], axis=-1)
+    for axis in (0, 1):
+        edges = np.linspace(0, weighted.shape[axis], min(SIDE, weighted.shape[axis]) + 1).astype(int)
+        weighted = np.add.reduceat(weighted, edges[:-1], axis=axis)
+    mean: F32 = (weighted[..., :3] / weighted[..., 3:]).astype(np.float32)
     return mean
 
 

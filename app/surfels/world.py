@@ -133,11 +133,13 @@ class WorldSurfels:
             self.glow = self._padded(glow.reshape(self.used, GLOW_RAYS, 3).mean(axis=1))
 
     def _nearest(self, hits: Hits) -> Ints:
-        """The surfel of the same body that weighs most at each hit; -1 where there is none."""
+        """The surfel that weighs most at each hit, of the same body if it has any; -1 for the sky."""
         found = np.full(len(hits.body), -1, np.int64)
         middle = self.position[:max(self.used, 1)].mean(axis=0)  # for precision where the scene is much larger
         for body in range(len(self._caster.bodies)):
             mine, rows = np.flatnonzero(self._surfels.body == body), np.flatnonzero(hits.body == body)
+            if len(mine) == 0:  # too small, or not there when surfels were made
+                mine = np.arange(self.used)
             if len(mine) and len(rows):
                 key = kernel.keys(self.position[mine] - middle, self.normal[mine], self.radius[mine])
                 found[rows] = mine[kernel.nearest(key, hits.position[rows] - middle, hits.normal[rows])]

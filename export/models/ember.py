@@ -75,6 +75,9 @@ class Ember(Network):
         indirect = all_bounces(irradiance, glow, index[:, :few], albedo[:, :few])
         indirect = glow + bounce(irradiance + indirect, index, albedo)
         pixel_position, pixel_normal = screen[0].flatten(1).t().tensor_split(2, dim=1)
+        used = (weight > 0).to(weight)
+        middle = (position * used).sum(dim=0) / used.sum().clamp(min=1)  # squares of far coordinates would cancel
+        pixel_position, position = pixel_position - middle, position - middle
         light = carry(indirect, pixel_position, pixel_normal, position, normal, radius, weight)
         light = light * (pixel_normal.square().sum(dim=1, keepdim=True) > 0).to(screen)
         return light.t().reshape(1, 3, *screen.shape[2:])

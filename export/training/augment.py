@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from app.channels import CHANNELS, CUBE
+from app.channels import CHANNELS, CUBE, SEEN
 from app.contract import ModelContract, TensorSpec
 from export.training.config import AugmentationConfig
 from export.training.examples import Batch
@@ -56,7 +56,8 @@ def permuted(batch: Batch, contract: ModelContract, order: Tensor) -> Batch:
 
 def mirrored(batch: Batch, contract: ModelContract) -> Batch:
     """Left and right exchanged: images, the x of vectors, a cube's faces, and motion."""
-    out = {name: x.flip(-1) if x.shape[-1] > 1 else x for name, x in batch.items()}
+    points = {name for name, spec in _inputs(batch, contract) if spec.grid not in SEEN}
+    out = {name: x if name in points or x.shape[-1] == 1 else x.flip(-1) for name, x in batch.items()}
     out["motion"] = out["motion"] * torch.tensor([-1.0, 1.0], device=out["motion"].device).reshape(1, 2, 1, 1)
     for name, spec in _inputs(batch, contract):
         sign = torch.ones(1, spec.components)

@@ -8,6 +8,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
+from app.channels import RAYS, SURFELS  # noqa: E402
 from app.contract import ModelContract, TensorSpec  # noqa: E402
 from app.gl.lights import radiance_scale  # noqa: E402
 from app.infer import Network  # noqa: E402
@@ -153,3 +154,17 @@ def reflected(still: Still) -> Still:
     return Still(replace(scene, instances=instances, lights=lights, bounds=bounds), camera, still.size, still.time)
 
 
+
+
+def test_mirroring_leaves_the_order_of_surfels_and_rays() -> None:
+    spec = replace(contract(), inputs={"x": TensorSpec(("normal.view.xyz",)),
+                                       "s": TensorSpec(("position.view.xyz",), SURFELS, 4),
+                                       "r": TensorSpec(("ray.surfel",), RAYS, 4, 9)})
+    batch = {f"{frame}.{t}": torch.rand(1, *s.shape((8, 6))) for frame in ("current", "previous")
+             for t, s in spec.inputs.items()}
+    batch |= {"motion": torch.rand(1, 2, 6, 8), "visible": torch.ones(1, 1, 6, 8), "target": torch.rand(1, 3, 6, 8)}
+    found = mirrored(batch, spec)
+    assert torch.equal(found["current.r"], batch["current.r"])
+    assert torch.equal(found["current.s"][:, 1:], batch["current.s"][:, 1:])
+    assert torch.equal(found["current.s"][:, 0], -batch["current.s"][:, 0])
+    assert torch.equal(found["target"], batch["target"].flip(-1))

@@ -209,3 +209,20 @@ def test_distances_stop_where_they_are_told() -> None:
     assert hits.body.tolist() == [-1, 0]
 
 
+
+
+def test_a_mesh_without_texture_coordinates_shows_no_texture() -> None:
+    material = Material(albedo=(0.5, 0.6, 0.7), albedo_map=texture([[(0.1, 0.1, 0.1)]]))
+    hits = cast(with_mesh(make_scene([wall(material)]), uvs=None), [FRONT], [(0, 0, 0)])
+    np.testing.assert_allclose(hits.albedo, [(0.5, 0.6, 0.7)], rtol=1e-6)
+
+
+def test_a_sheared_body_is_met_to_its_corners() -> None:
+    """A turned square whose motion stretches it along x: no column of its matrix is as long as its diagonal."""
+    turned = np.eye(4)
+    turned[:2, :2] = np.array([[1, -1], [1, 1]]) / np.sqrt(2)
+    stretch = Motion(np.array([0.0, 1.0]), np.stack([np.eye(4), np.diag([5.0, 1, 1, 1])]))
+    scene = make_scene([wall(motion=stretch)])
+    scene = replace(scene, instances=tuple(replace(i, transform=turned @ i.transform) for i in scene.instances))
+    ends = [(x, 0.0, 0.0) for x in (-7.0, 0.0, 7.0)]
+    assert (cast(scene, [(x, 0, 3) for x, _, _ in ends], ends, time=1.0).body == 1).all()

@@ -82,3 +82,10 @@ def test_broken_texels_leave_numbers() -> None:
     pixels[0, :, 0] = [np.nan, np.inf, -np.inf, -5]
     found = Prefiltered().color(Texture(pixels), everywhere(8))
     assert np.isfinite(found).all() and (found >= 0).all()
+
+
+def test_what_a_mask_hides_colours_nothing() -> None:
+    pixels = np.zeros((128, 128, 4), np.float32)
+    pixels[::2, ::2] = (0.2, 0.6, 0.1, 1.0)
+    found = Prefiltered().color(Texture(pixels), np.array([[0.3, 0.7]], np.float32), masked=True)
+    np.testing.assert_allclose(found, [[0.2, 0.6, 0.1]], rtol=1e-4)

@@ -268,6 +268,7 @@ def test_a_body_scaled_to_nothing_comes_back() -> None:
     assert not np.isclose(world.albedo[..., 0], 0.9).any()
     assert world.place(1.0)
     assert np.isclose(world.albedo[..., 0], 0.9).any()
+    assert ((world.index >= 0) | (world.albedo.max(axis=-1) == 0)).all()  # else its light would be surfel 0's
     assert all(np.isfinite(a).all() for a in arrays(world).values())
     assert world.place(0.0)
     assert not np.isclose(world.albedo[..., 0], 0.9).any()
