@@ -16,6 +16,8 @@ DISTANCE = 3.0  # weight of squared distance in radii of the surfel,
 TURN = 8.0      # of 1 - cosine between the normals,
 PLANE = 24.0    # and of the squared distance from the point's plane in radii
 ROWS = 4096     # of the matrix that are worked out at once
+# Points up to which no BLAS is asked: its threads spin for a while after a product, and slow the passes that follow.
+FEW = 256
 
 
 def keys(position: F32, normal: F32, radius: F32) -> F32:
@@ -47,5 +49,6 @@ def queries(position: F32, normal: F32) -> F32:
 def nearest(key: F32, position: F32, normal: F32) -> Ints:
     """The surfel of ``keys`` that weighs most at each point, shape (N,)."""
     query = queries(position, normal)
-    return np.concatenate([np.zeros(0, np.int64), *(
-        (query[i:i + ROWS] @ key.T).argmax(axis=1) for i in range(0, len(query), ROWS))])
+    if len(query) <= FEW:
+        return np.asarray(np.einsum("nc,sc->ns", query, key).argmax(axis=1))
+    return np.concatenate([(query[i:i + ROWS] @ key.T).argmax(axis=1) for i in range(0, len(query), ROWS)])
