@@ -78,6 +78,11 @@ class LightSet:
         return any(_size_of(light) > 0 for light in self.lights)
 
     @property
+    def shadow_maps(self) -> tuple[str, ...]:
+        """The shadow pass's resources that the shaders look these lights up in."""
+        return ("shadow", "shadow_nearest") if self.soft else ("shadow",) if self.lights else ()
+
+    @property
     def defines(self) -> dict[str, object]:
         """Shader defines: how many lights, which kinds, and whether any has a size."""
         kinds = {type(light) for light in self.lights}

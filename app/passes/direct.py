@@ -14,7 +14,7 @@ def declare(lights: LightSet, shiny: bool) -> Pass:
     writes: dict[str, Resource] = {"direct": Tex("f2", 4)}
     if shiny:
         writes["specular"] = Tex("f2", 4)
-    reads = ("albedo", "normal", "depth", *_shadow(lights), *(("gloss",) if shiny else ()))
+    reads = ("albedo", "normal", "depth", *lights.shadow_maps, *(("gloss",) if shiny else ()))
     return _pass("direct", reads, writes, lights, {})
 
 
@@ -23,7 +23,7 @@ def declare_surround(lights: LightSet, face: int, camera_axes: bool) -> Pass:
     grid: dict[str, object] = {"GRID_CUBE": 1, "CUBE_SIZE": face}
     if camera_axes:
         grid["CUBE_CAMERA_AXES"] = 1
-    reads = ("surround_albedo", "surround_normal", "surround_depth", *_shadow(lights))
+    reads = ("surround_albedo", "surround_normal", "surround_depth", *lights.shadow_maps)
     return _pass("surround_direct", reads, {"surround_direct": Tex("f2", 4, size=(6 * face, face))}, lights, grid)
 
 
@@ -32,7 +32,3 @@ def _pass(name: str, reads: tuple[str, ...], writes: dict[str, Resource], lights
     return Pass(name, reads=reads, writes=writes, make=lambda device, bound: make_fullscreen(
         device, bound, "direct.frag", lambda frame: {"noise_phase": frame.noise_phase},
         {**lights.defines, **grid}, SURROUND))
-
-
-def _shadow(lights: LightSet) -> tuple[str, ...]:
-    return ("shadow", "shadow_nearest") if lights.soft else ("shadow",) if lights.lights else ()

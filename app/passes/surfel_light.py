@@ -24,8 +24,7 @@ def declare(surfels: TrackedSurfels, lights: LightSet) -> Pass:
     """
     columns = math.isqrt(surfels.count * PLACES - 1) + 1
     rows = -(-surfels.count * PLACES // columns)
-    reads = ("shadow", "shadow_nearest") if lights.soft else ("shadow",) if lights.lights else ()
-    return Pass("surfel_light", reads=reads,
+    return Pass("surfel_light", reads=lights.shadow_maps,
                 writes={"surfel_light": Tex("f2", 4, size=(2 * columns, 2 * rows))},
                 make=lambda device, bound: make(device, bound, surfels, lights, (columns, rows)))
 
