@@ -139,7 +139,8 @@ def convert(scene: Scene, time: float = 0.0) -> MitsubaScene:
             lights[f"light{index}part{part}"] = emitter
 
     def load(part: dict[str, Any]) -> Any:
-        return mi.load_dict(part) if len(part) > 1 else None
+        # Merging and loading in parallel shuffle the emitters, and so the picture, from run to run.
+        return mi.load_dict(part, parallel=False, optimize=False) if len(part) > 1 else None
 
     # Mitsuba lets parallel light begin at the bounds of the scene that it is in.
     bounds = {"bounds": {"type": "sphere", "radius": SUN_DISTANCE}} if len(lights) > 1 else {}
@@ -154,6 +155,7 @@ class _MeshBuilder:
     def __init__(self, mi: Any, scene: Scene, time: float, origin: F64, scale: float) -> None:
         self._mi, self._scene, self._time, self._origin, self._scale = mi, scene, time, origin, scale
         self.notices: list[str] = []
+        self._bsdfs: dict[tuple[int, bool], Any] = {}  # the fewer there are, the faster rays are shaded
 
     def mesh(self, instance: Instance, side: int = 0) -> Any:
         """The instance as a reflecting mesh, or as an emitter to its front (``side`` 1) or back (-1)."""
@@ -173,7 +175,10 @@ class _MeshBuilder:
         if side:
             properties["emitter"] = mi.load_dict({"type": "area", "radiance": _texture(
                 material.emission, material.emission_map)})
-        properties["bsdf"] = self._bsdf(mesh, material)
+        by_vertex = mesh.colors is not None and material.albedo_map is None
+        if (mesh.material, by_vertex) not in self._bsdfs:
+            self._bsdfs[mesh.material, by_vertex] = self._bsdf(material, by_vertex)
+        properties["bsdf"] = self._bsdfs[mesh.material, by_vertex]
         self._note(mesh, material)
         # The shading normal decides to which side an area light shines; the winding, which side is the front.
         flip = bool(side) and (mirrored != (side < 0))
@@ -194,8 +199,7 @@ class _MeshBuilder:
         buffers.update()
         return made
 
-    def _bsdf(self, mesh: Mesh, material: Material) -> Any:
-        by_vertex = mesh.colors is not None and material.albedo_map is None
+    def _bsdf(self, material: Material, by_vertex: bool) -> Any:
         reflectance = ({"type": "mesh_attribute", "name": "vertex_albedo"} if by_vertex
                        else _texture(material.albedo, material.albedo_map))
         bsdf: dict[str, Any] = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": reflectance}}

@@ -232,6 +232,16 @@ def test_the_noise_that_is_stated_is_the_noise(corner: Still) -> None:
         assert stated == pytest.approx(noise, rel=0.15), name
 
 
+def test_the_same_seed_gives_the_same_picture() -> None:
+    """However often the scene is converted: lights keep their order, by which the path tracer chooses among them."""
+    lights = [PointLight((-0.8, 2.0, 1.0), WHITE, 0.15),
+              *(RectLight((x, 2.0, 1.0), (0.4, 0.0, 0.0), (0.0, 0.0, 0.4), (9.0 + x, 9.0, 9.0)) for x in (-1, 0, 1))]
+    first = trace(stage(*lights), 1, 2, (16, 12))
+    for _ in range(60):
+        again = trace(stage(*lights), 1, 2, (16, 12))
+        assert all(np.array_equal(first[name], again[name]) for name in first)
+
+
 def test_plain_pictures_keep_their_samples(corner: Still) -> None:
     """Noise falls with the square root of the count, whatever counts lie between."""
     truth = reference(corner, 256).layers["final"]
