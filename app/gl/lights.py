@@ -46,6 +46,14 @@ class ShadowFace:
     clip: F64
     axis: F64 | None
 
+    @property
+    def frame(self) -> F64:
+        """Columns, shape (3, 3): the map's half edges at unit depth, of a parallel one their directions; its axis."""
+        x, y, _, w = self.clip[:, :3]
+        if self.axis is not None:
+            return np.stack([normalize(x), normalize(y), self.axis], axis=1)
+        return np.stack([x / (x @ x), y / (y @ y), w], axis=1)
+
 
 class LightSet:
     """All lights of a scene: their atlas layout, and a uniform block refreshed for each eye.
@@ -78,9 +86,15 @@ class LightSet:
         return any(_size_of(light) > 0 for light in self.lights)
 
     @property
+    def hard(self) -> bool:
+        """Whether any light has none."""
+        return any(_size_of(light) <= 0 for light in self.lights)
+
+    @property
     def shadow_maps(self) -> tuple[str, ...]:
         """The shadow pass's resources that the shaders look these lights up in."""
-        return ("shadow", "shadow_nearest") if self.soft else ("shadow",) if self.lights else ()
+        wanted = {"shadow": bool(self.lights), "shadow_slope": self.hard, "shadow_nearest": self.soft}
+        return tuple(name for name, there in wanted.items() if there)
 
     @property
     def defines(self) -> dict[str, object]:
@@ -90,8 +104,8 @@ class LightSet:
         found: dict[str, object] = {f"HAS_{names[k]}_LIGHT": 1 for k in sorted(kinds, key=lambda k: k.__name__)}
         if self.soft:
             found["HAS_SOFT_LIGHT"] = 1
-            if any(_size_of(light) <= 0 for light in self.lights):
-                found["HAS_HARD_LIGHT"] = 1
+        if self.hard:
+            found["HAS_HARD_LIGHT"] = 1
         maps = {SINGLE_MAP: "SINGLE", CUBE_MAP: "CUBE", PARALLEL_MAP: "PARALLEL"}
         found |= {f"HAS_{maps[kind]}_MAP": 1 for kind in sorted({tile.kind for tile in self.tiles})}
         return {"LIGHT_COUNT": len(self.lights), **found}
