@@ -7,6 +7,7 @@
 
 const float SNAP = 1.0 / 64.0;  // texels by which rasterisation shifts surfaces, rounded up
 const float ROUNDING = 2e-6;    // of nearness
+const float RELIEF = 1.5;       // texels; parallel steps that are lower are too fine for the map
 const float STEEPEST = 1e5;     // slope of a receiver
 
 uniform sampler2D shadow_slope;
@@ -18,8 +19,9 @@ struct MapPlane {
     vec2 at;
     vec2 slope;      // nearness that the receiver's plane gains along the map
     float nearness;
-    float depth;     // of the receiver; of parallel light: half the map's width
-    float wide;      // squared tangent of half the map's angle; of parallel light: 0
+    float depth;     // of the receiver; for parallel light half the map's width
+    float wide;      // squared tangent of half the map's angle; for parallel light 1
+    bool parallel;
     bool facing;     // the light; on its other side a surface shades itself
 };
 
@@ -30,7 +32,7 @@ MapPlane parallel_plane(Light light, vec3 p, vec3 n)
                    dot(light.frame_z.xyz, p) + light.frame_z.w) / light.u.x;
     float away = dot(light.frame_z.xyz, n);
     vec2 slope = vec2(dot(light.frame_x.xyz, n), dot(light.frame_y.xyz, n)) / away;
-    return MapPlane(light.tile.xy, at.xy, slope, -at.z, light.u.x, 0.0, away < 0.0);
+    return MapPlane(light.tile.xy, at.xy, slope, -at.z, light.u.x, 1.0, true, away < 0.0);
 }
 #endif
 
@@ -41,7 +43,7 @@ MapPlane single_plane(Light light, vec3 p, vec3 n)
     float wide = 1.0 / dot(light.frame_x.xyz, light.frame_x.xyz);
     vec2 slope = vec2(dot(light.frame_x.xyz, n), dot(light.frame_y.xyz, n)) * (wide * depth / away);
     return MapPlane(light.tile.xy, vec2(dot(light.frame_x.xyz, p), dot(light.frame_y.xyz, p)) / depth, slope, 1.0,
-                    depth, wide, away < 0.0);
+                    depth, wide, false, away < 0.0);
 }
 #endif
 
@@ -55,55 +57,101 @@ MapPlane cube_plane(Light light, vec3 p, vec3 n)
     vec2 edge = along_z ? n.xy : along_x ? n.yz : n.zx;
     float away = dot(p, n), depth = abs(q.z);
     vec2 corner = light.tile.xy + light.tile.z * vec2(along_z ? 2.0 : along_x ? 0.0 : 1.0, q.z < 0.0 ? 0.0 : 1.0);
-    return MapPlane(corner, q.xy / depth, edge * (depth / away), 1.0, depth, 1.0, away < 0.0);
+    return MapPlane(corner, q.xy / depth, edge * (depth / away), 1.0, depth, 1.0, false,
+                    away < 0.0);
 }
 #endif
 
 MapPlane map_plane(Light light, vec3 p, vec3 n)
 {
-#ifdef HAS_PARALLEL_MAP
-    if (int(light.tile.w) == PARALLEL_MAP) return parallel_plane(light, p, n);
+    MapPlane r;
+#ifdef HAS_CUBE_MAP
+    if (int(light.tile.w) == CUBE_MAP) r = cube_plane(light, p - light.position.xyz, n);
 #endif
 #ifdef HAS_SINGLE_MAP
-    if (int(light.tile.w) == SINGLE_MAP) return single_plane(light, p - light.position.xyz, n);
+    if (int(light.tile.w) == SINGLE_MAP) r = single_plane(light, p - light.position.xyz, n);
 #endif
-#ifdef HAS_CUBE_MAP
-    return cube_plane(light, p - light.position.xyz, n);
-#else
-    return MapPlane(vec2(0.0), vec2(0.0), vec2(0.0), 0.0, 1.0, 0.0, true);
+#ifdef HAS_PARALLEL_MAP
+    if (int(light.tile.w) == PARALLEL_MAP) r = parallel_plane(light, p, n);
 #endif
+    r.slope = clamp(r.slope, -STEEPEST, STEEPEST);
+    return r;
 }
 
-bool blocks(Light light, MapPlane r, vec2 texel)
+// The four texels around a receiver, one in each component: where they lie as seen from it, how near their planes come
+// there and at the receiver, and how these slope.
+struct MapTexels {
+    vec4 weight;
+    vec4 x;
+    vec4 y;
+    vec4 nearness;
+    vec4 at_receiver;
+    vec4 slope_x;
+    vec4 slope_y;
+    vec4 surface;  // 1 where there is one
+};
+
+MapTexels texels_around(Light light, MapPlane r)
 {
-    vec2 at = (texel + 0.5) * (2.0 / light.tile.z) - 1.0, away = at - r.at;
-    float stored = texelFetch(shadow, ivec2(r.corner + texel), 0).r;
-    vec2 slope = texelFetch(shadow_slope, ivec2(r.corner + texel), 0).xy;
-    float nearness = -stored / r.depth;
-    if (r.wide > 0.0) {
-        nearness = r.depth * sqrt(1.0 + r.wide * dot(at, at)) / stored;
-        slope *= nearness;
+    float unit = 2.0 / light.tile.z;
+    vec2 place = (r.at + 1.0) / unit - 0.5;
+    vec2 base = clamp(floor(place), 0.0, light.tile.z - 2.0);
+    vec2 f = clamp(place - base, 0.0, 1.0);
+    MapTexels t;
+    t.weight = vec4(1.0 - f.x, f.x, 1.0 - f.x, f.x) * vec4(1.0 - f.yy, f.yy);
+
+    ivec2 at = ivec2(r.corner + base);
+    const ivec2 X = ivec2(1, 0), Y = ivec2(0, 1);
+    vec4 stored = vec4(texelFetch(shadow, at, 0).r, texelFetch(shadow, at + X, 0).r,
+                       texelFetch(shadow, at + Y, 0).r, texelFetch(shadow, at + X + Y, 0).r);
+    vec4 low = vec4(texelFetch(shadow_slope, at, 0).xy, texelFetch(shadow_slope, at + X, 0).xy);
+    vec4 high = vec4(texelFetch(shadow_slope, at + Y, 0).xy, texelFetch(shadow_slope, at + X + Y, 0).xy);
+    t.slope_x = clamp(vec4(low.xz, high.xz), -HALF_MAX, HALF_MAX);
+    t.slope_y = clamp(vec4(low.yw, high.yw), -HALF_MAX, HALF_MAX);
+    t.surface = vec4(lessThan(stored, vec4(FAR)));
+
+    vec2 first = (base + 0.5) * unit - 1.0;
+    t.x = first.x + vec4(0.0, unit, 0.0, unit);
+    t.y = first.y + vec4(0.0, 0.0, unit, unit);
+    if (r.parallel) {
+        t.nearness = -stored / r.depth;
+    } else {
+        t.nearness = r.depth * sqrt(1.0 + r.wide * (t.x * t.x + t.y * t.y)) / stored;
+        t.slope_x *= t.nearness;
+        t.slope_y *= t.nearness;
     }
-    float rounding = ROUNDING * max(1.0, abs(r.nearness));
-    float before_plane = nearness - r.nearness - dot(r.slope, away);
-    float before_receiver = nearness - r.nearness - dot(slope, away);
-    vec2 snap = vec2(dot(abs(r.slope), vec2(1.0)), dot(abs(slope), vec2(1.0))) * (SNAP * 2.0 / light.tile.z);
-    return stored < FAR && before_plane > snap.x + rounding && before_receiver > snap.y + rounding;
+    t.x -= r.at.x;
+    t.y -= r.at.y;
+    t.at_receiver = t.nearness - t.slope_x * t.x - t.slope_y * t.y;
+    return t;
 }
 
 // Share of a light without a size that relative point p with face normal n sees.
 float hard_visibility(Light light, vec3 p, vec3 n)
 {
     MapPlane r = map_plane(light, p, n);
-    r.slope = clamp(r.slope, -STEEPEST, STEEPEST);
-    vec2 at = (r.at * 0.5 + 0.5) * light.tile.z - 0.5;
-    vec2 base = clamp(floor(at), 0.0, light.tile.z - 2.0);
-    vec2 f = clamp(at - base, 0.0, 1.0);
-    float seen = 0.0;
-    for (int i = 0; i < 4; ++i) {
-        vec2 corner = vec2(i & 1, i >> 1);
-        vec2 weight = mix(1.0 - f, f, corner);
-        seen += blocks(light, r, base + corner) ? 0.0 : weight.x * weight.y;
-    }
-    return r.facing ? seen : 0.0;
+    MapTexels t = texels_around(light, r);
+    float unit = 2.0 / light.tile.z;
+    float rounding = ROUNDING * max(1.0, abs(r.nearness));
+    float slack = SNAP * unit * (abs(r.slope.x) + abs(r.slope.y)) + rounding;
+    vec4 slacks = SNAP * unit * (abs(t.slope_x) + abs(t.slope_y)) + rounding;
+    float relief = RELIEF * unit * sqrt(r.wide);
+
+    vec4 before_plane = t.nearness - r.nearness - r.slope.x * t.x - r.slope.y * t.y;
+    vec4 before_receiver = t.at_receiver - r.nearness;
+    vec4 bend = (abs(t.slope_x - r.slope.x) + abs(t.slope_y - r.slope.y)) * unit;
+    vec4 blocks = t.surface * vec4(greaterThan(before_plane, vec4(slack))) * vec4(greaterThan(before_receiver, slacks))
+        * vec4(greaterThan(before_receiver + bend, vec4(relief)));
+    vec4 dark = t.weight * blocks;
+    float most = max(max(dark.x, dark.y), max(dark.z, dark.w));
+    if (!(most > 0.0)) return r.facing ? 1.0 : 0.0;
+
+    // Beside a blocker only those speak for light that show what lies behind its plane, but not past the receiver's edge.
+    vec4 first = vec4(equal(dark, vec4(most)));
+    first /= dot(first, vec4(1.0));
+    vec4 blocker = dot(first, t.at_receiver) + dot(first, t.slope_x) * t.x + dot(first, t.slope_y) * t.y;
+    vec4 behind = vec4(lessThan(t.nearness, blocker - dot(first, slacks)));
+    vec4 past = vec4(lessThan(max(before_plane, before_receiver), vec4(-relief)));
+    float lit = dot(t.weight, (1.0 - blocks) * behind * (1.0 - past));
+    return r.facing ? lit / (lit + dot(dark, vec4(1.0))) : 0.0;
 }
