@@ -21,7 +21,7 @@ LIGHT_BYTES = 4 * LIGHT_FLOATS
 COLOR = slice(4, 7)  # of a light's floats
 NARROW_SPOT_DEG = 55.0
 FACE_TEXELS = {CUBE_MAP: 1024, SINGLE_MAP: 2048, PARALLEL_MAP: 4096}  # a side
-HARD_FACE_TEXELS = {CUBE_MAP: 2048, SINGLE_MAP: 4096, PARALLEL_MAP: 4096}  # nothing blurs what is thinner than a texel
+HARD_CUBE_TEXELS = 1536  # nothing blurs what is finer than a texel
 MAX_ATLAS_TEXELS = 2**25
 SPOT_MARGIN_DEG = 2.0
 
@@ -236,7 +236,7 @@ def _shelves(lights: tuple[Light, ...], shrink: int, max_size: int) -> tuple[lis
     tiles, x, y, shelf, width = [], 0, 0, 0, 1
     for light in lights:
         kind = _map_kind(light)
-        face = (FACE_TEXELS if _size_of(light) > 0 else HARD_FACE_TEXELS)[kind] >> shrink
+        face = _face_texels(light) >> shrink
         w, h = (3 * face, 2 * face) if kind == CUBE_MAP else (face, face)
         if x + w > limit:
             x, y, shelf = 0, y + shelf, 0
@@ -244,6 +244,11 @@ def _shelves(lights: tuple[Light, ...], shrink: int, max_size: int) -> tuple[lis
         x, shelf = x + w, max(shelf, h)
         width = max(width, x)
     return tiles, (width, max(1, y + shelf))
+
+
+def _face_texels(light: Light) -> int:
+    kind = _map_kind(light)
+    return HARD_CUBE_TEXELS if kind == CUBE_MAP and _size_of(light) <= 0 else FACE_TEXELS[kind]
 
 
 def _kind_of(light: Light) -> int:
