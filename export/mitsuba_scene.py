@@ -128,7 +128,7 @@ def convert(scene: Scene, time: float = 0.0) -> MitsubaScene:
         material = scene.materials[scene.meshes[instance.mesh].material]
         key = f"mesh{index}"
         seen[key] = builder.mesh(instance)
-        if not (material.analytic and material.emits):
+        if not material.analytic:
             solid[key] = seen[key]
             if material.emits:
                 glow[key] = builder.mesh(instance, side=1)

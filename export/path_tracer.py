@@ -162,7 +162,7 @@ class PathTracer:
             return self._mi.Color3f(0.0)
         sample, weight = emitters.sample_emitter_direction(si, sampler.next_2d(active), False, active)
         cosine = dr.dot(normal, sample.d)
-        lit = active & (cosine > 0) & (sample.pdf != 0)
+        lit = active & (cosine > 0) & (dr.dot(_facing(si), sample.d) > 0) & (sample.pdf != 0)
         lit &= ~self._blocked(si.spawn_ray_to(sample.p), lit)
         return dr.select(lit, weight * cosine / dr.pi, 0.0)
 
@@ -200,5 +200,9 @@ def _albedo(si: Any, active: Any) -> Any:
 
 def _facing_normal(si: Any) -> Any:
     """The shading normal on that side of the face which the ray came from."""
-    face = dr.select(dr.dot(si.n, si.to_world(si.wi)) > 0, si.n, -si.n)
-    return dr.select(dr.dot(si.sh_frame.n, face) < 0, -si.sh_frame.n, si.sh_frame.n)
+    return dr.select(dr.dot(si.sh_frame.n, _facing(si)) < 0, -si.sh_frame.n, si.sh_frame.n)
+
+
+def _facing(si: Any) -> Any:
+    """The face's normal on that side which the ray came from."""
+    return dr.select(dr.dot(si.n, si.to_world(si.wi)) > 0, si.n, -si.n)

@@ -21,6 +21,7 @@ LIGHT_BYTES = 4 * LIGHT_FLOATS
 COLOR = slice(4, 7)  # of a light's floats
 NARROW_SPOT_DEG = 55.0
 FACE_TEXELS = {CUBE_MAP: 1024, SINGLE_MAP: 2048, PARALLEL_MAP: 4096}  # a side
+HARD_CUBE_TEXELS = 1536  # nothing blurs what is finer than a texel
 MAX_ATLAS_TEXELS = 2**25
 SPOT_MARGIN_DEG = 2.0
 
@@ -45,6 +46,14 @@ class ShadowFace:
     origin: F64
     clip: F64
     axis: F64 | None
+
+    @property
+    def frame(self) -> F64:
+        """Columns, shape (3, 3): the map's half edges at unit depth, of a parallel one their directions; its axis."""
+        x, y, _, w = self.clip[:, :3]
+        if self.axis is not None:
+            return np.stack([normalize(x), normalize(y), self.axis], axis=1)
+        return np.stack([x / (x @ x), y / (y @ y), w], axis=1)
 
 
 class LightSet:
@@ -78,9 +87,15 @@ class LightSet:
         return any(_size_of(light) > 0 for light in self.lights)
 
     @property
+    def hard(self) -> bool:
+        """Whether any light has none."""
+        return any(_size_of(light) <= 0 for light in self.lights)
+
+    @property
     def shadow_maps(self) -> tuple[str, ...]:
         """The shadow pass's resources that the shaders look these lights up in."""
-        return ("shadow", "shadow_nearest") if self.soft else ("shadow",) if self.lights else ()
+        wanted = {"shadow": bool(self.lights), "shadow_slope": self.hard, "shadow_nearest": self.soft}
+        return tuple(name for name, there in wanted.items() if there)
 
     @property
     def defines(self) -> dict[str, object]:
@@ -90,8 +105,8 @@ class LightSet:
         found: dict[str, object] = {f"HAS_{names[k]}_LIGHT": 1 for k in sorted(kinds, key=lambda k: k.__name__)}
         if self.soft:
             found["HAS_SOFT_LIGHT"] = 1
-            if any(_size_of(light) <= 0 for light in self.lights):
-                found["HAS_HARD_LIGHT"] = 1
+        if self.hard:
+            found["HAS_HARD_LIGHT"] = 1
         maps = {SINGLE_MAP: "SINGLE", CUBE_MAP: "CUBE", PARALLEL_MAP: "PARALLEL"}
         found |= {f"HAS_{maps[kind]}_MAP": 1 for kind in sorted({tile.kind for tile in self.tiles})}
         return {"LIGHT_COUNT": len(self.lights), **found}
@@ -221,7 +236,7 @@ def _shelves(lights: tuple[Light, ...], shrink: int, max_size: int) -> tuple[lis
     tiles, x, y, shelf, width = [], 0, 0, 0, 1
     for light in lights:
         kind = _map_kind(light)
-        face = FACE_TEXELS[kind] >> shrink
+        face = _face_texels(light) >> shrink
         w, h = (3 * face, 2 * face) if kind == CUBE_MAP else (face, face)
         if x + w > limit:
             x, y, shelf = 0, y + shelf, 0
@@ -229,6 +244,11 @@ def _shelves(lights: tuple[Light, ...], shrink: int, max_size: int) -> tuple[lis
         x, shelf = x + w, max(shelf, h)
         width = max(width, x)
     return tiles, (width, max(1, y + shelf))
+
+
+def _face_texels(light: Light) -> int:
+    kind = _map_kind(light)
+    return HARD_CUBE_TEXELS if kind == CUBE_MAP and _size_of(light) <= 0 else FACE_TEXELS[kind]
 
 
 def _kind_of(light: Light) -> int:

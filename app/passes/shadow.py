@@ -8,6 +8,7 @@ import moderngl
 
 from app.gl.context import Device
 from app.gl.frame_state import FrameState
+from app.gl.fullscreen import write_defines
 from app.gl.geometry import Drawable
 from app.gl.lights import LightSet, ShadowFace
 from app.gl.pool import Resources
@@ -22,31 +23,34 @@ RELEVANT = ("ALPHA_MASK", "ALBEDO_MAP", "VERTEX_COLOR")
 def declare(lights: LightSet) -> Pass:
     """The pass for the atlas that ``lights`` laid out; it keeps its texels while nothing moves.
 
-    ``shadow`` holds distances, ``shadow_nearest`` the smallest in each tile, for soft shadows.
+    ``shadow`` holds distances, ``shadow_slope`` how surfaces lie in the map, for hard shadows, and ``shadow_nearest``
+    the smallest distance in each tile, for soft ones.
     """
     width, height = lights.atlas_size
     return Pass("shadow", writes={
         "shadow": Tex("f4", 1, size=(width, height)),
+        "shadow_slope": Tex("f2", 2, size=(width, height)),
         "shadow_nearest": Tex("f4", 1, size=(max(1, width // TILE), max(1, height // TILE))),
     }, make=make)
 
 
 def make(device: Device, bound: BoundPass) -> Callable[[FrameState, Resources], None]:
     nearest = device.fullscreen("shadow_nearest.frag") if "shadow_nearest" in bound.writes else None
+    maps = tuple(w for w in bound.writes if w != "shadow_nearest")
     drawn: list[object] = []  # the state of light and casters that the atlas shows
 
     def execute(frame: FrameState, resources: Resources) -> None:
         state = (frame.lights.lights, frame.geometry.changes, frame.overrides)
         if drawn == [state]:
             return
-        target = resources.target("shadow", with_depth=True)
+        target = resources.target(*maps, with_depth=True)
         target.viewport = (0, 0, *target.size)
         target.clear(EMPTY, depth=1.0)
         device.ctx.enable_only(moderngl.DEPTH_TEST)
         device.ctx.depth_func = "<"
         for face in frame.lights.faces():
             target.viewport = face.rect
-            _draw_face(device, frame, face)
+            _draw_face(device, frame, face, write_defines(bound))
         if nearest is not None:
             resources.target("shadow_nearest")
             device.ctx.enable_only(moderngl.NOTHING)
@@ -58,15 +62,13 @@ def make(device: Device, bound: BoundPass) -> Callable[[FrameState, Resources], 
     return execute
 
 
-def _draw_face(device: Device, frame: FrameState, face: ShadowFace) -> None:
+def _draw_face(device: Device, frame: FrameState, face: ShadowFace, writes: dict[str, object]) -> None:
     def program_of(d: Drawable) -> Program:
-        defines: dict[str, object] = {f: 1 for f in d.features if f in RELEVANT} if d.masked else {}
+        defines = {**writes, **{f: 1 for f in d.features if f in RELEVANT and d.masked}}
         if face.axis is not None:
             defines["PARALLEL"] = 1
         program = device.program("shadow.vert", "shadow.frag", defines=defines)
-        program.set(clip_from_relative=face.clip)
-        if face.axis is not None:
-            program.set(axis=tuple(face.axis))
+        program.set(clip_from_relative=face.clip, frame=face.frame)
         return program
 
     casters = frame.geometry.visible(face.clip, face.origin, lambda d: not d.material.analytic)

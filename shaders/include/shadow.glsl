@@ -23,6 +23,9 @@ const float DISTANCE_BIAS = 5e-4;      // relative
 const float QUAD_BLEND = 0.7;          // share of the quad's mean in the visibility of flat, soft quads
 
 uniform sampler2D shadow;
+#ifdef HAS_HARD_LIGHT
+#include "hard_shadow.glsl"
+#endif
 #ifdef HAS_SOFT_LIGHT
 uniform sampler2D shadow_nearest;
 #endif
@@ -41,6 +44,7 @@ QuadNoise quad_noise()
     return QuadNoise(noise, normalize(u * (0.5 - abs(u))));  // parabolas for sines: any spread of angles will do
 }
 
+#ifdef HAS_SOFT_LIGHT
 // Points on the light by Roberts' R2 sequence, whose every stretch is well spread. The angle turns with k.
 struct Pattern {
     float k;
@@ -63,7 +67,6 @@ vec2 next_point(inout Pattern s, bool square)
     return at;
 }
 
-#ifdef HAS_SOFT_LIGHT
 vec2 rotate(vec2 a, vec2 b)
 {
     return vec2(a.x * b.x - a.y * b.y, a.x * b.y + a.y * b.x);
@@ -125,7 +128,6 @@ float soft_visibility(float seen, bool penumbra, float passed, int taps, vec3 p,
     float filtered = mix(lit, 0.25 * quad_sum(lit), together == 4.0 ? QUAD_BLEND : 0.0);
     return penumbra ? filtered : seen > 0.0 ? 1.0 : 0.0;
 }
-#endif
 
 #if defined(HAS_CUBE_MAP) || defined(HAS_SINGLE_MAP)
 // Texel of a light's map in direction q from the light, as a fraction of its squares, and the square's corner in
@@ -183,7 +185,6 @@ Stored relate(Receiver r, vec3 q, float distance, float offset)
                   distance * distance - along * along, size * size);
 }
 
-#ifdef HAS_SOFT_LIGHT
 // The light as seen from a receiver, projected to a share of the way from the light to the receiver.
 struct Disc {
     vec3 axis_u;
@@ -262,21 +263,6 @@ float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool want
     }
     return soft_visibility(seen, penumbra, passed, taps, r.p, r.n);
 }
-#endif
-
-// Share of a light without a size: four neighbouring texels compared, then interpolated.
-float hard_radial_visibility(Light light, Receiver r)
-{
-    vec2 corner;
-    vec2 at = map_fraction(light, r.p, corner) * light.tile.z - 0.5;
-    vec2 base = clamp(floor(at), 0.0, light.tile.z - 2.0);
-    vec2 f = clamp(at - base, 0.0, 1.0);
-    ivec2 texel = ivec2(corner + base);
-    vec4 stored = vec4(texelFetch(shadow, texel, 0).r, texelFetch(shadow, texel + ivec2(1, 0), 0).r,
-                       texelFetch(shadow, texel + ivec2(0, 1), 0).r, texelFetch(shadow, texel + ivec2(1, 1), 0).r);
-    vec4 lit = vec4(greaterThanEqual(stored, vec4(r.reach)));
-    return mix(mix(lit.x, lit.y, f.x), mix(lit.z, lit.w, f.x), f.y);
-}
 
 // Share of a point, sphere, spot or rectangle light that relative point p with face normal n sees.
 float radial_visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wanted)
@@ -288,14 +274,7 @@ float radial_visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wante
     if (int(light.color.w) == RECT) radius = sqrt(dot(light.u.xyz, light.u.xyz) + dot(light.v.xyz, light.v.xyz));
 #endif
     Receiver r = Receiver(p, n, length(p) * (1.0 - DISTANCE_BIAS), -dot(n, p) * (1.0 - DISTANCE_BIAS), radius);
-#ifdef HAS_SOFT_LIGHT
-#ifdef HAS_HARD_LIGHT
-    if (radius <= 0.0) return hard_radial_visibility(light, r);
-#endif
     return soft_radial_visibility(light, r, noise, wanted);
-#else
-    return hard_radial_visibility(light, r);
-#endif
 }
 #endif
 
@@ -313,7 +292,6 @@ bool before_parallel_receiver(ParallelReceiver r, vec2 at, float stored, float m
     return stored < r.depth + min(dot(r.gradient, at - r.fraction) - margin, 0.0);
 }
 
-#ifdef HAS_SOFT_LIGHT
 // As texel_blocks; spread is the growth of the light's image in map fractions per unit of depth.
 bool parallel_texel_blocks(Light light, ParallelReceiver r, vec2 at, float spread)
 {
@@ -364,19 +342,6 @@ float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, 
     }
     return soft_visibility(seen, penumbra, passed, taps, p, n);
 }
-#endif
-
-float hard_parallel_visibility(Light light, ParallelReceiver r)
-{
-    vec2 at = r.fraction * light.tile.z - 0.5;
-    vec2 base = clamp(floor(at), 0.0, light.tile.z - 2.0);
-    vec2 f = clamp(at - base, 0.0, 1.0);
-    ivec2 texel = ivec2(light.tile.xy + base);
-    vec4 stored = vec4(texelFetch(shadow, texel, 0).r, texelFetch(shadow, texel + ivec2(1, 0), 0).r,
-                       texelFetch(shadow, texel + ivec2(0, 1), 0).r, texelFetch(shadow, texel + ivec2(1, 1), 0).r);
-    vec4 lit = vec4(greaterThanEqual(stored, vec4(r.depth)));
-    return mix(mix(lit.x, lit.y, f.x), mix(lit.z, lit.w, f.x), f.y);
-}
 
 // Share of a directional light's disc that relative point p with face normal n sees.
 float parallel_visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wanted)
@@ -390,26 +355,27 @@ float parallel_visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wan
         + 0.5;
     r.depth = dot(light.frame_z.xyz, moved) + light.frame_z.w - DISTANCE_BIAS * half_width;
     r.gradient = vec2(dot(n, axis_x), dot(n, axis_y)) * (2.0 * half_width / c);
-#ifdef HAS_SOFT_LIGHT
-#ifdef HAS_HARD_LIGHT
-    if (light.position.w <= 0.0) return hard_parallel_visibility(light, r);
-#endif
     return soft_parallel_visibility(light, r, p, n, noise, wanted);
-#else
-    return hard_parallel_visibility(light, r);
-#endif
 }
+#endif
 #endif
 
 // Share of the light that relative point p with face normal n sees; of no meaning unless wanted.
 float visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wanted)
 {
+#ifdef HAS_HARD_LIGHT
+#ifdef HAS_SOFT_LIGHT
+    if (light.position.w <= 0.0 && int(light.color.w) != RECT)
+#endif
+    return hard_visibility(light, p, n);
+#endif
+#ifdef HAS_SOFT_LIGHT
 #ifdef HAS_PARALLEL_MAP
     if (int(light.tile.w) == PARALLEL_MAP) return parallel_visibility(light, p, n, noise, wanted);
 #endif
 #if defined(HAS_CUBE_MAP) || defined(HAS_SINGLE_MAP)
     return radial_visibility(light, p, n, noise, wanted);
-#else
-    return 1.0;
 #endif
+#endif
+    return 1.0;
 }

@@ -92,7 +92,7 @@ def test_targets_only_for_what_the_scene_has() -> None:
 def test_without_lights_no_shadow_map() -> None:
     assert "shadow" not in plan(make_scene([floor(1.0)]))
     assert "shadow" in plan(PLAIN)
-    assert plan(PLAIN)["shadow"] == ("shadow",)  # hard light: nothing searches the bounds
+    assert plan(PLAIN)["shadow"] == ("shadow", "shadow_slope")  # hard light: nothing searches the bounds
 
 
 def test_intermediate_outputs_leave_out_what_follows() -> None:

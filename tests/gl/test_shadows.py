@@ -90,6 +90,33 @@ def test_contact(kind: str) -> None:
     assert max(width, height) <= 3 * texel
 
 
+@pytest.mark.parametrize("shape", ["crossing", "fold", "overhang"])
+@pytest.mark.parametrize("kind", ["point", "sun"])
+def test_no_light_creeps_around_an_edge(kind: str, shape: str) -> None:
+    """A sheet of wall keeps light from the floor beside it, whether the floor goes on under it or ends there.
+
+    Half a texel of the map is let off. A lid that juts out by a texel or two of the map keeps it from the wall below.
+    """
+    light: Light = PointLight((-2.0, 2.0, 0.0), (1.0,) * 3) if kind == "point" \
+        else DirectionalLight((1.0, -1.0, 0.0), (1.0,) * 3)
+    wall = quad((0.0, 0.0, 1.0), (0, 2.0, 0), (0, 0, -2.0))
+    ground = quad((0.0 if shape == "fold" else -1.0, 0.0, 1.0), (2.0 if shape == "fold" else 3.0, 0, 0), (0, 0, -2.0))
+    parts, low, high = [ground, wall], 0.5 * 4 / 1536, 0.01
+    camera = Camera((0.02, 0.008, 0.0), (0.0, 0.0, 0.0), fov_y_deg=30.0)
+    if shape == "overhang":
+        light = PointLight((-0.01, 2.0, 0.0), (1.0,) * 3) if kind == "point" \
+            else DirectionalLight((0.002, -1.0, 0.0), (1.0,) * 3)
+        parts = [box((0.0, -1.0, -1.0), (1.0, 1.0, 2.0)), box((-0.004, 0.0, -1.0), (1.0, 0.2, 2.0))]
+        low, high = -0.05, 0.0
+        camera = Camera((-0.1, -0.04, 0.0), (0.0, -0.02, 0.0), fov_y_deg=30.0)
+    share, at = visibility(make_scene(parts, [light]), SIZE, camera)
+    there = (np.abs(at[..., 0]) < 1e-5) & (at[..., 1] > low) & (at[..., 1] < high) if shape == "overhang" \
+        else (np.abs(at[..., 1]) < 1e-5) & (at[..., 0] > low) & (at[..., 0] < high)
+    print(f"CREEP {kind} {shape}: {(share[there] > 0.02).sum()} of {there.sum()} texels lit")
+    assert there.mean() > 0.1
+    assert (share[there] <= 0.02).all()
+
+
 @pytest.mark.parametrize("radius", [0.0, 0.1])
 def test_a_room_around_a_light_has_no_seams(radius: float) -> None:
     """Every edge and corner of the six faces lies somewhere on the sphere; all of it is lit."""

@@ -1,0 +1,157 @@
+// Hard shadows: the four texels of the map around a receiver are asked, and their answers interpolated. The map keeps
+// the plane that each texel shows, and a texel blocks only if its point lies before the receiver's plane and the
+// receiver behind the texel's. Two faces that meet, be it in a convex or in a concave edge, never shade each other by
+// mistake then, so nothing is biased or moved off its surface, which would let light into creases and past overhangs.
+#include "lights.glsl"
+#include "numbers.glsl"
+
+const float SNAP = 1.0 / 64.0;  // texels by which rasterisation shifts surfaces, rounded up
+const float ROUNDING = 2e-6;    // of nearness
+const float RELIEF = 1.5;       // texels; parallel steps that are lower are too fine for the map
+const float STEEPEST = 1e5;     // slope of a receiver
+
+uniform sampler2D shadow_slope;
+
+// A receiver in its light's map, whose places go from -1 to 1. Nearness is what changes evenly over the map along a
+// plane: the receiver's depth over the depth, or for parallel light the negative depth in half widths of the map.
+struct MapPlane {
+    vec2 corner;     // of the light's square, in texels of the atlas
+    vec2 at;
+    vec2 slope;      // nearness that the receiver's plane gains along the map
+    float nearness;
+    float depth;     // of the receiver; for parallel light half the map's width
+    float wide;      // squared tangent of half the map's angle; for parallel light 1
+    bool parallel;
+    bool facing;     // the light; on its other side a surface shades itself
+};
+
+#ifdef HAS_PARALLEL_MAP
+MapPlane parallel_plane(Light light, vec3 p, vec3 n)
+{
+    vec3 at = vec3(dot(light.frame_x.xyz, p) + light.frame_x.w, dot(light.frame_y.xyz, p) + light.frame_y.w,
+                   dot(light.frame_z.xyz, p) + light.frame_z.w) / light.u.x;
+    float away = dot(light.frame_z.xyz, n);
+    vec2 slope = vec2(dot(light.frame_x.xyz, n), dot(light.frame_y.xyz, n)) / away;
+    return MapPlane(light.tile.xy, at.xy, slope, -at.z, light.u.x, 1.0, true, away < 0.0);
+}
+#endif
+
+#ifdef HAS_SINGLE_MAP
+MapPlane single_plane(Light light, vec3 p, vec3 n)
+{
+    float away = dot(p, n), depth = max(dot(light.frame_z.xyz, p), 1e-30);
+    float wide = 1.0 / dot(light.frame_x.xyz, light.frame_x.xyz);
+    vec2 slope = vec2(dot(light.frame_x.xyz, n), dot(light.frame_y.xyz, n)) * (wide * depth / away);
+    return MapPlane(light.tile.xy, vec2(dot(light.frame_x.xyz, p), dot(light.frame_y.xyz, p)) / depth, slope, 1.0,
+                    depth, wide, false, away < 0.0);
+}
+#endif
+
+#ifdef HAS_CUBE_MAP
+MapPlane cube_plane(Light light, vec3 p, vec3 n)
+{
+    // Columns of squares are the axes x, y, z; rows their negative and positive ends (see lights.py).
+    vec3 a = abs(p);
+    bool along_z = a.z >= max(a.x, a.y), along_x = a.x >= a.y;
+    vec3 q = along_z ? p : along_x ? p.yzx : p.zxy;
+    vec2 edge = along_z ? n.xy : along_x ? n.yz : n.zx;
+    float away = dot(p, n), depth = abs(q.z);
+    vec2 corner = light.tile.xy + light.tile.z * vec2(along_z ? 2.0 : along_x ? 0.0 : 1.0, q.z < 0.0 ? 0.0 : 1.0);
+    return MapPlane(corner, q.xy / depth, edge * (depth / away), 1.0, depth, 1.0, false,
+                    away < 0.0);
+}
+#endif
+
+MapPlane map_plane(Light light, vec3 p, vec3 n)
+{
+    MapPlane r;
+#ifdef HAS_CUBE_MAP
+    if (int(light.tile.w) == CUBE_MAP) r = cube_plane(light, p - light.position.xyz, n);
+#endif
+#ifdef HAS_SINGLE_MAP
+    if (int(light.tile.w) == SINGLE_MAP) r = single_plane(light, p - light.position.xyz, n);
+#endif
+#ifdef HAS_PARALLEL_MAP
+    if (int(light.tile.w) == PARALLEL_MAP) r = parallel_plane(light, p, n);
+#endif
+    r.slope = clamp(r.slope, -STEEPEST, STEEPEST);
+    return r;
+}
+
+// The four texels around a receiver, one in each component: where they lie as seen from it, how near their planes come
+// there and at the receiver, and how these slope.
+struct MapTexels {
+    vec4 weight;
+    vec4 x;
+    vec4 y;
+    vec4 nearness;
+    vec4 at_receiver;
+    vec4 slope_x;
+    vec4 slope_y;
+    vec4 surface;  // 1 where there is one
+};
+
+MapTexels texels_around(Light light, MapPlane r)
+{
+    float unit = 2.0 / light.tile.z;
+    vec2 place = (r.at + 1.0) / unit - 0.5;
+    vec2 base = clamp(floor(place), 0.0, light.tile.z - 2.0);
+    vec2 f = clamp(place - base, 0.0, 1.0);
+    MapTexels t;
+    t.weight = vec4(1.0 - f.x, f.x, 1.0 - f.x, f.x) * vec4(1.0 - f.yy, f.yy);
+
+    ivec2 at = ivec2(r.corner + base);
+    const ivec2 X = ivec2(1, 0), Y = ivec2(0, 1);
+    vec4 stored = vec4(texelFetch(shadow, at, 0).r, texelFetch(shadow, at + X, 0).r,
+                       texelFetch(shadow, at + Y, 0).r, texelFetch(shadow, at + X + Y, 0).r);
+    vec4 low = vec4(texelFetch(shadow_slope, at, 0).xy, texelFetch(shadow_slope, at + X, 0).xy);
+    vec4 high = vec4(texelFetch(shadow_slope, at + Y, 0).xy, texelFetch(shadow_slope, at + X + Y, 0).xy);
+    t.slope_x = clamp(vec4(low.xz, high.xz), -HALF_MAX, HALF_MAX);
+    t.slope_y = clamp(vec4(low.yw, high.yw), -HALF_MAX, HALF_MAX);
+    t.surface = vec4(lessThan(stored, vec4(FAR)));
+
+    vec2 first = (base + 0.5) * unit - 1.0;
+    t.x = first.x + vec4(0.0, unit, 0.0, unit);
+    t.y = first.y + vec4(0.0, 0.0, unit, unit);
+    if (r.parallel) {
+        t.nearness = -stored / r.depth;
+    } else {
+        t.nearness = r.depth * sqrt(1.0 + r.wide * (t.x * t.x + t.y * t.y)) / stored;
+        t.slope_x *= t.nearness;
+        t.slope_y *= t.nearness;
+    }
+    t.x -= r.at.x;
+    t.y -= r.at.y;
+    t.at_receiver = t.nearness - t.slope_x * t.x - t.slope_y * t.y;
+    return t;
+}
+
+// Share of a light without a size that relative point p with face normal n sees.
+float hard_visibility(Light light, vec3 p, vec3 n)
+{
+    MapPlane r = map_plane(light, p, n);
+    MapTexels t = texels_around(light, r);
+    float unit = 2.0 / light.tile.z;
+    float rounding = ROUNDING * max(1.0, abs(r.nearness));
+    float slack = SNAP * unit * (abs(r.slope.x) + abs(r.slope.y)) + rounding;
+    vec4 slacks = SNAP * unit * (abs(t.slope_x) + abs(t.slope_y)) + rounding;
+    float relief = RELIEF * unit * sqrt(r.wide);
+
+    vec4 before_plane = t.nearness - r.nearness - r.slope.x * t.x - r.slope.y * t.y;
+    vec4 before_receiver = t.at_receiver - r.nearness;
+    vec4 bend = (abs(t.slope_x - r.slope.x) + abs(t.slope_y - r.slope.y)) * unit;
+    vec4 blocks = t.surface * vec4(greaterThan(before_plane, vec4(slack))) * vec4(greaterThan(before_receiver, slacks))
+        * vec4(greaterThan(before_receiver + bend, vec4(relief)));
+    vec4 dark = t.weight * blocks;
+    float most = max(max(dark.x, dark.y), max(dark.z, dark.w));
+    if (!(most > 0.0)) return r.facing ? 1.0 : 0.0;
+
+    // Beside a blocker only those speak for light that show what lies behind its plane, but not past the receiver's edge.
+    vec4 first = vec4(equal(dark, vec4(most)));
+    first /= dot(first, vec4(1.0));
+    vec4 blocker = dot(first, t.at_receiver) + dot(first, t.slope_x) * t.x + dot(first, t.slope_y) * t.y;
+    vec4 behind = vec4(lessThan(t.nearness, blocker - dot(first, slacks)));
+    vec4 past = vec4(lessThan(max(before_plane, before_receiver), vec4(-relief)));
+    float lit = dot(t.weight, (1.0 - blocks) * behind * (1.0 - past));
+    return r.facing ? lit / (lit + dot(dark, vec4(1.0))) : 0.0;
+}
