@@ -20,7 +20,7 @@ def rebuild(work: Annotated[Path, typer.Option(help="Folder of the dataset and o
                                                metavar="DIR")],
             out: Annotated[Path, typer.Option(help="Folder of the networks and their cards.",
                                               metavar="DIR")] = Path("nets"),
-            quick: Annotated[bool, typer.Option("--quick", help="Minutes instead of hours: a dozen small pairs, and two "
+            quick: Annotated[bool, typer.Option("--quick", help="Minutes, not hours: a dozen small pairs, and two "
                                                 "epochs of the smallest network; nothing worth using.")] = False,
             ) -> None:
     """Make the dataset, train on it and export all networks; goes on where it was stopped."""
