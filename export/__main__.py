@@ -11,13 +11,14 @@ from export.cli.dataset import dataset
 from export.cli.models import models
 from export.cli.onnx import onnx, stamp
 from export.cli.precision import precision
+from export.cli.rebuild import rebuild
 from export.cli.reference import reference
 from export.cli.sized import sized
 from export.cli.train import train
 from export.cli.validate import validate
 
 cli = typer.Typer(add_completion=False, no_args_is_help=True, help=__doc__, pretty_exceptions_enable=False)
-for command in (dataset, train, models, onnx, stamp, sized, precision, reference, validate):
+for command in (dataset, train, models, onnx, stamp, rebuild, sized, precision, reference, validate):
     cli.command()(command)
 
 

@@ -1,6 +1,7 @@
 // Surface attributes of the nearest surface, one target per attribute that somebody reads.
 #include "numbers.glsl"
 #include "camera.glsl"
+#include "nearness.glsl"
 #include "octahedral.glsl"
 
 in vec3 position;
@@ -46,7 +47,7 @@ layout(location = WRITE_GLOSS) out vec4 out_gloss;
 #ifdef WRITE_MOTION
 in vec3 clip_now;
 in vec3 clip_before;
-layout(location = WRITE_MOTION) out vec4 out_motion;      // pixels, +y down; z: depth one frame ago / now
+layout(location = WRITE_MOTION) out vec4 out_motion;      // pixels, +y down; z: depth one frame ago / now; w: nearness
 #endif
 
 // Towards the viewer, from screen-space derivatives.
@@ -107,7 +108,7 @@ void main()
     out_gloss = gloss;
 #endif
 #ifdef WRITE_MOTION
-    out_motion = vec4(0.0);
+    out_motion = vec4(0.0, 0.0, 0.0, UNIT_NEARNESS * gl_FragCoord.z);  // z = near / depth
     if (clip_before.z > 0.0) {
         vec2 moved = clip_now.xy / clip_now.z - clip_before.xy / clip_before.z;
         out_motion.xyz = vec3(moved * image.xy * vec2(0.5, -0.5), clip_before.z / clip_now.z);

@@ -3,6 +3,7 @@
 // neighbourhood in YCoCg (Salvi 2016, "An Excursion in Temporal Supersampling").
 #include "numbers.glsl"
 #include "camera.glsl"
+#include "nearness.glsl"
 #include "quad.glsl"
 
 const float CLIP_GAMMA = 1.25;      // standard deviations
@@ -12,10 +13,10 @@ const float STILL_PIXELS = 0.01;    // motion below which a texel counts as stil
 const float DEPTH_TOLERANCE = 0.03; // relative
 
 uniform sampler2D lit;
-uniform sampler2D depth;
-uniform sampler2D motion;
+uniform sampler2D motion;      // w: nearness
 uniform sampler2D taa_prev;    // rgb: history, a: frames gathered
 uniform sampler2D depth_prev;
+uniform float near;            // distance of the near plane in scene units
 uniform bool history_valid;
 
 layout(location = 0) out vec4 out_taa;
@@ -73,47 +74,41 @@ void neighbourhood(ivec2 t, ivec2 outward, vec3 own, out vec3 mean, out vec3 squ
     vec3 beside = ycocg(current(t + ivec2(outward.x, 0)));
     vec3 above = ycocg(current(t + ivec2(0, outward.y)));
     vec3 corner = ycocg(current(t + outward));
-    vec3 row = own + beside + quad_swap_x(own), row2 = own * own + beside * beside + quad_swap_x(own * own);
-    mean = row + above + corner + quad_swap_x(above) + quad_swap_y(row);
-    square = row2 + above * above + corner * corner + quad_swap_x(above * above) + quad_swap_y(row2);
+    vec3 inner = quad_swap_x(own), inner_above = quad_swap_x(above);
+    vec3 row = own + beside + inner, row2 = own * own + beside * beside + inner * inner;
+    mean = row + above + corner + inner_above + quad_swap_y(row);
+    square = row2 + above * above + corner * corner + inner_above * inner_above + quad_swap_y(row2);
     mean /= 9.0;
     square /= 9.0;
-}
-
-// Nearness of a depth: its inverse, 0 for sky and for what is no depth.
-float nearness(float depth)
-{
-    return depth > 0.0 ? 1.0 / depth : 0.0;
 }
 
 // Motion of the nearest surface in and around the quad (z: nearness one frame ago), so that edges move with what is
 // before them.
 vec3 nearest_motion(ivec2 t, ivec2 outward)
 {
-    float own = nearness(texelFetch(depth, t, 0).r), other = nearness(texelFetch(depth, t + outward, 0).r);
-    vec3 best = vec3(vec2(t + (other > own ? outward : ivec2(0))), max(own, other));
-    vec3 swapped = quad_swap_x(best);
-    best = swapped.z > best.z ? swapped : best;
-    swapped = quad_swap_y(best);
-    best = swapped.z > best.z ? swapped : best;
-    vec3 moved = texelFetch(motion, ivec2(best.xy + 0.5), 0).xyz;
-    return vec3(moved.xy * vec2(1.0, -1.0), moved.z > 0.0 ? best.z / moved.z : 0.0);
+    vec4 best = texelFetch(motion, t, 0), other = texelFetch(motion, t + outward, 0);
+    best = other.w > best.w ? other : best;
+    other = quad_swap_x(best);
+    best = other.w > best.w ? other : best;
+    other = quad_swap_y(best);
+    best = other.w > best.w ? other : best;
+    return vec3(best.xy * vec2(1.0, -1.0), best.z > 0.0 ? best.w / best.z : 0.0);
 }
 
-// Whether a surface of the given nearness was visible one frame ago in or around the quad at place t: between the
+// Whether a surface of the given nearness was visible one frame ago in or around the quad at texel t: between the
 // nearest and the farthest there, so that jitter across an edge counts as seen.
-bool was_visible(vec2 at, ivec2 outward, float expected)
+bool was_visible(ivec2 t, ivec2 outward, float expected)
 {
-    ivec2 last = ivec2(image.xy) - 1, t = ivec2(floor(at));
-    float here = nearness(texelFetch(depth_prev, clamp(t, ivec2(0), last), 0).r);
-    float beside = nearness(texelFetch(depth_prev, clamp(t + outward, ivec2(0), last), 0).r);
+    ivec2 last = ivec2(image.xy) - 1;
+    float here = nearness(texelFetch(depth_prev, clamp(t, ivec2(0), last), 0).r, near);
+    float beside = nearness(texelFetch(depth_prev, clamp(t + outward, ivec2(0), last), 0).r, near);
     float low = min(here, beside), high = max(here, beside);
     low = min(low, quad_swap_x(low));
     low = min(low, quad_swap_y(low));
     high = max(high, quad_swap_x(high));
     high = max(high, quad_swap_y(high));
     return expected >= low * (1.0 - DEPTH_TOLERANCE) && expected <= high * (1.0 + DEPTH_TOLERANCE)
-        && all(greaterThanEqual(at, vec2(0.0))) && all(lessThan(at, image.xy));
+        && all(greaterThanEqual(t, ivec2(0))) && all(lessThanEqual(t, last));
 }
 
 void main()
@@ -126,12 +121,13 @@ void main()
     neighbourhood(t, outward, ycocg(now), mean, square);
     vec3 deviation = sqrt(max(square - mean * mean, 0.0));
 
-    vec2 at = gl_FragCoord.xy - (is_finite(moved.x + moved.y) ? moved.xy : vec2(1e9));
     bool still = dot(moved.xy, moved.xy) < STILL_PIXELS * STILL_PIXELS;
-    vec4 gathered = catmull_rom(still ? gl_FragCoord.xy : at);
+    vec2 back = still ? vec2(0.0) : is_finite(moved.x + moved.y) ? -moved.xy : vec2(1e9);
+    ivec2 before = t + ivec2(floor(back + 0.5));
+    vec4 gathered = catmull_rom(gl_FragCoord.xy + back);
     vec3 history = gathered.rgb;
     bool healthy = is_finite(dot(gathered, vec4(1.0))) && gathered.a >= 1.0;
-    bool keep = was_visible(at, outward, moved.z) && healthy && history_valid;
+    bool keep = was_visible(before, outward, moved.z) && healthy && history_valid;
 
     vec3 offset = ycocg(history) - mean;
     float share = clip_share(offset, CLIP_GAMMA * deviation);

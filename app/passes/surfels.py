@@ -55,8 +55,9 @@ def _mean_light(resources: Resources, world: WorldSurfels) -> F32:
     """Irradiance / π of each surfel, shape (S, 3): the mean over its places."""
     texture = resources["surfel_light"]
     texels = np.frombuffer(texture.read(alignment=1), np.float16).astype(np.float32)
-    quads = texels.reshape(texture.height // 2, 2, texture.width // 2, 2, 4)[..., :3].mean(axis=(1, 3))
-    places = quads.reshape(-1, 3)[:len(world.place_surfel)]
+    texels = texels.reshape(texture.height, texture.width, 4)
+    quads = (texels[::2, ::2] + texels[::2, 1::2] + texels[1::2, ::2] + texels[1::2, 1::2]) / 4
+    places = quads.reshape(-1, 4)[:len(world.place_surfel)]
     number = np.maximum(np.bincount(world.place_surfel, minlength=world.count), 1)
     return np.stack([np.bincount(world.place_surfel, places[:, c], world.count) / number for c in range(3)],
                     axis=1).astype(np.float32)

@@ -8,6 +8,6 @@ from app.graph import Pass, Tex
 
 def declare() -> Pass:
     """The history is 32-bit: hundreds of still frames accumulate in it."""
-    return Pass("taa", reads=("lit", "depth", "motion", "taa@prev", "depth@prev"), writes={"taa": Tex("f4", 4)},
+    return Pass("taa", reads=("lit", "motion", "taa@prev", "depth@prev"), writes={"taa": Tex("f4", 4)},
                 make=lambda device, bound: make_fullscreen(device, bound, "taa.frag", lambda frame: {
-                    "history_valid": frame.history_valid}))
+                    "history_valid": frame.history_valid, "near": frame.view.near}))

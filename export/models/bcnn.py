@@ -67,7 +67,8 @@ class Bcnn(Network):
         if not set(self.reads) <= set(READS):
             raise ValueError(f"reads {list(reads)}, known are {', '.join(READS)}")
         self.contract = ModelContract(
-            name=name, paper="Xin et al. 2021, Lightweight Bilateral Convolutional Neural Networks",
+            name=name if bounces == "multi" else f"{name}-{bounces}",
+            paper="Xin et al. 2021, Lightweight Bilateral Convolutional Neural Networks",
             inputs={"x": TensorSpec(CHANNELS)}, outputs={"y": TensorSpec(("indirect.rgb",))}, scale=preset.scale,
             multiple_of=8, exposure="mean-radiance", bounces=bounces, scene_extent=EXTENT, licence="MIT")
         a, b, c, d = preset.widths

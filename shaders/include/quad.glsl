@@ -34,6 +34,16 @@ vec3 quad_swap_y(vec3 x)
     return x + dFdyFine(x) * quad_side().y;
 }
 
+vec4 quad_swap_x(vec4 x)
+{
+    return x + dFdxFine(x) * quad_side().x;
+}
+
+vec4 quad_swap_y(vec4 x)
+{
+    return x + dFdyFine(x) * quad_side().y;
+}
+
 float quad_sum(float x)
 {
     x += quad_swap_x(x);

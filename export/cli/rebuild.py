@@ -1,0 +1,45 @@
+"""``python -m export rebuild``: every network of ``nets/``, from nothing."""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+CONFIGS = Path(__file__).parents[1] / "configs"
+SHIPPED, QUICK = ("bcnn-8", "bcnn-16", "bcnn-16-single"), ("quick",)  # configurations of trained networks
+PAIRS, QUICK_PAIRS = 2400, 12
+
+
+def rebuild(work: Annotated[Path, typer.Option(help="Folder of the dataset and of the training runs.",
+                                               metavar="DIR")],
+            out: Annotated[Path, typer.Option(help="Folder of the networks and their cards.",
+                                              metavar="DIR")] = Path("nets"),
+            quick: Annotated[bool, typer.Option("--quick", help="Minutes instead of hours: a dozen small pairs, and two "
+                                                "epochs of the smallest network; nothing worth using.")] = False,
+            ) -> None:
+    """Make the dataset, train on it and export all networks; goes on where it was stopped."""
+    for arguments in steps(work, out, quick):
+        command = [sys.executable, "-m", "export", *map(str, arguments)]
+        typer.secho(f"$ {shlex.join(['python', *command[1:]])}", err=True, bold=True)
+        failed = subprocess.run(command).returncode
+        if failed:
+            raise typer.Exit(failed)
+
+
+def steps(work: Path, out: Path, quick: bool) -> Iterator[Sequence[object]]:
+    """The commands, without ``python -m export``."""
+    data = work / "data"
+    if quick:
+        yield "dataset", "--out", data, "--frames", QUICK_PAIRS, "--config", CONFIGS / "quick-data.toml"
+    else:
+        yield "dataset", "--out", data, "--frames", PAIRS
+    yield "onnx", "--out", out
+    for name in QUICK if quick else SHIPPED:
+        yield "train", CONFIGS / f"{name}.toml", "--dataset", data, "--out", work / name
+        yield "onnx", work / name / "checkpoint.pt", "--out", out

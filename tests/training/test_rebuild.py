@@ -1,0 +1,42 @@
+"""From an empty folder to networks: the one documented command."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("mitsuba")
+pytest.importorskip("lightning_fabric")
+
+from app.contract import read_contract
+from app.errors import DeviceError
+from app.paths import nets_dir
+from export.mitsuba_scene import mitsuba
+
+pytestmark = [pytest.mark.gl, pytest.mark.long]
+
+
+def test_rebuild_makes_every_network_and_goes_on_where_it_was(tmp_path: Path) -> None:
+    try:
+        mitsuba()
+    except DeviceError as error:
+        pytest.skip(str(error))
+    command = [sys.executable, "-m", "export", "rebuild", "--quick", "--work", str(tmp_path), "--out",
+               str(tmp_path / "nets")]
+    first = subprocess.run(command, capture_output=True, text=True)
+    assert first.returncode == 0, first.stderr
+    assert "12 pairs, 12 of them made now" in first.stdout
+    made = {path.name: path.read_bytes() for path in (tmp_path / "nets").iterdir()}
+    assert {"bcnn-8.onnx", "bcnn-8-half.onnx", "bcnn-8.md"} < made.keys()
+    for path in nets_dir().glob("*.onnx"):
+        if read_contract(path).trained_on == "nothing":
+            assert made[path.name] == path.read_bytes(), path.name
+    log = (tmp_path / "quick" / "log.jsonl").read_bytes()
+    second = subprocess.run(command, capture_output=True, text=True)
+    assert second.returncode == 0, second.stderr
+    assert "12 of them made now" not in second.stdout
+    assert (tmp_path / "quick" / "log.jsonl").read_bytes() == log
