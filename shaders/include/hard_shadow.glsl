@@ -146,7 +146,7 @@ float hard_visibility(Light light, vec3 p, vec3 n)
     float most = max(max(dark.x, dark.y), max(dark.z, dark.w));
     if (!(most > 0.0)) return r.facing ? 1.0 : 0.0;
 
-    // Beside a blocker only those speak for light that show what lies behind its plane, but not past the receiver's edge.
+    // Beside a blocker only those speak for light that show what lies behind its plane, not past the receiver's edge.
     vec4 first = vec4(equal(dark, vec4(most)));
     first /= dot(first, vec4(1.0));
     vec4 blocker = dot(first, t.at_receiver) + dot(first, t.slope_x) * t.x + dot(first, t.slope_y) * t.y;
