@@ -98,7 +98,7 @@ def build_frame(scene: Scene, settings: Settings, lights: LightSet,
         passes.append(shadow.declare(lights))
     else:
         absent["shadow"] = "the scene has no light that casts"
-    passes += [gbuffer.declare(scene), position.declare(), direct.declare(lights, shiny, settings.taa)]
+    passes += [gbuffer.declare(scene), position.declare(), direct.declare(lights, shiny)]
     if model is not None:
         passes += _indirect(scene, settings, lights, model, absent)
     else:

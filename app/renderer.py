@@ -184,7 +184,9 @@ class Renderer:
         self._override_count += any(callable(value) for value in self._overrides.values())  # wants what a pass wrote
         view = View.of(camera, self.settings.size, NEAR * self.scene.longest_edge)
         self._geometry.update(time, cut)
-        frame = FrameState(self.settings.size, view, self._previous or view, self._jitter(), not cut,
+        gathered = any(b.name == "taa" for b in self.plan.passes)
+        jitter = self._jitter() if gathered else (0.0, 0.0)
+        frame = FrameState(self.settings.size, view, self._previous or view, jitter, not cut, gathered,
                            (self.settings.seed * GOLDEN) % 1.0, self._index, self.settings.exposure, self._geometry,
                            self._lights, self._override_count)
         self._lights.upload(view.eye)
@@ -207,8 +209,6 @@ class Renderer:
 
     def _jitter(self) -> tuple[float, float]:
         """Halton offsets in clip units, centred on the pixel."""
-        if not any(b.name == "taa" for b in self.plan.passes):
-            return 0.0, 0.0
         i = (self._index + self.settings.seed) % JITTER_PERIOD + 1
         w, h = self.settings.size
         return (2 * halton(i, 2) - 1) / w, (2 * halton(i, 3) - 1) / h

@@ -37,6 +37,8 @@ class FrameState:
         Sub-pixel offset in clip units; zeros without TAA.
     history_valid : bool
         False in the first frame, after a cut and after a resize.
+    gathered : bool
+        Whether TAA gathers frames.
     noise_phase : float
         In [0, 1), from the seed.
     index : int
@@ -51,6 +53,7 @@ class FrameState:
     previous: View
     jitter: tuple[float, float]
     history_valid: bool
+    gathered: bool
     noise_phase: float
     index: int
     exposure: float

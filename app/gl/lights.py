@@ -78,7 +78,7 @@ class LightSet:
         self.lights = scene.lights
         self._bounds = scene.swept_bounds
         self.scale = radiance_scale(scene)
-        self.tiles, self.atlas_size = _lay_out(scene.lights, device.max_size)
+        self.tiles, self.atlas_size = lay_out(scene.lights, device.max_size)
         self.buffer = device.ctx.buffer(reserve=LIGHT_BYTES * max(1, len(self.lights)))
 
     @property
@@ -221,22 +221,31 @@ def radiance_scale(scene: Scene) -> float:
     return float(256.0 ** max(-12, min(12, -round(math.log2(brightest) / 8))))
 
 
-def _lay_out(lights: tuple[Light, ...], max_size: int) -> tuple[list[Tile], tuple[int, int]]:
-    """Shelves of tiles, halving their size until the atlas fits."""
-    shrink = 0
-    while True:
-        tiles, size = _shelves(lights, shrink, max_size)
-        if (size[0] * size[1] <= MAX_ATLAS_TEXELS and max(size) <= max_size) or shrink >= 8:
-            return tiles, size
-        shrink += 1
+def lay_out(lights: tuple[Light, ...], max_size: int) -> tuple[list[Tile], tuple[int, int]]:
+    """Shelves of tiles: finer ones for hard six-face maps if the atlas fits then, and all halved until it does.
+
+    Returns
+    -------
+    tiles : list of Tile
+        One for each light.
+    size : tuple of int
+        Width and height of the atlas, in texels.
+    """
+    usual = FACE_TEXELS[CUBE_MAP]
+    for hard, shrink in ((HARD_CUBE_TEXELS, 0), *((usual, shrink) for shrink in range(9))):
+        tiles, size = _shelves(lights, hard, shrink, max_size)
+        if size[0] * size[1] <= MAX_ATLAS_TEXELS and max(size) <= max_size:
+            break
+    return tiles, size
 
 
-def _shelves(lights: tuple[Light, ...], shrink: int, max_size: int) -> tuple[list[Tile], tuple[int, int]]:
+def _shelves(lights: tuple[Light, ...], hard: int, shrink: int,
+             max_size: int) -> tuple[list[Tile], tuple[int, int]]:
     limit = min(max_size, 8192)
     tiles, x, y, shelf, width = [], 0, 0, 0, 1
     for light in lights:
         kind = _map_kind(light)
-        face = _face_texels(light) >> shrink
+        face = (hard if kind == CUBE_MAP and _size_of(light) <= 0 else FACE_TEXELS[kind]) >> shrink
         w, h = (3 * face, 2 * face) if kind == CUBE_MAP else (face, face)
         if x + w > limit:
             x, y, shelf = 0, y + shelf, 0
@@ -244,11 +253,6 @@ def _shelves(lights: tuple[Light, ...], shrink: int, max_size: int) -> tuple[lis
         x, shelf = x + w, max(shelf, h)
         width = max(width, x)
     return tiles, (width, max(1, y + shelf))
-
-
-def _face_texels(light: Light) -> int:
-    kind = _map_kind(light)
-    return HARD_CUBE_TEXELS if kind == CUBE_MAP and _size_of(light) <= 0 else FACE_TEXELS[kind]
 
 
 def _kind_of(light: Light) -> int:

@@ -10,20 +10,17 @@ SURROUND = "surround_"
 TURN = 0.7548776662  # of the noise from frame to frame (Roberts' R2 sequence)
 
 
-def declare(lights: LightSet, shiny: bool, accumulated: bool) -> Pass:
+def declare(lights: LightSet, shiny: bool) -> Pass:
     """On the screen; highlights only where the scene is ``shiny``.
 
-    Parameters
-    ----------
-    accumulated : bool
-        Whether frames are gathered. Then each samples penumbras at other points; otherwise these are fixed per texel,
-        so that still pictures stay still.
+    Where TAA gathers frames, each samples penumbras at other points; otherwise these are fixed per texel, so that still
+    pictures stay still.
     """
     writes: dict[str, Resource] = {"direct": Tex("f2", 4)}
     if shiny:
         writes["specular"] = Tex("f2", 4)
     reads = ("albedo", "normal", "depth", *lights.shadow_maps, *(("gloss",) if shiny else ()))
-    return _pass("direct", reads, writes, lights, {}, TURN if accumulated else 0.0)
+    return _pass("direct", reads, writes, lights, {}, TURN)
 
 
 def declare_surround(lights: LightSet, face: int, camera_axes: bool) -> Pass:
@@ -38,5 +35,6 @@ def declare_surround(lights: LightSet, face: int, camera_axes: bool) -> Pass:
 def _pass(name: str, reads: tuple[str, ...], writes: dict[str, Resource], lights: LightSet,
           grid: dict[str, object], turn: float = 0.0) -> Pass:
     return Pass(name, reads=reads, writes=writes, make=lambda device, bound: make_fullscreen(
-        device, bound, "direct.frag", lambda frame: {"noise_phase": (frame.noise_phase + turn * frame.index) % 1.0},
+        device, bound, "direct.frag", lambda frame: {
+            "noise_phase": (frame.noise_phase + turn * frame.index * frame.gathered) % 1.0},
         {**lights.defines, **grid}, SURROUND))

@@ -1,4 +1,4 @@
-"""``python -m export rebuild``: every network of ``nets/``, from nothing."""
+"""``python -m export rebuild``: every network, from an empty folder."""
 
 from __future__ import annotations
 
@@ -11,20 +11,23 @@ from typing import Annotated
 
 import typer
 
+from app.paths import nets_dir
+
 CONFIGS = Path(__file__).parents[1] / "configs"
-SHIPPED, QUICK = ("bcnn-8", "bcnn-16", "bcnn-16-single"), ("quick",)  # configurations of trained networks
+TRAINED, QUICK = ("bcnn-8", "bcnn-16", "bcnn-16-single"), ("quick",)  # configurations
 PAIRS, QUICK_PAIRS = 2400, 12
 
 
 def rebuild(work: Annotated[Path, typer.Option(help="Folder of the dataset and of the training runs.",
                                                metavar="DIR")],
-            out: Annotated[Path, typer.Option(help="Folder of the networks and their cards.",
-                                              metavar="DIR")] = Path("nets"),
+            out: Annotated[Path | None, typer.Option(
+                help="Folder of the networks, and of the cards of trained ones; without, nets/, and with --quick one "
+                     "in --work.", metavar="DIR")] = None,
             quick: Annotated[bool, typer.Option("--quick", help="Minutes, not hours: a dozen small pairs, and two "
                                                 "epochs of the smallest network; nothing worth using.")] = False,
             ) -> None:
     """Make the dataset, train on it and export all networks; goes on where it was stopped."""
-    for arguments in steps(work, out, quick):
+    for arguments in steps(work, out or (work / "nets" if quick else nets_dir()), quick):
         command = [sys.executable, "-m", "export", *map(str, arguments)]
         typer.secho(f"$ {shlex.join(['python', *command[1:]])}", err=True, bold=True)
         failed = subprocess.run(command).returncode
@@ -40,6 +43,6 @@ def steps(work: Path, out: Path, quick: bool) -> Iterator[Sequence[object]]:
     else:
         yield "dataset", "--out", data, "--frames", PAIRS
     yield "onnx", "--out", out
-    for name in QUICK if quick else SHIPPED:
+    for name in QUICK if quick else TRAINED:
         yield "train", CONFIGS / f"{name}.toml", "--dataset", data, "--out", work / name
         yield "onnx", work / name / "checkpoint.pt", "--out", out

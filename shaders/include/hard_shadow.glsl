@@ -55,7 +55,7 @@ MapPlane cube_plane(Light light, vec3 p, vec3 n)
     bool along_z = a.z >= max(a.x, a.y), along_x = a.x >= a.y;
     vec3 q = along_z ? p : along_x ? p.yzx : p.zxy;
     vec2 edge = along_z ? n.xy : along_x ? n.yz : n.zx;
-    float away = dot(p, n), depth = abs(q.z);
+    float away = dot(p, n), depth = max(abs(q.z), 1e-30);
     vec2 corner = light.tile.xy + light.tile.z * vec2(along_z ? 2.0 : along_x ? 0.0 : 1.0, q.z < 0.0 ? 0.0 : 1.0);
     return MapPlane(corner, q.xy / depth, edge * (depth / away), 1.0, depth, 1.0, false,
                     away < 0.0);

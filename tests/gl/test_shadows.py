@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from app.gl.lights import FACE_TEXELS, HARD_CUBE_TEXELS, PARALLEL_MAP, lay_out
 from app.scene import Camera, DirectionalLight, Light, Material, PointLight, RectLight, SpotLight, Texture
 from tests.gl import closed_forms as exact
 from tests.gl.closed_forms import F64
@@ -13,7 +14,6 @@ from tests.gl.scenes import GREY, Part, box, floor, make_scene, quad, sphere, vi
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
 SIZE = (128, 96)
-FACE = 1024  # texels along a face of the six-face map
 
 
 def grazing(kind: str, angle_deg: float) -> Light:
@@ -67,7 +67,8 @@ def test_contact(kind: str) -> None:
     light: Light = PointLight((-3.0, 2.0, 0.0), (1.0,) * 3) if kind == "point" \
         else DirectionalLight((3.0, -2.0, 0.0), (1.0,) * 3)
     parts = [floor(2.0), box((-0.5, 0.0, -0.5), (1.0, 0.5, 1.0))]
-    texel = 2 / FACE * 4 if kind == "point" else 2 * 2.9 / 2048  # of the map, at the box
+    # Of the map, at the box.
+    texel = 2 / HARD_CUBE_TEXELS * 4 if kind == "point" else 2 * 2.9 / FACE_TEXELS[PARALLEL_MAP]
     camera = Camera((1.3, 0.6, 0.0), (0.5, 0.0, 0.0), fov_y_deg=40.0)  # the dark side
     share, at = visibility(make_scene(parts, [light]), SIZE, camera)
     on_floor, middle = np.abs(at[..., 1]) < 1e-4, np.abs(at[..., 2]) < 0.4
@@ -101,7 +102,7 @@ def test_no_light_creeps_around_an_edge(kind: str, shape: str) -> None:
         else DirectionalLight((1.0, -1.0, 0.0), (1.0,) * 3)
     wall = quad((0.0, 0.0, 1.0), (0, 2.0, 0), (0, 0, -2.0))
     ground = quad((0.0 if shape == "fold" else -1.0, 0.0, 1.0), (2.0 if shape == "fold" else 3.0, 0, 0), (0, 0, -2.0))
-    parts, low, high = [ground, wall], 0.5 * 4 / 1536, 0.01
+    parts, low, high = [ground, wall], 0.5 * 4 / HARD_CUBE_TEXELS, 0.01
     camera = Camera((0.02, 0.008, 0.0), (0.0, 0.0, 0.0), fov_y_deg=30.0)
     if shape == "overhang":
         light = PointLight((-0.01, 2.0, 0.0), (1.0,) * 3) if kind == "point" \
@@ -185,7 +186,18 @@ def test_a_lit_corner_has_no_dark_crease(radius: float) -> None:
     lamp = PointLight((0.0, 1.5, 0.0), (1.0,) * 3, radius)
     share, at = visibility(make_scene(parts, [lamp]), (256, 192), Camera((-1.5, 1.2, 1.5), (1.0, 0.5, -1.0)))
     to_walls = np.sort(np.stack([at[..., 1], at[..., 2] + 2, 2 - at[..., 0]], -1), axis=-1)
-    crease = to_walls[..., 1] < 2 / FACE * np.linalg.norm(at - np.array(lamp.position), axis=-1)
+    crease = to_walls[..., 1] < 2 / HARD_CUBE_TEXELS * np.linalg.norm(at - np.array(lamp.position), axis=-1)
     wrong = (share < 0.98) & ~crease
     print(f"ROOM {radius}: {wrong.sum()} wrong texels ({wrong.mean():.3%}), darkest {share.min():.3f}")
     assert wrong.mean() < 2e-4
+
+
+@pytest.mark.parametrize(("hard", "soft", "faces"), [
+    (1, 0, {1536}), (0, 1, {1024}), (2, 0, {1536}), (1, 1, {1536, 1024}), (3, 0, {1024}), (1, 2, {1024}),
+    (5, 0, {512}), (40, 0, {256}),
+])
+def test_maps_are_as_fine_as_the_atlas_lets_them_be(hard: int, soft: int, faces: set[int]) -> None:
+    lights = (PointLight((0, 1, 0), (1.0,) * 3),) * hard + (PointLight((0, 1, 0), (1.0,) * 3, 0.1),) * soft
+    tiles, size = lay_out(lights, 16384)
+    assert {tile.face for tile in tiles} == faces
+    assert all(max(t.corner[0] + 3 * t.face - size[0], t.corner[1] + 2 * t.face - size[1]) <= 0 for t in tiles)

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation
+from scipy.ndimage import binary_dilation, binary_erosion
 from skimage.metrics import structural_similarity
 
 from app.contract import find_model
@@ -15,7 +15,7 @@ from app.load import embedded_scene
 from app.renderer import Renderer
 from app.scene import Camera, Material, PointLight, Scene
 from app.settings import Settings
-from tests.gl.scenes import Images, box, draw, make_scene, quad, slide
+from tests.gl.scenes import Images, box, draw, floor, make_scene, quad, slide
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
@@ -56,6 +56,38 @@ def test_a_still_camera_converges(model: str, size: tuple[int, int]) -> None:
     print(f"STILL {model} {size}: change p99 {max(changes):.2f}, largest {largest} of 255; SSIM {similar:.4f}")
     assert max(changes) <= 1
     assert similar >= 0.98
+
+
+SOFT = make_scene([floor(2.0), box((-0.3, 0, -0.3), (0.6,) * 3)], [PointLight((-1.2, 1.6, 0.6), (9.0,) * 3, 0.3)],
+                  Camera((1.6, 1.8, 1.6), (0.2, 0.1, 0.0)))
+
+
+@pytest.mark.parametrize("outputs", [("direct",), ("direct", "final")])
+def test_noise_in_penumbras_changes_only_where_frames_are_gathered(outputs: tuple[str, ...]) -> None:
+    camera = SOFT.cameras["main"].at(0.0)
+    with renderer(SOFT, outputs=outputs) as r:
+        first, second = (r.render(camera)["direct"] for _ in range(2))
+        r.cut()
+        again = r.render(camera)["direct"]
+    np.testing.assert_array_equal(first, again)
+    jittered = "final" in outputs
+    assert (np.abs(second - first).max() > 0.02 * first.max()) == jittered
+    with renderer(SOFT, outputs=outputs) as new:
+        new.render(camera)
+        np.testing.assert_array_equal(new.render(camera)["direct"], second)
+
+
+def test_gathered_penumbras_lose_their_grain() -> None:
+    """On the floor, against 16 samples a texel."""
+    camera = SOFT.cameras["main"].at(0.0)
+    w, h = SIZE
+    truth = draw(SOFT, (4 * w, 4 * h), camera=camera)["final"].reshape(h, 4, w, 4, 3).mean((1, 3))
+    with renderer(SOFT) as r:
+        finals = [r.render(camera)["final"] for _ in range(17)]
+    away = binary_erosion(draw(SOFT, SIZE, ("position",), camera)["position"][..., 1] < 0.01, iterations=3)
+    first, last = (np.sqrt(((f - truth)[away] ** 2).mean()) for f in (finals[0], finals[-1]))
+    print(f"GRAIN first frame {first:.4f}, after 17 {last:.4f}")
+    assert last < 0.4 * first
 
 
 def passing_box(casts: bool) -> Scene:

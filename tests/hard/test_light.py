@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.gl.lights import HARD_CUBE_TEXELS
 from app.renderer import Renderer
 from app.scene import Camera, DirectionalLight, Light, PointLight, RectLight, SpotLight
 from app.settings import Settings
@@ -151,7 +152,7 @@ def test_a_light_inside_a_room_lights_only_the_room(radius: float) -> None:
 
 
 @pytest.mark.parametrize(("light", "texel"), [
-    (HARD_LAMP, 2 / 1024 * 2.2), (DirectionalLight((-0.3, -1.0, -0.2), (1.0,) * 3), 2 * 0.87 / 4096),
+    (HARD_LAMP, 2 / HARD_CUBE_TEXELS * 2.2), (DirectionalLight((-0.3, -1.0, -0.2), (1.0,) * 3), 2 * 0.87 / 4096),
     pytest.param(PointLight((0.0, 1.5, 0.0), (1.0,) * 3, 0.3), 2 / 1024 * 1.5, marks=pytest.mark.xfail(reason=(
         "near the ceiling's edge the filter of a large light looks past it: up to 0.11 below the ceiling"))),
     pytest.param(PointLight((0.5, 1.5, 0.8), (1.0,) * 3, 0.3), 2 / 1024 * 2.2, marks=pytest.mark.xfail(reason=(
@@ -181,7 +182,8 @@ def test_a_box_stands_on_its_shadow() -> None:
     lamp = PointLight((-3.0, 2.0, 0.0), (1.0,) * 3)
     scene = make_scene([floor(2.0), box((-0.5, 0.0, -0.5), (1.0, 0.5, 1.0))], [lamp])
     share, at = visibility(scene, (128, 96), Camera((1.3, 0.6, 0.0), (0.5, 0.0, 0.0), fov_y_deg=40.0))
-    beside = ((np.abs(at[..., 1]) < 1e-4) & (np.abs(at[..., 2]) < 0.4) & (at[..., 0] > 0.5 + 3 * 2 / 1024 * 4)
+    texel = 2 / HARD_CUBE_TEXELS * 4
+    beside = ((np.abs(at[..., 1]) < 1e-4) & (np.abs(at[..., 2]) < 0.4) & (at[..., 0] > 0.5 + 3 * texel)
               & (at[..., 0] < 0.9))
     assert beside.sum() > 500
     assert (share[beside] > 0.02).sum() == 0

@@ -25,8 +25,7 @@ def test_rebuild_makes_every_network_and_goes_on_where_it_was(tmp_path: Path) ->
         mitsuba()
     except DeviceError as error:
         pytest.skip(str(error))
-    command = [sys.executable, "-m", "export", "rebuild", "--quick", "--work", str(tmp_path), "--out",
-               str(tmp_path / "nets")]
+    command = [sys.executable, "-m", "export", "rebuild", "--quick", "--work", str(tmp_path)]
     first = subprocess.run(command, capture_output=True, text=True)
     assert first.returncode == 0, first.stderr
     assert "12 pairs, 12 of them made now" in first.stdout
