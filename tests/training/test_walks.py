@@ -119,9 +119,9 @@ def test_in_the_end_all_that_the_lamps_light_is_behind(path_tracer: None) -> Non
     assert ((lit - last.eye) @ last.rotation[2] > 0).all()
     assert ((lit - first.eye) @ first.rotation[2] < 0).mean() > 0.5
     in_view = [image["direct"].max() > 0 for image in images[len(around):]]
-    assert in_view[:6] == [True] * 6 and in_view[-4:] == [False] * 4
+    assert in_view[:6] == [True] * 6 and in_view[-5:] == [False] * 5
     tracer = PathTracer(walk.scene)
-    stills = [Still(walk.scene, walk.judged[k], (48, 36)) for k in (0, -4, -1)]
+    stills = [Still(walk.scene, walk.judged[k], (48, 36)) for k in (0, -5, -1)]
     traced = [mean_samples(tracer, still, 8)["direct"].max() > 0 for still in stills]
     assert traced == [True, False, False]
 
