@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +13,15 @@ from numpy.typing import NDArray
 
 from app.atomic import replacing
 from app.bench.configurations import expand
-from app.bench.truth import LEAST_ALBEDO, cache_folder, exporter_version
+from app.bench.truth import cache_folder
 from app.contract import Model
-from app.errors import SceneError, SettingsError
+from app.errors import SettingsError
 from app.extras import extra_module
-from app.image import read_exr, write_exr
 from app.metrics import LUMINANCE
 from app.renderer import Renderer
 from app.settings import Settings
-from export.dataset.key import scene_key
-from export.inputs import seen_before
-from export.over_time import Film, Surfaces, gradient_energy, luminance_errors, luminances, temporal_error
-from export.path_tracer import PathTracer
-from export.reference import Still, mean_samples
+from export.over_time import Film, gradient_energy, luminance_errors, luminances, temporal_error
+from export.walk_truth import Progress, Truth, truth_of
 from export.walks import Walk
 
 F32 = NDArray[np.float32]
@@ -38,9 +32,6 @@ MOST_CHANGE = 1.2       # of the truth's temporal error
 MOST_OFF = 0.2          # of the truth's mean and gradient energy
 MOST_ASTRAY = 0.15      # of the truth's mean luminance in any frame ...
 LEAST_ASTRAY = 0.02     # ... or this of its largest
-LAYERS = ("first", "second", "direct", "albedo", "depth")
-
-Progress = Callable[[str], object]
 
 
 @dataclass(frozen=True)
@@ -81,13 +72,6 @@ class Row:
         return self.error_ratio <= MOST_CHANGE and max(abs(self.mean - 1), abs(self.gradient - 1)) <= MOST_OFF
 
 
-@dataclass(frozen=True, eq=False)
-class Truth:
-    film: Film
-    direct: F32      # [F, H, W, 3], W/(sr m²)
-    surfaces: Surfaces
-
-
 def judge_walks(walks: Sequence[Walk], models: Sequence[str], size: tuple[int, int], spp: int, truths: Path | None,
                 provider: str, progress: Progress) -> list[Row]:
     """The truth and every model on every walk.
@@ -116,18 +100,6 @@ def judge_walks(walks: Sequence[Walk], models: Sequence[str], size: tuple[int, i
             light = draw(walk, c.file, size, provider)
             rows.append(_row(walk, c.label, Film(light, light), truth))
     return rows
-
-
-def truth_of(walk: Walk, size: tuple[int, int], spp: int, folder: Path, progress: Progress) -> Truth:
-    """The path-traced truth of every judged frame, from ``folder`` where it was made before."""
-    tracer = cache(lambda: PathTracer(walk.scene))
-    frames = []
-    for k, camera in enumerate(walk.judged):
-        progress(f"{walk.name}: truth of frame {k + 1} of {walk.frames}")
-        frames.append(_frame(Still(walk.scene, camera, size), spp, folder, walk.name, tracer))
-    first, second, direct, albedo, depth = (np.stack([frame[name] for frame in frames]) for name in LAYERS)
-    counted = (depth[..., 0] > 0) & (albedo.max(axis=-1) >= LEAST_ALBEDO)
-    return Truth(Film(first, second), direct, Surfaces(counted, *_motion(walk, size)))
 
 
 def draw(walk: Walk, model: Model | None, size: tuple[int, int], provider: str) -> F32:
@@ -164,37 +136,6 @@ def plot(rows: Sequence[Row], path: Path) -> None:
     axes.legend()
     with replacing(path) as temporary:
         figure.savefig(temporary, format="png", dpi=100)
-
-
-def _frame(still: Still, spp: int, folder: Path, name: str, tracer: Callable[[], PathTracer]) -> dict[str, F32]:
-    """Layers of one frame's truth by name, kept in ``folder`` by content."""
-    key = scene_key(still.scene, still.camera, still.size, spp, exporter_version())
-    file = folder / f"walk-{name}-{key}.exr"
-    if file.is_file():
-        with suppress(SceneError):  # a damaged file is made again
-            return read_exr(file)
-    first, second = (mean_samples(tracer(), still, spp // 2, seed) for seed in (0, 1))
-    layers = {"first": first["indirect"], "second": second["indirect"],
-              **{layer: first[layer] for layer in ("direct", "albedo", "depth")}}
-    folder.mkdir(parents=True, exist_ok=True)
-    write_exr(file, layers)
-    return read_exr(file)
-
-
-def _motion(walk: Walk, size: tuple[int, int]) -> tuple[F32, NDArray[np.bool_]]:
-    """``Surfaces.motion`` and ``Surfaces.visible`` between judged frames."""
-    motions, visible = [], []
-    with Renderer(walk.scene, Settings(size, ("motion", "depth"), taa=False)) as renderer:
-        before = None
-        for camera in walk.judged:
-            renderer.advance(camera)
-            depth, motion = renderer.resource("depth")[..., 0], renderer.resource("motion")
-            if before is not None:
-                moved = np.moveaxis(motion[..., :2], -1, 0)
-                motions.append(moved)
-                visible.append(seen_before(before, depth * motion[..., 2], moved))
-            before = depth
-    return np.stack(motions), np.stack(visible)
 
 
 def _row(walk: Walk, model: str, film: Film, truth: Truth) -> Row:

@@ -26,7 +26,8 @@ from export.mitsuba_scene import mitsuba
 from export.over_time import Film, Surfaces, gradient_energy, luminance_errors, luminances, temporal_error
 from export.path_tracer import PathTracer
 from export.reference import Still, mean_samples
-from export.walk_judge import MOST_ASTRAY, QUICK_SIZE, TRUTH, truth_of
+from export.walk_judge import MOST_ASTRAY, QUICK_SIZE, TRUTH
+from export.walk_truth import truth_of
 from export.walks import QUICK_FRAMES, off_screen
 
 F32 = np.ndarray
