@@ -16,9 +16,10 @@ from export.cli.reference import reference
 from export.cli.sized import sized
 from export.cli.train import train
 from export.cli.validate import validate
+from export.cli.walks import walks
 
 cli = typer.Typer(add_completion=False, no_args_is_help=True, help=__doc__, pretty_exceptions_enable=False)
-for command in (dataset, train, models, onnx, stamp, rebuild, sized, precision, reference, validate):
+for command in (dataset, train, models, onnx, stamp, rebuild, sized, precision, reference, validate, walks):
     cli.command()(command)
 
 

@@ -14,6 +14,7 @@ import typer
 from app.paths import nets_dir
 
 CONFIGS = Path(__file__).parents[1] / "configs"
+QUICK_DATA = Path(__file__).parents[1] / "dataset" / "quick.toml"
 TRAINED, QUICK = ("bcnn-8", "bcnn-16", "bcnn-16-single"), ("quick",)  # configurations
 PAIRS, QUICK_PAIRS = 2400, 12
 
@@ -39,7 +40,7 @@ def steps(work: Path, out: Path, quick: bool) -> Iterator[Sequence[object]]:
     """The commands, without ``python -m export``."""
     data = work / "data"
     if quick:
-        yield "dataset", "--out", data, "--frames", QUICK_PAIRS, "--config", CONFIGS / "quick-data.toml"
+        yield "dataset", "--out", data, "--frames", QUICK_PAIRS, "--config", QUICK_DATA
     else:
         yield "dataset", "--out", data, "--frames", PAIRS
     yield "onnx", "--out", out

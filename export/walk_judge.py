@@ -1,0 +1,152 @@
+"""Judges models on walks: their indirect light over time beside the path-traced truth's."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.atomic import replacing
+from app.bench.configurations import expand
+from app.bench.truth import cache_folder
+from app.contract import Model
+from app.errors import SettingsError
+from app.extras import extra_module
+from app.metrics import LUMINANCE
+from app.renderer import Renderer
+from app.settings import Settings
+from export.over_time import Film, gradient_energy, luminance_errors, luminances, temporal_error
+from export.walk_truth import Progress, Truth, truth_of
+from export.walks import Walk
+
+F32 = NDArray[np.float32]
+
+TRUTH = "truth"
+SIZE, QUICK_SIZE = (256, 192), (96, 72)
+MOST_CHANGE = 1.2       # of the truth's temporal error
+MOST_OFF = 0.2          # of the truth's mean and gradient energy
+MOST_ASTRAY = 0.15      # of the truth's mean luminance in any frame ...
+LEAST_ASTRAY = 0.02     # ... or this of its largest
+
+
+@dataclass(frozen=True)
+class Row:
+    """One model, or the truth itself, on one walk.
+
+    Attributes
+    ----------
+    luminance, direct : list of float
+        Means of each frame, W/(sr m²): indirect light / albedo, and the truth's direct light.
+    astray : float
+        Largest difference from the truth's luminance; see ``luminance_errors``.
+    mean, gradient : float
+        Luminance and gradient energy of all frames, relative to the truth's.
+    error : float or None
+        Temporal error relative to the truth's mean luminance; None where judged frames are no neighbours.
+    error_ratio : float or None
+        The same relative to the truth's own; None also where noise hides that.
+    """
+
+    walk: str
+    model: str
+    luminance: list[float]
+    direct: list[float]
+    astray: float
+    mean: float
+    gradient: float
+    error: float | None
+    error_ratio: float | None
+
+    @property
+    def holds(self) -> bool | None:
+        """Whether light stays as steady and sharp as the truth's, or as bright; None where noise hides it."""
+        if self.error is None:
+            return self.astray <= MOST_ASTRAY
+        if self.error_ratio is None:
+            return None
+        return self.error_ratio <= MOST_CHANGE and max(abs(self.mean - 1), abs(self.gradient - 1)) <= MOST_OFF
+
+
+def judge_walks(walks: Sequence[Walk], models: Sequence[str], size: tuple[int, int], spp: int, truths: Path | None,
+                provider: str, progress: Progress) -> list[Row]:
+    """The truth and every model on every walk.
+
+    Parameters
+    ----------
+    models : sequence of str
+        ``none``, ``ssgi``, names of bundled networks and paths.
+    spp : int
+        Paths per pixel of the truth, half of them for each of two estimates.
+
+    Raises
+    ------
+    AfterglowError
+        When a model, the path tracer or the device can't be had.
+    """
+    configurations, absent = expand(models, [size])
+    if absent:
+        raise SettingsError("; ".join(absent), "models", "expected models that exist")
+    rows = []
+    for walk in walks:
+        truth = truth_of(walk, size, spp, truths or cache_folder(), progress)
+        rows.append(_row(walk, TRUTH, truth.film, truth))
+        for c in configurations:
+            progress(f"{walk.name}: {c.label}")
+            light = draw(walk, c.file, size, provider)
+            rows.append(_row(walk, c.label, Film(light, light), truth))
+    return rows
+
+
+def draw(walk: Walk, model: Model | None, size: tuple[int, int], provider: str) -> F32:
+    """The indirect light of the judged frames, [F, H, W, 3], gathered over all drawn ones from the first on.
+
+    Where the finished picture is not asked for, nothing jitters: light is seen through the pixels' centres.
+    """
+    images = []
+    with Renderer(walk.scene, Settings(size, ("indirect",), provider=provider), model) as renderer:
+        for k, camera in enumerate(walk.cameras):
+            if k % walk.apart:
+                renderer.advance(camera)
+            else:
+                images.append(renderer.render(camera)["indirect"])
+    return np.stack(images)
+
+
+def to_json(rows: Sequence[Row], about: dict[str, Any]) -> str:
+    return json.dumps({**about, "rows": [{**asdict(row), "holds": row.holds} for row in rows]}, indent=1) + "\n"
+
+
+def plot(rows: Sequence[Row], path: Path) -> None:
+    """Draw the luminance of one walk's rows over its frames, and where no direct light is in view."""
+    figure = extra_module("matplotlib.figure", "judge").Figure(figsize=(7, 3.6), layout="constrained")
+    axes = figure.subplots()
+    dark = [k for k, direct in enumerate(rows[0].direct) if direct == 0]
+    if dark:
+        axes.axvspan(dark[0], dark[-1], color="0.92", label="nothing lit in view")
+    for row in rows:
+        black = {"color": "black", "linewidth": 2.5} if row.model == TRUTH else {"marker": ".", "linewidth": 1.2}
+        axes.plot(row.luminance, label=row.model, **black)
+    axes.set(title=rows[0].walk, xlabel="frame", ylabel="mean indirect luminance, W/(sr m²)", ylim=(0, None))
+    axes.grid(alpha=0.3)
+    axes.legend()
+    with replacing(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=100)
+
+
+def _row(walk: Walk, model: str, film: Film, truth: Truth) -> Row:
+    surfaces = truth.surfaces
+    found, expected = (luminances(x, surfaces) for x in (film, truth.film))
+    mean = float(np.mean(expected))
+    error, own = (temporal_error(x, surfaces) if walk.neighbours else None for x in (film, truth.film))
+    direct = (truth.direct.astype(np.float64) @ LUMINANCE).mean(axis=(1, 2)).tolist()
+    return Row(walk.name, model, found, direct,
+               astray=max(luminance_errors(found, expected, LEAST_ASTRAY / MOST_ASTRAY)),
+               mean=float(np.mean(found)) / mean,
+               gradient=gradient_energy(film, surfaces) / gradient_energy(truth.film, surfaces),
+               error=None if error is None else error / mean,
+               error_ratio=error / own if error is not None and own else None)
