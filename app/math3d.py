@@ -93,6 +93,10 @@ def boxes_in_frustum(boxes: F64, planes: F64) -> NDArray[np.bool_]:
     return np.asarray((distance >= 0).all(axis=0))
 
 
+# What Roberts' R2 sequence ("The Unreasonable Effectiveness of Quasirandom Sequences") adds to each axis in a step.
+R2 = (0.7548776662, 0.569840291)
+
+
 def halton(index: int, base: int) -> float:
     """The ``index``-th number (from 1) of the radical-inverse sequence in ``base``, in (0, 1)."""
     result, fraction = 0.0, 1.0

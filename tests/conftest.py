@@ -5,6 +5,19 @@ from pathlib import Path
 
 import pytest
 
+from app.errors import DeviceError
+
+
+@pytest.fixture(scope="session")
+def path_tracer() -> None:
+    """Skips where the path tracer can't run."""
+    from export.mitsuba_scene import mitsuba
+
+    try:
+        mitsuba()
+    except DeviceError as error:
+        pytest.skip(str(error))
+
 
 @pytest.fixture(scope="session")
 def scenes() -> Path:

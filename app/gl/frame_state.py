@@ -62,6 +62,11 @@ class FrameState:
     overrides: int = 0
 
     @property
+    def lighting(self) -> tuple[object, ...]:
+        """What light that surfaces get depends on, whoever looks; equal as long as nothing of it has changed."""
+        return self.lights.lights, self.geometry.changes, self.overrides
+
+    @property
     def motion(self) -> MotionKind:
         """What moved since the last frame; objects count before the camera."""
         if self.geometry.moved:

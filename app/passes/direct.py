@@ -5,9 +5,10 @@ from __future__ import annotations
 from app.gl.fullscreen import make_fullscreen
 from app.gl.lights import LightSet
 from app.graph import Pass, Resource, Tex
+from app.math3d import R2
 
 SURROUND = "surround_"
-TURN = 0.7548776662  # of the noise from frame to frame (Roberts' R2 sequence)
+TURN = R2[0]  # of the noise from frame to frame
 
 
 def declare(lights: LightSet, shiny: bool) -> Pass:

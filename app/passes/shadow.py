@@ -37,11 +37,10 @@ def declare(lights: LightSet) -> Pass:
 def make(device: Device, bound: BoundPass) -> Callable[[FrameState, Resources], None]:
     nearest = device.fullscreen("shadow_nearest.frag") if "shadow_nearest" in bound.writes else None
     maps = tuple(w for w in bound.writes if w != "shadow_nearest")
-    drawn: list[object] = []  # the state of light and casters that the atlas shows
+    drawn: list[object] = []  # the lighting that the atlas shows
 
     def execute(frame: FrameState, resources: Resources) -> None:
-        state = (frame.lights.lights, frame.geometry.changes, frame.overrides)
-        if drawn == [state]:
+        if drawn == [frame.lighting]:
             return
         target = resources.target(*maps, with_depth=True)
         target.viewport = (0, 0, *target.size)
@@ -57,7 +56,7 @@ def make(device: Device, bound: BoundPass) -> Callable[[FrameState, Resources], 
             resources["shadow"].use(0)
             nearest.set(shadow=0)
             device.draw_fullscreen(nearest)
-        drawn[:] = [state]
+        drawn[:] = [frame.lighting]
 
     return execute
 

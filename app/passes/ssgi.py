@@ -5,9 +5,9 @@ from __future__ import annotations
 from app.gl.frame_state import FrameState
 from app.gl.fullscreen import make_fullscreen
 from app.graph import Pass, Tex
+from app.math3d import R2
 
-SCALE = 0.5                          # of the grid, relative to the output
-TURNS = (0.7548776662, 0.569840291)  # of the noise from frame to frame (Roberts' R2 sequence)
+SCALE = 0.5  # of the grid, relative to the output
 
 Size = tuple[int, int]
 
@@ -37,7 +37,7 @@ def declare(low: Size, accumulated: bool) -> Pass:
     return Pass("ssgi", reads=("ssgi_surface", "ssgi_radiance"), writes={"ssgi_walks": Tex("f2", 4, size=low)},
                 make=lambda device, bound: make_fullscreen(device, bound, "ssgi.frag", lambda frame: {
                     "ratio": _ratio(frame, low), "noise_phase": frame.noise_phase,
-                    "turn": tuple(turn * frame.index % 1.0 if accumulated else 0.0 for turn in TURNS)}))
+                    "turn": tuple(turn * frame.index % 1.0 if accumulated else 0.0 for turn in R2)}))
 
 
 def declare_filters(low: Size, output: str) -> tuple[Pass, Pass]:

@@ -37,7 +37,7 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
 
     def execute(frame: FrameState, resources: Resources) -> None:
         surfels.follow(frame.view, frame.geometry.time)
-        state = surfels.version, frame.lights.lights, frame.geometry.changes, frame.overrides
+        state = surfels.version, frame.lighting
         if drawn == [state]:
             return
         world = surfels.world

@@ -32,7 +32,7 @@ def make(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, str]
 
     def execute(frame: FrameState, resources: Resources) -> None:
         world = surfels.world
-        state = surfels.version, frame.lights.lights, frame.geometry.changes, frame.overrides
+        state = surfels.version, frame.lighting
         if not light or light[0][0] != state:
             light[:] = [(state, _mean_light(resources, world))]
         for tensor, spec in contract.inputs.items():

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
-WIDTH = 120  # of the table, wherever it is printed
+from export.cli.tables import print_table
+
 COLUMNS = {"final.psnr": "PSNR", "final.ssim": "SSIM", "final.rel_mse": "relMSE", "final.flip": "FLIP",
            "indirect.psnr": "ind. PSNR", "indirect.ssim": "SSIM", "indirect.rel_mse": "relMSE",
            "indirect.flip": "FLIP"}
@@ -57,8 +56,7 @@ def validate(
                  lambda line: typer.secho(line, err=True, dim=True))
     write_text(out / "validation.csv", to_csv(by_view(rows)))
     write_text(out / "validation.json", to_json(rows, {"spp": spp, "constant": constant}))
-    console = Console(highlight=False, file=sys.stdout, width=WIDTH)
     table = Table("scene", "model", *COLUMNS.values(), box=box.SIMPLE)
     for row in by_scene(rows):
         table.add_row(row["scene"], row["model"], *(f"{row[key]:.3g}" for key in COLUMNS))
-    console.print(table)
+    print_table(table)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
-WIDTH = 120  # of the table, wherever it is printed
+from export.cli.tables import print_table
+
 SPP, QUICK_SPP = 256, 16
 
 
@@ -49,6 +48,6 @@ def walks(
         table.add_row(row.walk, row.model, "" if row.error is None else f"{row.error:.2%}",
                       "" if row.error_ratio is None else f"{row.error_ratio:.2f}", f"{row.mean:.3f}",
                       f"{row.gradient:.3f}", f"{row.astray:.1%}", verdicts[row.holds])
-    Console(highlight=False, file=sys.stdout, width=WIDTH).print(table)
+    print_table(table)
     for name in dict.fromkeys(row.walk for row in rows):
         plot([row for row in rows if row.walk == name], out / f"{name}.png")

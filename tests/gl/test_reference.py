@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation, gaussian_filter, maximum_filter, minimum_filter
 
-from app.errors import DeviceError
 from app.image import read_exr
 from app.metrics import psnr
 from app.scene import (
@@ -33,7 +32,7 @@ if importlib.util.find_spec("mitsuba") is None:
 
 from export.reference import Still, plain, reference, write_reference
 
-pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "mitsuba")]
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "path_tracer")]
 
 SIZE = (128, 96)
 SOFT_SIZE = (320, 240)
@@ -54,17 +53,6 @@ SOFT: dict[str, tuple[Light, Light]] = {  # and the same without a size
     "sun": (DirectionalLight((0.5, -1.0, -0.4), (3.0, 2.5, 2.0), 3.0), HARD["directional"]),
     "rectangle": (RectLight((-0.8, 2.0, 1.0), (0.4, 0.0, 0.0), (0.0, 0.0, 0.4), (60.0,) * 3, True), HARD["point"]),
 }
-
-
-@pytest.fixture(scope="module")
-def mitsuba() -> None:
-    """Skips where the path tracer can't run."""
-    from export.mitsuba_scene import mitsuba as load
-
-    try:
-        load()
-    except DeviceError as error:
-        pytest.skip(str(error))
 
 
 def stage(*lights: Light) -> Scene:

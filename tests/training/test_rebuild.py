@@ -13,18 +13,12 @@ pytest.importorskip("mitsuba")
 pytest.importorskip("lightning_fabric")
 
 from app.contract import read_contract
-from app.errors import DeviceError
 from app.paths import nets_dir
-from export.mitsuba_scene import mitsuba
 
 pytestmark = [pytest.mark.gl, pytest.mark.long]
 
 
-def test_rebuild_makes_every_network_and_goes_on_where_it_was(tmp_path: Path) -> None:
-    try:
-        mitsuba()
-    except DeviceError as error:
-        pytest.skip(str(error))
+def test_rebuild_makes_every_network_and_goes_on_where_it_was(path_tracer: None, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "export", "rebuild", "--quick", "--work", str(tmp_path)]
     first = subprocess.run(command, capture_output=True, text=True)
     assert first.returncode == 0, first.stderr

@@ -16,13 +16,11 @@ import pytest
 if any(importlib.util.find_spec(name) is None for name in ("mitsuba", "torch")):
     pytest.skip("the extra 'export' is not installed", allow_module_level=True)
 
-from app.errors import DeviceError
 from app.image import read_exr
 from app.math3d import View
 from app.renderer import Renderer
 from app.scene import Camera
 from app.settings import Settings
-from export.mitsuba_scene import mitsuba
 from export.over_time import Film, Surfaces, gradient_energy, luminance_errors, luminances, temporal_error
 from export.path_tracer import PathTracer
 from export.reference import Still, mean_samples
@@ -32,14 +30,6 @@ from export.walks import QUICK_FRAMES, off_screen
 
 F32 = np.ndarray
 SHAPE = (5, 96, 128, 3)
-
-
-@pytest.fixture(scope="module")
-def path_tracer() -> None:
-    try:
-        mitsuba()
-    except DeviceError as error:
-        pytest.skip(str(error))
 
 
 def noise(seed: int) -> F32:

@@ -19,7 +19,7 @@ import pytest
 if any(importlib.util.find_spec(name) is None for name in ("mitsuba", "distributed")):
     pytest.skip("the extra 'export' is not installed", allow_module_level=True)
 
-from app.errors import DeviceError, SettingsError
+from app.errors import SettingsError
 from export.dataset import Dataset
 from export.dataset.config import Config, Share, from_table, read_config
 from export.dataset.key import scene_key
@@ -29,7 +29,8 @@ from export.dataset.run import make_dataset
 from export.dataset.sources import SOURCES
 from export.dataset.store import Origin, encode, item_path, read_origin, read_target, write_item
 from export.dataset.target import Target, picked
-from export.mitsuba_scene import mitsuba
+
+pytestmark = pytest.mark.usefixtures("path_tracer")
 
 SMALL = Config((64, 48), paths=4, max_bounces=4, denoised=False,
                sources=(Share("room", 2, 2), Share("corridor", 1, 2)))
@@ -43,14 +44,6 @@ denoised = false
 room = {share = 2, pairs = 2}
 corridor = {share = 1, pairs = 2}
 """
-
-
-@pytest.fixture(scope="module", autouse=True)
-def path_tracer() -> None:
-    try:
-        mitsuba()
-    except DeviceError as error:
-        pytest.skip(str(error))
 
 
 @pytest.fixture(scope="module")
