@@ -127,7 +127,7 @@ def _indirect(scene: Scene, settings: Settings, lights: LightSet, model: Network
         absent["ssgi"] = "a network was chosen"
     if settings.taa:
         passes.append(accumulate.declare(grid, noisy=isinstance(model, str)))
-    return [*passes, fill.declare(grid), upsample.declare(grid)]
+    return [*passes, fill.declare(grid), upsample.declare(grid, settings.taa)]
 
 
 def _network(scene: Scene, settings: Settings, lights: LightSet, model: Network, grid: tuple[int, int], target: str,

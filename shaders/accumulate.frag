@@ -3,11 +3,10 @@
 #include "numbers.glsl"
 #include "camera.glsl"
 #include "pick.glsl"
+#include "same_surface.glsl"
 
-const float DEPTH_TOLERANCE = 0.05;  // relative
-const float SAME_NORMAL = 0.9;       // cosine
-const float BRIGHTEST = 4.0;         // history counts as at most this many times what is now, or a flash would linger
-const float AROUND = 4.0;            // level of the mean that noisy light is compared with: of 16x16 texels
+const float BRIGHTEST = 4.0;  // history counts as at most this many times what is now, or a flash would linger
+const float AROUND = 4.0;     // level of the mean that noisy light is compared with: of 16x16 texels
 
 uniform sampler2D indirect_now;
 uniform sampler2D normal;
@@ -22,16 +21,22 @@ uniform bool history_valid;
 
 layout(location = 0) out vec4 out_indirect_low;
 
-// Adds one texel of the history if it shows the same surface.
-void add(ivec2 low, float closeness, vec3 n, float expected, inout vec4 sum, inout float weight)
+struct Receiver {
+    vec3 normal;   // relative space
+    float before;  // depth in the frame before
+    vec2 across;   // of its plane: how much of itself 1 / depth gains from one low-resolution texel to the next
+};
+
+// Adds a texel of the history, ``away`` from where the receiver was, if it shows the same surface.
+void add(ivec2 low, vec2 away, Receiver r, inout vec4 sum, inout float weight)
 {
     ivec2 full = representative(low, ratio);
     vec4 old = texelFetch(indirect_low_prev, low, 0);
-    float found = texelFetch(depth_prev, full, 0).r;
+    float expected = r.before / (1.0 + dot(r.across, away));
     bool same = all(greaterThanEqual(low, ivec2(0))) && all(lessThan(low, textureSize(indirect_low_prev, 0)))
-        && is_surface(found) && abs(found - expected) <= DEPTH_TOLERANCE * expected
-        && dot(texelFetch(normal_prev, full, 0).xyz, n) > SAME_NORMAL
+        && same_surface(texelFetch(depth_prev, full, 0).r, expected, texelFetch(normal_prev, full, 0).xyz, r.normal)
         && is_finite(dot(old, vec4(1.0))) && old.a >= 1.0;
+    float closeness = (1.0 - abs(away.x)) * (1.0 - abs(away.y));
     sum += same ? vec4(max(old.rgb, 0.0), old.a) * closeness : vec4(0.0);
     weight += same ? closeness : 0.0;
 }
@@ -42,16 +47,19 @@ void main()
     vec3 now = sanitize_radiance(texelFetch(indirect_now, low, 0).rgb);
     vec3 n = sanitize_normal(texelFetch(normal, full, 0).xyz);
     vec3 moved = texelFetch(motion, full, 0).xyz;
-    float d = texelFetch(depth, full, 0).r, before = d * moved.z;
+    float d = texelFetch(depth, full, 0).r;
+    vec3 facing = mat3(view_from_relative) * n;
+    vec2 slope = 2.0 * image.zw * ratio * lens.xy * facing.xy;
+    Receiver r = Receiver(n, d * moved.z, slope / dot(facing, view_ray(vec2(full) + 0.5)));
     vec2 at = gl_FragCoord.xy - moved.xy * vec2(1.0, -1.0) / ratio - 0.5;
     ivec2 base = ivec2(floor(at));
     vec2 f = at - vec2(base);
     vec4 sum = vec4(0.0);
     float weight = 0.0;
-    add(base, (1.0 - f.x) * (1.0 - f.y), n, before, sum, weight);
-    add(base + ivec2(1, 0), f.x * (1.0 - f.y), n, before, sum, weight);
-    add(base + ivec2(0, 1), (1.0 - f.x) * f.y, n, before, sum, weight);
-    add(base + ivec2(1, 1), f.x * f.y, n, before, sum, weight);
+    add(base, vec2(0.0, 0.0) - f, r, sum, weight);
+    add(base + ivec2(1, 0), vec2(1.0, 0.0) - f, r, sum, weight);
+    add(base + ivec2(0, 1), vec2(0.0, 1.0) - f, r, sum, weight);
+    add(base + ivec2(1, 1), vec2(1.0, 1.0) - f, r, sum, weight);
     bool keep = history_valid && weight > 0.05 && is_surface(d);
     vec4 history = sum / max(weight, 1e-6);
     vec3 bright = now;
@@ -60,6 +68,6 @@ void main()
     bright = max(now, sanitize_radiance(textureLod(indirect_now, here, AROUND).rgb));
 #endif
     history.rgb = min(history.rgb, BRIGHTEST * max(max(bright.r, bright.g), bright.b));
-    float frames = keep ? min(history.a + 1.0, longest) : 1.0;
+    float frames = keep ? min(history.a * weight + 1.0, longest) : 1.0;
     out_indirect_low = vec4(keep ? mix(history.rgb, now, 1.0 / frames) : now, frames);
 }

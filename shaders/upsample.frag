@@ -1,17 +1,28 @@
 // Joint bilateral upsampling (Kopf et al. 2007): low-resolution indirect light, guided by full-resolution
-// normals and by the distance from the receiver's plane (Xin et al. 2021, section 5.3).
+// normals and by the distance from the receiver's plane (Xin et al. 2021, section 5.3). Where no low-resolution texel
+// around shows a pixel's surface, too thin or at an edge, the pixel keeps the light that it had.
 #include "numbers.glsl"
 #include "camera.glsl"
 #include "pick.glsl"
+#include "same_surface.glsl"
 
 const float PLANE_SIGMA = 0.02;  // of the receiver's depth
 const float FLOOR = 1e-5;        // keeps the texel most alike where none is on the same surface
+const float SHOWN = 0.1;         // weight from which on the texels around show the surface
 const float SKY = 1e-30;         // keeps what was filled in where no texel shows any
 
 uniform sampler2D indirect_filled;
 uniform sampler2D normal;
 uniform sampler2D depth;
 uniform vec2 ratio;  // full-resolution texels per low-resolution texel
+#ifdef HAS_INDIRECT_PREV
+uniform sampler2D motion;
+uniform sampler2D indirect_prev;
+uniform sampler2D normal_prev;
+uniform sampler2D depth_prev;
+uniform float longest;  // history in frames
+uniform bool history_valid;
+#endif
 
 layout(location = 0) out vec4 out_indirect;
 
@@ -43,6 +54,20 @@ vec4 tap(ivec2 low, float closeness, Receiver r)
     return vec4(texelFetch(indirect_filled, low, 0).rgb, 1.0) * (closeness * (is_surface(d) ? alike : SKY));
 }
 
+#ifdef HAS_INDIRECT_PREV
+// Light mixed with what the surface at a pixel had, the more the less of it is shown.
+vec3 with_history(vec3 light, float shown, ivec2 texel, float d, vec3 n)
+{
+    vec3 moved = texelFetch(motion, texel, 0).xyz;
+    ivec2 at = ivec2(floor(vec2(texel) + 0.5 - moved.xy * vec2(1.0, -1.0)));
+    vec3 old = texelFetch(indirect_prev, at, 0).rgb;
+    bool keep = all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, textureSize(depth_prev, 0)))
+        && same_surface(texelFetch(depth_prev, at, 0).r, d * moved.z, texelFetch(normal_prev, at, 0).xyz, n)
+        && is_finite(dot(old, vec3(1.0)));
+    return keep ? mix(light, max(old, 0.0), (1.0 - 1.0 / longest) * (1.0 - shown)) : light;
+}
+#endif
+
 void main()
 {
     ivec2 texel = ivec2(gl_FragCoord.xy);
@@ -56,5 +81,9 @@ void main()
     vec4 sum = tap(base, (1.0 - f.x) * (1.0 - f.y), r) + tap(base + ivec2(1, 0), f.x * (1.0 - f.y), r)
         + tap(base + ivec2(0, 1), (1.0 - f.x) * f.y, r) + tap(base + ivec2(1, 1), f.x * f.y, r);
     // NaN in the light of any tap ends as 0 here.
-    out_indirect = vec4(is_surface(d) && sum.a > 0.0 ? sanitize_radiance(sum.rgb / sum.a) : vec3(0.0), 1.0);
+    vec3 light = is_surface(d) && sum.a > 0.0 ? sanitize_radiance(sum.rgb / sum.a) : vec3(0.0);
+#ifdef HAS_INDIRECT_PREV
+    if (history_valid && is_surface(d) && sum.a < SHOWN) light = with_history(light, sum.a / SHOWN, texel, d, n);
+#endif
+    out_indirect = vec4(light, 1.0);
 }

@@ -1,0 +1,73 @@
+"""Light kept from frame to frame stays where it is on the surfaces that a camera walks along."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from app.contract import find_model
+from app.gl.frame_state import MotionKind
+from app.passes.accumulate import HISTORY
+from app.renderer import Renderer
+from app.scene import Camera
+from app.settings import Settings
+from tests.gl.scenes import floor, make_scene, quad
+
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+
+SIZE = (256, 192)
+PICKED = np.s_[2::4, 2::4]  # what a network sees of it
+
+
+@pytest.mark.parametrize("pace", [0.05, -0.05, 0.2], ids=["forward", "backward", "fast"])
+def test_light_does_not_creep_along_a_floor(pace: float) -> None:
+    """On a plane seen askew, neighbours differ in depth by more than any tolerance of it could let through."""
+    scene = make_scene([floor(100.0, y=-1.6)], camera=walking(0))
+    with (Renderer(scene, Settings(SIZE, ("position", "depth"), taa=False)) as eye,
+          Renderer(scene, Settings(SIZE, ("indirect",), provider="cpu"), find_model("gather")) as renderer):
+        for frame in range(12):
+            camera = walking(pace * frame)
+            seen = eye.render(camera)
+            light = falling_off(seen["position"][PICKED])
+            renderer.override("indirect_now", light)
+            renderer.advance(camera)
+        gathered = renderer.resource("indirect_low")
+    depth = seen["depth"][PICKED][..., 0]
+    near = (depth > 0) & (depth < 20)
+    near[-2:] = False  # was below the picture when the camera walks backward
+    assert gathered[near, 3].mean() > 0.8 * HISTORY[MotionKind.CAMERA]
+    np.testing.assert_allclose(gathered[near, 0], light[near, 0], rtol=0.01)
+
+
+def walking(way: float) -> Camera:
+    return Camera((0.0, 0.0, -way), (0.0, -0.3, -way - 1.0), fov_y_deg=60)
+
+
+def falling_off(position: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Light that falls with the distance from a place behind the camera, [H, W, 1]."""
+    return 1 / (4 - position[..., 2:])
+
+
+def test_what_is_too_thin_for_the_picks_keeps_its_light() -> None:
+    """A post two pixels wide is shown by one frame in two; without history it has the wall's light in the other."""
+    pixel = 4.0 / SIZE[1]  # at the post, where the picture is 4 high
+    wall = quad((-30, -30, -20), (60, 0, 0), (0, 60, 0))
+    scene = make_scene([wall, quad((0, -2, -2), (2 * pixel, 0, 0), (0, 4, 0))])
+    keep = 1 - 1 / HISTORY[MotionKind.CAMERA]
+    hidden: int | None = None  # frames since the picks showed the post
+    with (Renderer(scene, Settings(SIZE, ("depth",), taa=False)) as eye,
+          Renderer(scene, Settings(SIZE, ("indirect",), provider="cpu"), find_model("gather")) as renderer):
+        for frame in range(12):
+            way = (frame + 0.1) * pixel
+            camera = Camera((way, 0, 0), (way, 0, -1), fov_y_deg=90)
+            post = eye.render(camera)["depth"][..., 0] < 10
+            renderer.override("indirect_now", np.where(post[PICKED], 1.0, 9.0)[..., None])
+            light = renderer.render(camera)["indirect"][post]
+            if post[PICKED].any():
+                hidden = 0
+            elif hidden is not None:
+                hidden += 1
+            expected = 9.0 if hidden is None else 9 - 8 * keep**hidden
+            np.testing.assert_allclose(light, expected, rtol=1e-3)
+    assert hidden is not None
