@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from app.errors import DeviceError
+from tests.coarse_shadows import coarse_shadow_maps
 
 
 @pytest.fixture(scope="session")
@@ -26,3 +28,10 @@ def scenes() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no real scenes at {folder} (set AFTERGLOW_SCENES)")
     return folder
+
+
+@pytest.fixture
+def coarse_shadows() -> Iterator[None]:
+    """Shadow maps with an eighth of their sides; see there."""
+    with coarse_shadow_maps():
+        yield

@@ -23,7 +23,7 @@ from tests.gl.scenes import box, slide
 from tests.hard.gl_objects import live_objects
 from tests.hard.scenes import CAMERA, lit_corner
 
-pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "coarse_shadows")]
 
 SIZE = (16, 12)
 OUTPUTS = ("final", "position", "motion")

@@ -19,6 +19,7 @@ from app.golden.scenes import outdoor, room
 from app.renderer import Renderer
 from app.scene import Scene
 from app.settings import Settings
+from tests.coarse_shadows import coarse_shadow_maps
 
 pytestmark = pytest.mark.gl
 
@@ -76,7 +77,8 @@ class Patient:
 
 @pytest.fixture(scope="module", params=SCENES)
 def patient(request: pytest.FixtureRequest) -> Iterator[Patient]:
-    patient = Patient(*SCENES[request.param])
+    with coarse_shadow_maps():
+        patient = Patient(*SCENES[request.param])
     yield patient
     patient.renderer.close()
 

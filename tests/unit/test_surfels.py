@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,13 @@ INSIDE = [((20.0, 15.0, 35.0), (20.0, 15.0, 0.0)), ((5.0, 15.0, 35.0), (40.0, 5.
           ((20.0, 15.0, 20.0), (0.0, 9.0, 3.0))]
 
 
+@functools.cache
+def opened(name: str, size: tuple[int, int]) -> Network:
+    return Network(find_model(name), size, provider="cpu")
+
+
 def indirect(name: str, quads: list[Quad], view: View, lamp: Lamp | None = None) -> np.ndarray:
-    network = Network(find_model(name), view.size, provider="cpu")
+    network = opened(name, view.size)
     return network.run(tensors(network.contract, quads, view, lamp))["indirect.rgb"][0]
 
 
