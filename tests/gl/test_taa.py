@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -161,8 +162,10 @@ def test_a_cut_forgets_everything() -> None:
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("size", [(1, 1), (2, 3), (7, 1), (191, 347)])
-def test_any_size(size: tuple[int, int], model: str) -> None:
-    with renderer(BOX, size, model, ("final", "direct", "indirect", "normal", "depth", "motion")) as r:
+def test_any_size(size: tuple[int, int], model: str, small_ember: Path) -> None:
+    network = {"none": None, "radiosity": find_model("radiosity"), "ember": small_ember}[model]
+    outputs = ("final", "direct", "indirect", "normal", "depth", "motion")
+    with Renderer(BOX, Settings(size=size, outputs=outputs, provider="cpu"), network) as r:
         for step in range(3):
             images = r.render(Camera((0.1 * step, 1.0, 3.0), (0, 1, 0)))
             assert all(np.isfinite(image).all() and image.shape[:2] == size[::-1] for image in images.values())
