@@ -69,8 +69,8 @@ def normal_matrix(m: F64) -> F64:
     Equal to det(m) · inverse transpose, so a mirrored ``m`` keeps the normal on its side of the surface
     up to a sign that the G-buffer resolves by the viewer.
     """
-    a, b, c = m[:3, 0], m[:3, 1], m[:3, 2]
-    return np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+    columns = m[:3, :3].T
+    return np.cross(columns[[1, 2, 0]], columns[[2, 0, 1]]).T
 
 
 def affine_inverse(m: F64) -> F64 | None:

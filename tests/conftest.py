@@ -1,11 +1,15 @@
 from __future__ import annotations
 
+import importlib.util
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from app.contract import find_model
 from app.errors import DeviceError
+from tests.coarse_shadows import coarse_shadow_maps
 
 
 @pytest.fixture(scope="session")
@@ -26,3 +30,24 @@ def scenes() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no real scenes at {folder} (set AFTERGLOW_SCENES)")
     return folder
+
+
+@pytest.fixture
+def coarse_shadows() -> Iterator[None]:
+    """Shadow maps with an eighth of their sides; see there."""
+    with coarse_shadow_maps():
+        yield
+
+
+@pytest.fixture(scope="session")
+def small_ember(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The network ``ember`` with an eighth of its surfels, for tests in which only its path counts.
+
+    Where torch is missing, ``ember`` itself, which takes longer.
+    """
+    if importlib.util.find_spec("torch") is None:
+        return Path(find_model("ember"))
+    from export.models.ember import Ember
+    from export.to_onnx import write_network
+
+    return write_network(Ember(256, 36).eval(), tmp_path_factory.mktemp("nets"), [], {})[0]

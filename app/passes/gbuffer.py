@@ -52,11 +52,13 @@ def declare_surround(scene: Scene, face: int, camera_axes: bool) -> Pass:
     writes = {f"surround_{name}": tex for name, tex in targets(scene, (6 * face, face)).items()}
 
     def make_surround(device: Device, bound: BoundPass) -> Callable[[FrameState, Resources], None]:
+        rotations = cube_rotations()
+
         def execute(frame: FrameState, resources: Resources) -> None:
             target = resources.target(with_depth=True)
             target.viewport = (0, 0, *target.size)
             target.clear(depth=0.0)
-            for index, rotation in enumerate(cube_rotations()):
+            for index, rotation in enumerate(rotations):
                 target.viewport = (index * face, 0, face, face)
                 clip = np.eye(4)
                 clip[:3, :3] = rotation @ frame.view.rotation if camera_axes else rotation

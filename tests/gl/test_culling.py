@@ -13,7 +13,7 @@ from app.settings import Settings
 from tests.gl.scenes import floor, make_scene
 from tests.tiny_network import write_tiny_network
 
-pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "coarse_shadows")]
 
 PLAIN = make_scene([floor(1.0)], [PointLight((0, 1, 0), (1.0,) * 3)])
 SHINING = make_scene([floor(1.0, material=Material(emission=(1.0,) * 3))], [PointLight((0, 1, 0), (1.0,) * 3)])

@@ -27,13 +27,10 @@ SIZE = (256, 192)
 
 
 @pytest.fixture(scope="module")
-def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def small(small_ember: Path) -> Path:
     """Ember with fewer surfels, which are made in a second."""
     pytest.importorskip("torch", reason="export needs torch")
-    from export.models.ember import Ember
-    from export.to_onnx import write_network
-
-    return write_network(Ember(SURFELS, RAYS).eval(), tmp_path_factory.mktemp("nets"), [], {})[0]
+    return small_ember
 
 
 def settings(*outputs: str) -> Settings:

@@ -15,11 +15,11 @@ from app.settings import Settings
 from tests.gl.closed_forms import polygon_irradiance
 from tests.gl.scenes import Point, box, draw, floor, make_scene, quad
 
-pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "coarse_shadows")]
 
 SIDE = 20.0
-SIZE = (1024, 768)  # a network sees 64x48
-VIEW = 512  # pixels a side of the six views
+SIZE = (256, 192)  # a network sees 64x48
+VIEW = 128  # pixels a side of the six views
 
 
 @pytest.mark.parametrize(("eye", "target", "fov", "corner"), [

@@ -62,6 +62,7 @@ def compiled(stage: str, defines: Mapping[str, object]) -> Iterator[Line]:
 
 
 @pytest.mark.gl
+@pytest.mark.usefixtures("coarse_shadows")
 def test_every_line_of_every_shader_is_compiled(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     found: set[Line] = set()
 

@@ -21,6 +21,7 @@ from app.golden.scenes import outdoor, room
 from app.golden.store import ORIGIN, read_origin
 from app.image import read_exr, write_exr
 from app.renderer import Renderer
+from tests.coarse_shadows import coarse_shadow_maps
 
 pytestmark = pytest.mark.gl
 IMAGES = Path(__file__).parent / "images"
@@ -48,12 +49,13 @@ def changed(change: Callable[[Renderer], None]) -> Changed:
 @pytest.fixture(scope="module")
 def fresh(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("goldens") / "images"
-    update([SMALL], folder, ["room"])
+    with coarse_shadow_maps():
+        update([SMALL], folder, ["room"])
     return folder
 
 
 @pytest.fixture
-def folder(fresh: Path, tmp_path: Path) -> Path:
+def folder(fresh: Path, tmp_path: Path, coarse_shadows: None) -> Path:
     return Path(shutil.copytree(fresh, tmp_path / "images"))
 
 

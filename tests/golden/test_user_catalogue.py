@@ -59,6 +59,7 @@ def test_cases_are_what_the_file_says(catalogue: Path) -> None:
 
 
 @pytest.mark.gl
+@pytest.mark.usefixtures("coarse_shadows")
 def test_update_then_check(catalogue: Path) -> None:
     folder, page = catalogue.parent / "goldens", catalogue.parent / "page.html"
     options = ["--catalogue", str(catalogue), "--golden", str(folder)]

@@ -19,7 +19,7 @@ from app.settings import Settings
 from tests.gl.scenes import Part, box, draw, make_scene, moved, slide
 from tests.hard.scenes import CAMERA, HARD_LAMP, LAMP, SIZE, corner, lit_corner
 
-pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "coarse_shadows")]
 
 EMBER = find_model("ember")
 OUTPUTS = ("final", "direct", "indirect", "depth")

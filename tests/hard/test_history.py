@@ -21,7 +21,7 @@ from app.scene import Camera, Scene
 from app.settings import Settings
 from tests.hard.scenes import CAMERA, RADIOSITY, SIZE, assert_same, lit_corner
 
-pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "coarse_shadows")]
 
 Image = NDArray[np.float32]
 SCENE = lit_corner()

@@ -9,6 +9,7 @@ import ctypes
 import gc
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import psutil
@@ -23,7 +24,7 @@ from tests.gl.scenes import box, slide
 from tests.hard.gl_objects import live_objects
 from tests.hard.scenes import CAMERA, lit_corner
 
-pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "coarse_shadows")]
 
 SIZE = (16, 12)
 OUTPUTS = ("final", "position", "motion")
@@ -69,16 +70,17 @@ def default_camera(scene: Scene) -> Camera:
 
 
 @pytest.fixture(scope="module")
-def scenes_and_models() -> list[tuple[Scene, str | None]]:
-    return [(room(), "ember"), (lit_corner(), None), (outdoor(), "gather")]
+def scenes_and_models(small_ember: Path) -> list[tuple[Scene, Path | None]]:
+    return [(room(), small_ember), (lit_corner(), None), (outdoor(), find_model("gather"))]
 
 
 @pytest.mark.parametrize(("count", "most"), [(10, 800.0), pytest.param(1000, 24.0 + KEPT_BY_MODERNGL, marks=LONG)])
-def test_renderers_made_and_dropped(scenes_and_models: list[tuple[Scene, str | None]], count: int, most: float) -> None:
+def test_renderers_made_and_dropped(scenes_and_models: list[tuple[Scene, Path | None]], count: int,
+                                    most: float) -> None:
     def one(i: int) -> None:
         scene, model = scenes_and_models[i % 3]
         settings = Settings(size=SIZE, outputs=OUTPUTS, timing=i % 2 == 0, provider="cpu")
-        with Renderer(scene, settings, find_model(model) if model else None) as renderer:
+        with Renderer(scene, settings, model) as renderer:
             renderer.render(default_camera(scene))
 
     for i in range(3):
@@ -128,10 +130,10 @@ def test_frames(renderer: Renderer, count: int, most: float) -> None:
 
 
 @pytest.mark.parametrize(("count", "most"), [(6, 3000.0), pytest.param(100, 200.0, marks=LONG)])
-def test_other_sizes_and_models(count: int, most: float) -> None:
+def test_other_sizes_and_models(small_ember: Path, count: int, most: float) -> None:
     """Each is a renderer of its own, beside one that lives on and draws the same picture to the bit all the while."""
     scene = lit_corner()
-    models = (None, find_model("gather"), find_model("ember"))
+    models = (None, find_model("gather"), small_ember)
     with Renderer(scene, Settings(size=SIZE, taa=False, provider="cpu"), models[2]) as resident:
         resident.advance(CAMERA)
         first, at_first = resident.render(CAMERA)["final"], live_objects(resident._gl)

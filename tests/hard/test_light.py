@@ -36,6 +36,7 @@ def times(lamp: PointLight, factor: float) -> PointLight:
     return replace(lamp, intensity=tuple(c * factor for c in lamp.intensity))
 
 
+@pytest.mark.usefixtures("coarse_shadows")
 @pytest.mark.parametrize("factor", [1e-6, 1e-3, 1e3, 1e6])
 def test_the_picture_is_linear_in_the_light(factor: float) -> None:
     """f(a x) = a f(x), but for what half precision rounds."""
@@ -45,6 +46,7 @@ def test_the_picture_is_linear_in_the_light(factor: float) -> None:
         assert beyond(many[name] / np.float32(factor), one[name], 3e-3) == 0, name
 
 
+@pytest.mark.usefixtures("coarse_shadows")
 @pytest.mark.parametrize("factor", [256.0**-3, 256.0**2])
 def test_the_picture_is_the_same_to_the_bit_at_another_power_of_256(factor: float) -> None:
     """The scale that keeps radiance in the middle of the half range takes such a factor up whole."""
@@ -53,6 +55,7 @@ def test_the_picture_is_the_same_to_the_bit_at_another_power_of_256(factor: floa
         np.testing.assert_array_equal(many[name], one[name] * np.float32(factor), name)
 
 
+@pytest.mark.usefixtures("coarse_shadows")
 @pytest.mark.parametrize("lights", [(), (PointLight(LAMP.position, (0.0, 0.0, 0.0), 0.05),)], ids=["none", "black"])
 def test_without_light_the_picture_is_exactly_black(lights: tuple[Light, ...]) -> None:
     """Row "no light at all"; also after many frames of history."""
@@ -79,6 +82,7 @@ def forty_lights() -> list[Light]:
     return found
 
 
+@pytest.mark.usefixtures("coarse_shadows")
 def test_forty_lights_are_the_sum_of_forty_pictures() -> None:
     lights = forty_lights()
     scene = without_shadows(lit_corner())
@@ -109,6 +113,7 @@ BROKEN: tuple[Light, ...] = (
 )
 
 
+@pytest.mark.usefixtures("coarse_shadows")
 def test_lights_with_broken_numbers_send_nothing() -> None:
     """What the sound light shows stays, but for the rounding of another shader."""
     expected = draw(lit_corner(HARD_LAMP), SIZE, ("direct",))["direct"]
@@ -117,6 +122,7 @@ def test_lights_with_broken_numbers_send_nothing() -> None:
         assert beyond(found, expected, 1e-3) == 0, broken
 
 
+@pytest.mark.usefixtures("coarse_shadows")
 def test_a_light_with_a_broken_number_does_not_change_the_whole_picture() -> None:
     found, expected = shown(lit_corner(HARD_LAMP, BROKEN[0]), PICTURES), shown(lit_corner(HARD_LAMP), PICTURES)
     for name in PICTURES:

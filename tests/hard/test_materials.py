@@ -18,7 +18,7 @@ from tests.gl.scenes import draw, floor, make_scene, quad
 from tests.hard.scenes import LAMP, SIZE, assert_same, lit_corner, shown
 from tests.unit.load_helpers import Gltf
 
-pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "coarse_shadows")]
 
 FRONT = Camera((0.0, 0.5, 2.0), (0.0, 0.5, 0.0))
 TEXELS = 8

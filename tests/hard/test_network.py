@@ -25,7 +25,7 @@ from tests.hard.networks import Node, constant, write_network
 from tests.hard.scenes import CAMERA, LAMP, SIZE, beyond, lit_corner
 from tests.tiny_network import write_tiny_network
 
-pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "coarse_shadows")]
 
 PICTURES = ("final", "direct", "indirect", "albedo", "depth")
 SKY = Camera((0.0, 1.5, 1.0), (0.0, 5.0, 1.1))

@@ -6,6 +6,7 @@ Radiance is held to 65504 on the GPU, where lights are scaled, so a picture is b
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,13 @@ import pytest
 from numpy.typing import NDArray
 
 from app.channels import HALF_MAX
-from app.contract import find_model
+from app.contract import Model, find_model
 from app.gl.lights import radiance_scale
 from app.golden.scenes import outdoor, room
 from app.renderer import Renderer
 from app.scene import Scene
 from app.settings import Settings
+from tests.coarse_shadows import coarse_shadow_maps
 
 pytestmark = pytest.mark.gl
 
@@ -38,8 +40,8 @@ Image = NDArray[Any]
 class Patient:
     """A renderer with a still camera, and what it draws when nobody poisons it."""
 
-    def __init__(self, scene: Scene, model: str) -> None:
-        self.renderer = Renderer(scene, Settings(size=SIZE, outputs=("final", "position")), find_model(model))
+    def __init__(self, scene: Scene, model: Model) -> None:
+        self.renderer = Renderer(scene, Settings(size=SIZE, outputs=("final", "position")), model)
         self.camera = scene.cameras[scene.default_camera].at(0.0)
         self.bound = HALF_MAX / radiance_scale(scene)
         self.resources = [r for r in self.renderer.plan.resources if r != "display"]
@@ -75,8 +77,10 @@ class Patient:
 
 
 @pytest.fixture(scope="module", params=SCENES)
-def patient(request: pytest.FixtureRequest) -> Iterator[Patient]:
-    patient = Patient(*SCENES[request.param])
+def patient(request: pytest.FixtureRequest, small_ember: Path) -> Iterator[Patient]:
+    scene, model = SCENES[request.param]
+    with coarse_shadow_maps():
+        patient = Patient(scene, small_ember if model == "ember" else find_model(model))
     yield patient
     patient.renderer.close()
 

@@ -12,7 +12,7 @@ from app.settings import Settings
 from tests.gl.scenes import floor, make_scene
 from tests.hard.scenes import EVERYTHING, RADIOSITY
 
-pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "coarse_shadows")]
 
 BOX = embedded_scene()
 CAMERA = BOX.cameras[BOX.default_camera].at(0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 
 import numpy as np
@@ -44,6 +45,11 @@ def test_variants_load(scenes, name):
         assert (np.isclose(lengths, 1, atol=1e-3) | (lengths == 0)).all(), file
 
 
+@functools.lru_cache(maxsize=1)
+def emissive(path):
+    return load_scene(path, lighting="emissive")
+
+
 @pytest.mark.parametrize(("file", "center", "low", "high", "normal", "radiance"), [
     ("cornell-box/CornellBox-Original.obj", (-0.005, 1.98, -0.03), (-0.24, 1.98, -0.22), (0.23, 1.98, 0.16), (0, -1, 0),
      (17, 12, 4)),
@@ -61,7 +67,7 @@ def test_variants_load(scenes, name):
      (-2.3594, 1.6129, -1.8978), (0, -1, 0), (11.2212,) * 3),
 ])
 def test_emissive_rectangles_are_the_listed_ones(scenes, file, center, low, high, normal, radiance):
-    scene = load_scene(scenes / file, lighting="emissive")
+    scene = emissive(scenes / file)
     light = min(scene.lights, key=lambda light: np.linalg.norm(np.subtract(light.center, center)))
     assert isinstance(light, RectLight)
     np.testing.assert_allclose(light.center, center, atol=2e-4)
