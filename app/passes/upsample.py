@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
+from app.gl.frame_state import FrameState, MotionKind
 from app.gl.fullscreen import make_fullscreen
 from app.graph import Pass, Tex
 from app.passes.accumulate import HISTORY
 
 BEFORE = ("motion", "indirect@prev", "normal@prev", "depth@prev")
+LONGEST = HISTORY[MotionKind.CAMERA]  # frames; nothing tells how old kept light is, so it must not outlive a change
 
 
 def declare(grid: tuple[int, int], gathered: bool) -> Pass:
@@ -17,8 +22,11 @@ def declare(grid: tuple[int, int], gathered: bool) -> Pass:
     gathered : bool
         Whether pixels that no low-resolution texel shows keep the light that they had.
     """
+    def uniforms(frame: FrameState) -> Mapping[str, Any]:
+        ratio = {"ratio": (frame.size[0] / grid[0], frame.size[1] / grid[1])}
+        history = {"longest": min(HISTORY[frame.motion], LONGEST), "history_valid": frame.history_valid}
+        return {**ratio, **history} if gathered else ratio
+
     return Pass("upsample", reads=("indirect_filled", "normal", "depth", *(BEFORE if gathered else ())),
                 writes={"indirect": Tex("f2", 4)},
-                make=lambda device, bound: make_fullscreen(device, bound, "upsample.frag", lambda frame: {
-                    "ratio": (frame.size[0] / grid[0], frame.size[1] / grid[1]),
-                    **({"longest": HISTORY[frame.motion], "history_valid": frame.history_valid} if gathered else {})}))
+                make=lambda device, bound: make_fullscreen(device, bound, "upsample.frag", uniforms))

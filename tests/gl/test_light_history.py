@@ -58,8 +58,8 @@ def test_what_is_too_thin_for_the_picks_keeps_its_light() -> None:
     hidden: int | None = None  # frames since the picks showed the post
     with (Renderer(scene, Settings(SIZE, ("depth",), taa=False)) as eye,
           Renderer(scene, Settings(SIZE, ("indirect",), provider="cpu"), find_model("gather")) as renderer):
-        for frame in range(12):
-            way = (frame + 0.1) * pixel
+        for frame in range(16):  # from 9 on the camera stands
+            way = (min(frame, 9) + 0.1) * pixel
             camera = Camera((way, 0, 0), (way, 0, -1), fov_y_deg=90)
             post = eye.render(camera)["depth"][..., 0] < 10
             renderer.override("indirect_now", np.where(post[PICKED], 1.0, 9.0)[..., None])
