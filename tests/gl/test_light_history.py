@@ -69,5 +69,5 @@ def test_what_is_too_thin_for_the_picks_keeps_its_light() -> None:
             elif hidden is not None:
                 hidden += 1
             expected = 9.0 if hidden is None else 9 - 8 * keep**hidden
-            np.testing.assert_allclose(light, expected, rtol=1e-3)
+            np.testing.assert_allclose(light, expected, rtol=5e-3)  # a half float rounds in each frame
     assert hidden is not None
