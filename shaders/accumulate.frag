@@ -3,10 +3,9 @@
 #include "numbers.glsl"
 #include "camera.glsl"
 #include "pick.glsl"
-#include "same_surface.glsl"
+#include "history.glsl"
 
-const float BRIGHTEST = 4.0;  // history counts as at most this many times what is now, or a flash would linger
-const float AROUND = 4.0;     // level of the mean that noisy light is compared with: of 16x16 texels
+const float AROUND = 4.0;  // level of the mean that noisy light is compared with: of 16x16 texels
 
 uniform sampler2D indirect_now;
 uniform sampler2D normal;
@@ -67,7 +66,7 @@ void main()
     vec2 here = gl_FragCoord.xy / vec2(textureSize(indirect_now, 0));
     bright = max(now, sanitize_radiance(textureLod(indirect_now, here, AROUND).rgb));
 #endif
-    history.rgb = min(history.rgb, BRIGHTEST * max(max(bright.r, bright.g), bright.b));
+    history.rgb = without_flash(history.rgb, bright);
     float frames = keep ? min(history.a * weight + 1.0, longest) : 1.0;
     out_indirect_low = vec4(keep ? mix(history.rgb, now, 1.0 / frames) : now, frames);
 }

@@ -4,7 +4,7 @@
 #include "numbers.glsl"
 #include "camera.glsl"
 #include "pick.glsl"
-#include "same_surface.glsl"
+#include "history.glsl"
 
 const float PLANE_SIGMA = 0.02;  // of the receiver's depth
 const float FLOOR = 1e-5;        // keeps the texel most alike where none is on the same surface
@@ -64,7 +64,7 @@ vec3 with_history(vec3 light, float shown, ivec2 texel, float d, vec3 n)
     bool keep = all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, textureSize(depth_prev, 0)))
         && same_surface(texelFetch(depth_prev, at, 0).r, d * moved.z, texelFetch(normal_prev, at, 0).xyz, n)
         && is_finite(dot(old, vec3(1.0)));
-    return keep ? mix(light, max(old, 0.0), (1.0 - 1.0 / longest) * (1.0 - shown)) : light;
+    return keep ? mix(light, without_flash(old, light), (1.0 - 1.0 / longest) * (1.0 - shown)) : light;
 }
 #endif
 

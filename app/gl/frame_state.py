@@ -22,6 +22,9 @@ class MotionKind(Enum):
     OBJECTS = 2
 
 
+# Frames of indirect light: it follows moving objects, so its history must be short; a moving camera changes no light.
+HISTORY = {MotionKind.NONE: 256.0, MotionKind.CAMERA: 10.0, MotionKind.OBJECTS: 3.0}
+
 CAMERA_BINDING, LIGHT_BINDING = 0, 1
 
 

@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from app.gl.context import Device
-from app.gl.frame_state import FrameState, MotionKind
+from app.gl.frame_state import HISTORY, FrameState
 from app.gl.fullscreen import make_fullscreen
 from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
-
-# Frames: light follows moving objects, so its history must be short; a moving camera changes no light.
-HISTORY = {MotionKind.NONE: 256.0, MotionKind.CAMERA: 10.0, MotionKind.OBJECTS: 3.0}
 
 
 def declare(grid: tuple[int, int], noisy: bool = False) -> Pass:

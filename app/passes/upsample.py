@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from app.gl.frame_state import FrameState, MotionKind
+from app.gl.frame_state import HISTORY, FrameState, MotionKind
 from app.gl.fullscreen import make_fullscreen
 from app.graph import Pass, Tex
-from app.passes.accumulate import HISTORY
 
 BEFORE = ("motion", "indirect@prev", "normal@prev", "depth@prev")
 LONGEST = HISTORY[MotionKind.CAMERA]  # frames; nothing tells how old kept light is, so it must not outlive a change

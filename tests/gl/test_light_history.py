@@ -7,8 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from app.contract import find_model
-from app.gl.frame_state import MotionKind
-from app.passes.accumulate import HISTORY
+from app.gl.frame_state import HISTORY, MotionKind
 from app.renderer import Renderer
 from app.scene import Camera
 from app.settings import Settings

@@ -1,9 +1,16 @@
-// Whether a texel of the frame before shows the surface that is expected there, by its depth and normal.
+// What of the frame before may be kept.
 const float DEPTH_TOLERANCE = 0.05;  // relative
 const float SAME_NORMAL = 0.9;       // cosine
+const float BRIGHTEST = 4.0;         // history counts as at most this many times what is now, or a flash would linger
 
+// Whether a texel shows the surface that is expected there, by its depth and normal.
 bool same_surface(float depth_found, float depth_expected, vec3 normal_found, vec3 normal_expected)
 {
     return is_surface(depth_found) && abs(depth_found - depth_expected) <= DEPTH_TOLERANCE * depth_expected
         && dot(normal_found, normal_expected) > SAME_NORMAL;
+}
+
+vec3 without_flash(vec3 history, vec3 now)
+{
+    return clamp(history, 0.0, BRIGHTEST * max(max(now.r, now.g), now.b));
 }
