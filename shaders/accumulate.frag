@@ -33,7 +33,8 @@ void add(ivec2 low, vec2 away, Receiver r, inout vec4 sum, inout float weight)
     vec4 old = texelFetch(indirect_low_prev, low, 0);
     float expected = r.before / (1.0 + dot(r.across, away));
     bool same = all(greaterThanEqual(low, ivec2(0))) && all(lessThan(low, textureSize(indirect_low_prev, 0)))
-        && same_surface(texelFetch(depth_prev, full, 0).r, expected, texelFetch(normal_prev, full, 0).xyz, r.normal)
+        && same_surface(texelFetch(depth_prev, full, 0).r, expected, r.across / ratio,
+                        texelFetch(normal_prev, full, 0).xyz, r.normal)
         && is_finite(dot(old, vec4(1.0))) && old.a >= 1.0;
     float closeness = (1.0 - abs(away.x)) * (1.0 - abs(away.y));
     sum += same ? vec4(max(old.rgb, 0.0), old.a) * closeness : vec4(0.0);

@@ -56,13 +56,15 @@ vec4 tap(ivec2 low, float closeness, Receiver r)
 
 #ifdef HAS_INDIRECT_PREV
 // Light mixed with what the surface at a pixel had, the more the less of it is shown.
-vec3 with_history(vec3 light, float shown, ivec2 texel, float d, vec3 n)
+vec3 with_history(vec3 light, float shown, ivec2 texel, float d, Receiver r)
 {
+    vec2 slope = 2.0 * image.zw * r.slope.xy * d / r.here;
     vec3 moved = texelFetch(motion, texel, 0).xyz;
     ivec2 at = ivec2(floor(vec2(texel) + 0.5 - moved.xy * vec2(1.0, -1.0)));
     vec3 old = texelFetch(indirect_prev, at, 0).rgb;
     bool keep = all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, textureSize(depth_prev, 0)))
-        && same_surface(texelFetch(depth_prev, at, 0).r, d * moved.z, texelFetch(normal_prev, at, 0).xyz, n)
+        && same_surface(texelFetch(depth_prev, at, 0).r, d * moved.z, slope,
+                        texelFetch(normal_prev, at, 0).xyz, r.normal)
         && is_finite(dot(old, vec3(1.0)));
     return keep ? mix(light, without_flash(old, light), (1.0 - 1.0 / longest) * (1.0 - shown)) : light;
 }
@@ -83,7 +85,7 @@ void main()
     // NaN in the light of any tap ends as 0 here.
     vec3 light = is_surface(d) && sum.a > 0.0 ? sanitize_radiance(sum.rgb / sum.a) : vec3(0.0);
 #ifdef HAS_INDIRECT_PREV
-    if (history_valid && is_surface(d) && sum.a < SHOWN) light = with_history(light, sum.a / SHOWN, texel, d, n);
+    if (history_valid && is_surface(d) && sum.a < SHOWN) light = with_history(light, sum.a / SHOWN, texel, d, r);
 #endif
     out_indirect = vec4(light, 1.0);
 }
