@@ -11,6 +11,8 @@ from app.contract import find_model
 from app.errors import DeviceError
 from tests.coarse_shadows import coarse_shadow_maps
 
+SMALL_EMBER = 256, 36  # surfels, and rays of each
+
 
 @pytest.fixture(scope="session")
 def path_tracer() -> None:
@@ -34,7 +36,7 @@ def scenes() -> Path:
 
 @pytest.fixture
 def coarse_shadows() -> Iterator[None]:
-    """Shadow maps with an eighth of their sides; see there."""
+    """Shadow maps with an eighth of their sides, see ``tests/coarse_shadows.py``."""
     with coarse_shadow_maps():
         yield
 
@@ -50,4 +52,4 @@ def small_ember(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from export.models.ember import Ember
     from export.to_onnx import write_network
 
-    return write_network(Ember(256, 36).eval(), tmp_path_factory.mktemp("nets"), [], {})[0]
+    return write_network(Ember(*SMALL_EMBER).eval(), tmp_path_factory.mktemp("nets"), [], {})[0]

@@ -16,13 +16,13 @@ from app.renderer import NEAR, Renderer
 from app.scene import Camera, Light, Material, PointLight, RectLight, Scene, SpotLight
 from app.settings import Settings
 from app.surfels.world import WorldSurfels
+from tests.conftest import SMALL_EMBER
 from tests.gl.closed_forms import F64, point_irradiance
 from tests.gl.scenes import Images, Point, box, draw, floor, make_scene
 from tests.gl.test_indirect import mean_over_walls
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
-SURFELS, RAYS = 256, 36
 SIZE = (256, 192)
 
 
@@ -42,7 +42,7 @@ def surfel_light(scene: Scene, camera: Camera, model: Path) -> tuple[WorldSurfel
     with Renderer(scene, settings("indirect"), model) as renderer:
         renderer.render(camera)
         texels = renderer.resource("surfel_light")[::-1, :, :3].astype(np.float64) / radiance_scale(scene)
-    world = WorldSurfels(scene, View.of(camera, SIZE, NEAR * scene.longest_edge), SURFELS, RAYS)
+    world = WorldSurfels(scene, View.of(camera, SIZE, NEAR * scene.longest_edge), *SMALL_EMBER)
     height, width = texels.shape[:2]
     quads = texels.reshape(height // 2, 2, width // 2, 2, 3)
     np.testing.assert_array_equal(quads.min(axis=(1, 3)), quads.max(axis=(1, 3)))  # hard light: no noise in a quad
