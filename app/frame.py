@@ -19,6 +19,7 @@ from app.passes import (
     gbuffer,
     network,
     output,
+    pick,
     position,
     shadow,
     ssgi,
@@ -102,7 +103,8 @@ def build_frame(scene: Scene, settings: Settings, lights: LightSet,
     if model is not None:
         passes += _indirect(scene, settings, lights, model, absent)
     else:
-        absent |= dict.fromkeys((*NETWORK_PASSES, "ssgi", "accumulate", "fill", "upsample"), "no model was chosen")
+        absent |= dict.fromkeys((*NETWORK_PASSES, "ssgi", "pick", "accumulate", "fill", "upsample"),
+                                "no model was chosen")
     passes.append(composite.declare(has_indirect=model is not None))
     if settings.taa:
         passes.append(taa.declare())
@@ -127,7 +129,7 @@ def _indirect(scene: Scene, settings: Settings, lights: LightSet, model: Network
         absent["ssgi"] = "a network was chosen"
     if settings.taa:
         passes.append(accumulate.declare(grid, noisy=isinstance(model, str)))
-    return [*passes, fill.declare(grid), upsample.declare(grid, settings.taa)]
+    return [pick.declare(grid), *passes, fill.declare(grid), upsample.declare(grid, settings.taa)]
 
 
 def _network(scene: Scene, settings: Settings, lights: LightSet, model: Network, grid: tuple[int, int], target: str,

@@ -8,12 +8,10 @@
 const float AROUND = 4.0;  // level of the mean that noisy light is compared with: of 16x16 texels
 
 uniform sampler2D indirect_now;
-uniform sampler2D normal;
-uniform sampler2D depth;
+uniform sampler2D surface_low;
 uniform sampler2D motion;
 uniform sampler2D indirect_low_prev;  // rgb: history, a: frames gathered
-uniform sampler2D normal_prev;
-uniform sampler2D depth_prev;
+uniform sampler2D surface_low_prev;
 uniform vec2 ratio;  // full-resolution texels per low-resolution texel
 uniform float longest;  // history in frames
 uniform bool history_valid;
@@ -23,18 +21,16 @@ layout(location = 0) out vec4 out_indirect_low;
 struct Receiver {
     vec3 normal;   // relative space
     float before;  // depth in the frame before
-    vec2 across;   // of its plane: how much of itself 1 / depth gains from one low-resolution texel to the next
+    vec2 slope;    // of its plane; see plane_slope
 };
 
 // Adds a texel of the history, ``away`` from where the receiver was, if it shows the same surface.
 void add(ivec2 low, vec2 away, Receiver r, inout vec4 sum, inout float weight)
 {
-    ivec2 full = representative(low, ratio);
-    vec4 old = texelFetch(indirect_low_prev, low, 0);
-    float expected = r.before / (1.0 + dot(r.across, away));
+    vec4 old = texelFetch(indirect_low_prev, low, 0), surface = texelFetch(surface_low_prev, low, 0);
     bool same = all(greaterThanEqual(low, ivec2(0))) && all(lessThan(low, textureSize(indirect_low_prev, 0)))
-        && same_surface(texelFetch(depth_prev, full, 0).r, expected, r.across / ratio,
-                        texelFetch(normal_prev, full, 0).xyz, r.normal)
+        && same_depth(surface.a, r.before / (1.0 + dot(r.slope * ratio, away)), r.slope)
+        && dot(surface.xyz, r.normal) > SAME_NORMAL
         && is_finite(dot(old, vec4(1.0))) && old.a >= 1.0;
     float closeness = (1.0 - abs(away.x)) * (1.0 - abs(away.y));
     sum += same ? vec4(max(old.rgb, 0.0), old.a) * closeness : vec4(0.0);
@@ -45,12 +41,9 @@ void main()
 {
     ivec2 low = ivec2(gl_FragCoord.xy), full = representative(low, ratio);
     vec3 now = sanitize_radiance(texelFetch(indirect_now, low, 0).rgb);
-    vec3 n = sanitize_normal(texelFetch(normal, full, 0).xyz);
+    vec4 surface = texelFetch(surface_low, low, 0);
     vec3 moved = texelFetch(motion, full, 0).xyz;
-    float d = texelFetch(depth, full, 0).r;
-    vec3 facing = mat3(view_from_relative) * n;
-    vec2 slope = 2.0 * image.zw * ratio * lens.xy * facing.xy;
-    Receiver r = Receiver(n, d * moved.z, slope / dot(facing, view_ray(vec2(full) + 0.5)));
+    Receiver r = Receiver(surface.xyz, surface.a * moved.z, plane_slope(surface.xyz, vec2(full) + 0.5));
     vec2 at = gl_FragCoord.xy - moved.xy * vec2(1.0, -1.0) / ratio - 0.5;
     ivec2 base = ivec2(floor(at));
     vec2 f = at - vec2(base);
@@ -60,7 +53,7 @@ void main()
     add(base + ivec2(1, 0), vec2(1.0, 0.0) - f, r, sum, weight);
     add(base + ivec2(0, 1), vec2(0.0, 1.0) - f, r, sum, weight);
     add(base + ivec2(1, 1), vec2(1.0, 1.0) - f, r, sum, weight);
-    bool keep = history_valid && weight > 0.05 && is_surface(d);
+    bool keep = history_valid && weight > 0.05 && is_surface(surface.a);
     vec4 history = sum / max(weight, 1e-6);
     vec3 bright = now;
 #ifdef NOISY

@@ -1,19 +1,17 @@
 // Gives the sky of the low-resolution light what the surfaces around have, by pull-push (Gortler et al. 1996, "The
 // Lumigraph"), for surfaces that upsampling finds between texels that all show the sky.
 #include "numbers.glsl"
-#include "pick.glsl"
 
 uniform sampler2D indirect_low;
-uniform sampler2D depth;
+uniform sampler2D surface_low;
 uniform sampler2D pyramid;
-uniform vec2 ratio;  // full-resolution texels per low-resolution texel
 
 layout(location = 0) out vec4 out_indirect_filled;
 
 void main()
 {
     ivec2 low = ivec2(gl_FragCoord.xy);
-    bool surface = is_surface(texelFetch(depth, representative(low, ratio), 0).r);
+    bool surface = is_surface(texelFetch(surface_low, low, 0).a);
     vec2 at = gl_FragCoord.xy / vec2(textureSize(indirect_low, 0));
     vec4 found = surface ? vec4(texelFetch(indirect_low, low, 0).rgb, 1.0) : vec4(0.0);
     int levels = surface ? 0 : textureQueryLevels(pyramid);

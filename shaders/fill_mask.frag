@@ -1,10 +1,8 @@
 // The finest level of a pyramid over indirect light at low resolution: what surfaces have, and nothing in the sky.
 #include "numbers.glsl"
-#include "pick.glsl"
 
 uniform sampler2D indirect_low;
-uniform sampler2D depth;
-uniform vec2 ratio;  // full-resolution texels per low-resolution texel
+uniform sampler2D surface_low;
 uniform vec2 span;   // low-resolution texels per texel of the pyramid, at most 1
 
 layout(location = 0) out vec4 out_light;  // rgb: times a, a: 1 on surfaces
@@ -12,6 +10,6 @@ layout(location = 0) out vec4 out_light;  // rgb: times a, a: 1 on surfaces
 void main()
 {
     ivec2 low = ivec2(gl_FragCoord.xy * span);
-    bool surface = is_surface(texelFetch(depth, representative(low, ratio), 0).r);
+    bool surface = is_surface(texelFetch(surface_low, low, 0).a);
     out_light = surface ? vec4(sanitize_radiance(texelFetch(indirect_low, low, 0).rgb), 1.0) : vec4(0.0);
 }

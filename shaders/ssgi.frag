@@ -15,7 +15,7 @@ const float CREASE = 0.01;    // relative to depth: surfaces join unless one lie
 const float STEEPEST = 2.0;   // a stretch is at most this many times nearer or farther than its sample
 const float SECTORS = 32.0;
 
-uniform sampler2D ssgi_surface;
+uniform sampler2D surface_low;
 uniform sampler2D ssgi_radiance;
 uniform vec2 ratio;      // full-resolution texels per low-resolution texel
 uniform vec2 turn;       // of the two noise patterns in this frame
@@ -53,8 +53,8 @@ bool is_before(vec2 a, vec2 b)
 
 void main()
 {
-    ivec2 texel = ivec2(gl_FragCoord.xy), last = textureSize(ssgi_surface, 0) - 1;
-    vec4 here = texelFetch(ssgi_surface, texel, 0);
+    ivec2 texel = ivec2(gl_FragCoord.xy), last = textureSize(surface_low, 0) - 1;
+    vec4 here = texelFetch(surface_low, texel, 0);
     float d = is_surface(here.a) ? here.a : 1.0;
     vec3 n = sanitize_normal(here.xyz);
     vec2 pixel = vec2(representative(texel, ratio)) + 0.5;
@@ -91,7 +91,7 @@ void main()
         float at = (float(i) + jitter) / float(steps), end = i + 1 < steps ? at + 0.5 / float(steps) : 1.0;
         vec2 stretch = vec2(start, min(reach * end * end, reach));
         ivec2 t = clamp(ivec2((pixel + walk * (reach * at * at)) / ratio), ivec2(0), last);
-        vec4 there = texelFetch(ssgi_surface, t, 0);
+        vec4 there = texelFetch(surface_low, t, 0);
         vec3 light = texelFetch(ssgi_radiance, t, 0).rgb;
         vec3 point = surface_ray(vec2(representative(t, ratio)) + 0.5) * there.a;
 

@@ -7,7 +7,7 @@
 const float PLANE_SIGMA = 0.02;  // of the receiver's depth
 
 uniform sampler2D WALKS;  // rgb: light times a, a: weight
-uniform sampler2D ssgi_surface;
+uniform sampler2D surface_low;
 uniform vec2 ratio;       // full-resolution texels per low-resolution texel
 uniform int apart;        // texels from one to the next
 uniform int rows = 3;     // no constant, so that the loop stays a loop
@@ -23,8 +23,8 @@ struct Receiver {
 // Adds one texel, as far as it shows the same surface.
 void add(ivec2 low, Receiver r, inout vec4 sum, inout float total)
 {
-    low = clamp(low, ivec2(0), textureSize(ssgi_surface, 0) - 1);
-    vec4 surface = texelFetch(ssgi_surface, low, 0), walks = texelFetch(WALKS, low, 0);
+    low = clamp(low, ivec2(0), textureSize(surface_low, 0) - 1);
+    vec4 surface = texelFetch(surface_low, low, 0), walks = texelFetch(WALKS, low, 0);
     vec3 ray = surface_ray(vec2(representative(low, ratio)) + 0.5);
     float plane = (dot(r.normal, ray) * surface.a - r.here) * r.inverse_sigma;
     float facing = max(dot(r.normal, surface.xyz), 0.0);
@@ -39,7 +39,7 @@ void add(ivec2 low, Receiver r, inout vec4 sum, inout float total)
 void main()
 {
     ivec2 texel = ivec2(gl_FragCoord.xy);
-    vec4 here = texelFetch(ssgi_surface, texel, 0);
+    vec4 here = texelFetch(surface_low, texel, 0);
     vec3 n = sanitize_normal(here.xyz);
     vec3 ray = surface_ray(vec2(representative(texel, ratio)) + 0.5);
     Receiver r = Receiver(n, dot(n, ray) * here.a, 1.0 / (PLANE_SIGMA * here.a));

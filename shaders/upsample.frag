@@ -12,14 +12,13 @@ const float SHOWN = 0.1;         // weight from which on the texels around show 
 const float SKY = 1e-30;         // keeps what was filled in where no texel shows any
 
 uniform sampler2D indirect_filled;
+uniform sampler2D surface_low;
 uniform sampler2D normal;
 uniform sampler2D depth;
 uniform vec2 ratio;  // full-resolution texels per low-resolution texel
 #ifdef HAS_INDIRECT_PREV
-uniform sampler2D motion;
-uniform sampler2D indirect_prev;
-uniform sampler2D normal_prev;
-uniform sampler2D depth_prev;
+uniform sampler2D motion;         // w: nearness
+uniform sampler2D indirect_prev;  // a: nearness
 uniform float longest;  // history in frames
 uniform bool history_valid;
 #endif
@@ -34,58 +33,63 @@ struct Receiver {
 };
 
 // Image position in [-1, 1] without jitter.
-vec3 image_position(vec2 pixel)
+vec2 image_position(vec2 pixel)
 {
-    return vec3(pixel * (2.0 * image.zw) - (1.0 + lens.zw), 1.0);
+    return pixel * (2.0 * image.zw) - (1.0 + lens.zw);
+}
+
+// What column and row of a low-resolution texel add to its distance along the normal, per depth.
+vec2 along_normal(ivec2 low, Receiver r)
+{
+    return r.slope.xy * image_position(vec2(representative(low, ratio)) + 0.5);
 }
 
 // rgb: weighted light, a: weight of one low-resolution texel.
-vec4 tap(ivec2 low, float closeness, Receiver r)
+vec4 tap(ivec2 low, float along, float closeness, Receiver r)
 {
-    low = clamp(low, ivec2(0), textureSize(indirect_filled, 0) - 1);
-    ivec2 full = representative(low, ratio);
-    float d = texelFetch(depth, full, 0).r;
-    float plane = (dot(r.slope, image_position(vec2(full) + 0.5)) * d - r.here) * r.inverse_sigma;
-    float facing = dot(r.normal, texelFetch(normal, full, 0).xyz);
-    facing = isnan(facing) ? 0.0 : clamp(facing, 0.0, 1.0);
+    vec4 surface = texelFetch(surface_low, low, 0);
+    float plane = ((along + r.slope.z) * surface.a - r.here) * r.inverse_sigma;
+    float facing = max(dot(r.normal, surface.xyz), 0.0);
     facing *= facing;
     facing *= facing;
     float alike = (facing * facing + FLOOR) / (1.0 + plane * plane);
-    return vec4(texelFetch(indirect_filled, low, 0).rgb, 1.0) * (closeness * (is_surface(d) ? alike : SKY));
+    return vec4(texelFetch(indirect_filled, low, 0).rgb, 1.0) * (closeness * (surface.a > 0.0 ? alike : SKY));
 }
 
 #ifdef HAS_INDIRECT_PREV
 // Light mixed with what the surface at a pixel had, the more the less of it is shown.
-vec3 with_history(vec3 light, float shown, ivec2 texel, float d, Receiver r)
+vec3 with_history(vec3 light, float shown, vec4 moved, vec2 slope)
 {
-    vec2 slope = 2.0 * image.zw * r.slope.xy * d / r.here;
-    vec3 moved = texelFetch(motion, texel, 0).xyz;
-    ivec2 at = ivec2(floor(vec2(texel) + 0.5 - moved.xy * vec2(1.0, -1.0)));
-    vec3 old = texelFetch(indirect_prev, at, 0).rgb;
-    bool keep = all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, textureSize(depth_prev, 0)))
-        && same_surface(texelFetch(depth_prev, at, 0).r, d * moved.z, slope,
-                        texelFetch(normal_prev, at, 0).xyz, r.normal)
-        && is_finite(dot(old, vec3(1.0)));
-    return keep ? mix(light, without_flash(old, light), (1.0 - 1.0 / longest) * (1.0 - shown)) : light;
+    ivec2 at = ivec2(gl_FragCoord.xy - moved.xy * vec2(1.0, -1.0));
+    vec4 old = texelFetch(indirect_prev, at, 0);
+    bool keep = history_valid && all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, textureSize(depth, 0)))
+        && same_depth(old.a, moved.w / moved.z, slope) && is_finite(dot(old.rgb, vec3(1.0)));
+    return keep ? mix(light, without_flash(old.rgb, light), (1.0 - 1.0 / longest) * (1.0 - shown)) : light;
 }
 #endif
 
 void main()
 {
-    ivec2 texel = ivec2(gl_FragCoord.xy);
+    ivec2 texel = ivec2(gl_FragCoord.xy), last = textureSize(surface_low, 0) - 1;
     float d = texelFetch(depth, texel, 0).r;
     vec3 n = sanitize_normal(texelFetch(normal, texel, 0).xyz);
     vec3 slope = mat3(view_from_relative) * n * vec3(lens.xy, -1.0);
-    Receiver r = Receiver(n, slope, dot(slope, image_position(gl_FragCoord.xy)) * d, 1.0 / (PLANE_SIGMA * d));
-    vec2 at = gl_FragCoord.xy / ratio - 0.5;
-    ivec2 base = ivec2(floor(at));
-    vec2 f = at - vec2(base);
-    vec4 sum = tap(base, (1.0 - f.x) * (1.0 - f.y), r) + tap(base + ivec2(1, 0), f.x * (1.0 - f.y), r)
-        + tap(base + ivec2(0, 1), (1.0 - f.x) * f.y, r) + tap(base + ivec2(1, 1), f.x * f.y, r);
+    float along = dot(slope, vec3(image_position(gl_FragCoord.xy), 1.0));
+    Receiver r = Receiver(n, slope, along * d, 1.0 / (PLANE_SIGMA * d));
+    vec2 at = gl_FragCoord.xy / ratio - 0.5, f = fract(at), g = 1.0 - f;
+    ivec2 base = ivec2(floor(at)), a = clamp(base, ivec2(0), last), b = clamp(base + 1, ivec2(0), last);
+    vec2 along_a = along_normal(a, r), along_b = along_normal(b, r);
+    vec4 sum = tap(a, along_a.x + along_a.y, g.x * g.y, r)
+        + tap(ivec2(b.x, a.y), along_b.x + along_a.y, f.x * g.y, r)
+        + tap(ivec2(a.x, b.y), along_a.x + along_b.y, g.x * f.y, r)
+        + tap(b, along_b.x + along_b.y, f.x * f.y, r);
     // NaN in the light of any tap ends as 0 here.
     vec3 light = is_surface(d) && sum.a > 0.0 ? sanitize_radiance(sum.rgb / sum.a) : vec3(0.0);
 #ifdef HAS_INDIRECT_PREV
-    if (history_valid && is_surface(d) && sum.a < SHOWN) light = with_history(light, sum.a / SHOWN, texel, d, r);
-#endif
+    vec4 moved = texelFetch(motion, texel, 0);
+    if (sum.a < SHOWN) light = with_history(light, sum.a / SHOWN, moved, plane_slope(n, gl_FragCoord.xy));
+    out_indirect = vec4(light, moved.w);
+#else
     out_indirect = vec4(light, 1.0);
+#endif
 }

@@ -14,7 +14,7 @@ from app.graph import BoundPass, Pass, Tex
 
 def declare(grid: tuple[int, int]) -> Pass:
     """Over a low-resolution ``grid`` of width and height."""
-    return Pass("fill", reads=("indirect_low", "depth"), writes={"indirect_filled": Tex("f4", 4, size=grid)},
+    return Pass("fill", reads=("indirect_low", "surface_low"), writes={"indirect_filled": Tex("f4", 4, size=grid)},
                 make=lambda device, bound: make(device, bound, grid))
 
 
@@ -26,17 +26,16 @@ def make(device: Device, bound: BoundPass, grid: tuple[int, int]) -> Callable[[F
     finest = device.ctx.framebuffer([pyramid])
 
     def execute(frame: FrameState, resources: Resources) -> None:
-        ratio = (frame.size[0] / grid[0], frame.size[1] / grid[1])
         device.ctx.enable_only(moderngl.NOTHING)
         finest.use()
         resources.bind(mask)
-        mask.set(ratio=ratio, span=(grid[0] / size[0], grid[1] / size[1]))
+        mask.set(span=(grid[0] / size[0], grid[1] / size[1]))
         device.draw_fullscreen(mask)
         pyramid.build_mipmaps()
         resources.target()
         resources.bind(fill)
         pyramid.use(len(bound.reads))
-        fill.set(ratio=ratio, pyramid=len(bound.reads))
+        fill.set(pyramid=len(bound.reads))
         device.draw_fullscreen(fill)
 
     return execute

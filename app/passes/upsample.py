@@ -9,7 +9,7 @@ from app.gl.frame_state import HISTORY, FrameState, MotionKind
 from app.gl.fullscreen import make_fullscreen
 from app.graph import Pass, Tex
 
-BEFORE = ("motion", "indirect@prev", "normal@prev", "depth@prev")
+BEFORE = ("motion", "indirect@prev")
 LONGEST = HISTORY[MotionKind.CAMERA]  # frames; nothing tells how old kept light is, so it must not outlive a change
 
 
@@ -26,6 +26,6 @@ def declare(grid: tuple[int, int], gathered: bool) -> Pass:
         history = {"longest": min(HISTORY[frame.motion], LONGEST), "history_valid": frame.history_valid}
         return {**ratio, **history} if gathered else ratio
 
-    return Pass("upsample", reads=("indirect_filled", "normal", "depth", *(BEFORE if gathered else ())),
+    return Pass("upsample", reads=("indirect_filled", "surface_low", "normal", "depth", *(BEFORE if gathered else ())),
                 writes={"indirect": Tex("f2", 4)},
                 make=lambda device, bound: make_fullscreen(device, bound, "upsample.frag", uniforms))

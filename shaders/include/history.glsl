@@ -3,13 +3,20 @@ const float DEPTH_TOLERANCE = 0.05;  // relative
 const float SAME_NORMAL = 0.9;       // cosine
 const float BRIGHTEST = 4.0;         // history counts as at most this many times what is now, or a flash would linger
 
-// Whether a texel shows the surface that is expected there, by its depth and normal. ``slope``: how much of itself
-// 1 / depth changes from one pixel to the next; two frames, each jittered, are up to a pixel apart.
-bool same_surface(float depth_found, float depth_expected, vec2 slope, vec3 normal_found, vec3 normal_expected)
+// How much of itself 1 / depth changes from one pixel to the next on the plane through a pixel; normal in relative
+// space.
+vec2 plane_slope(vec3 normal, vec2 pixel)
+{
+    vec3 facing = mat3(view_from_relative) * normal;
+    return 2.0 * image.zw * lens.xy * facing.xy / dot(facing, view_ray(pixel));
+}
+
+// Whether a texel shows a surface at the depth that is expected there; 1 / depth serves as well. Two frames, each
+// jittered, are up to a pixel apart. ``slope``: see ``plane_slope``.
+bool same_depth(float found, float expected, vec2 slope)
 {
     float tolerance = DEPTH_TOLERANCE + abs(slope.x) + abs(slope.y);
-    return is_surface(depth_found) && abs(depth_found - depth_expected) <= tolerance * depth_expected
-        && dot(normal_found, normal_expected) > SAME_NORMAL;
+    return is_surface(found) && abs(found - expected) <= tolerance * found;
 }
 
 vec3 without_flash(vec3 history, vec3 now)

@@ -17,6 +17,9 @@ pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
 SIZE = (256, 192)
 PICKED = np.s_[2::4, 2::4]  # what a network sees of it
+PIXEL = 4.0 / SIZE[1]  # at the post, where the picture is 4 high
+WALL = quad((-30, -30, -20), (60, 0, 0), (0, 60, 0))
+POST = quad((0, -4, -2), (2 * PIXEL, 0, 0), (0, 8, 0))
 
 
 @pytest.mark.parametrize("pace", [0.05, -0.05, 0.2], ids=["forward", "backward", "fast"])
@@ -62,16 +65,13 @@ def test_jitter_does_not_cut_the_history_of_a_far_floor() -> None:
 
 def test_what_is_too_thin_for_the_picks_keeps_its_light() -> None:
     """A post two pixels wide is shown by one frame in two; without history it has the wall's light in the other."""
-    pixel = 4.0 / SIZE[1]  # at the post, where the picture is 4 high
-    wall = quad((-30, -30, -20), (60, 0, 0), (0, 60, 0))
-    scene = make_scene([wall, quad((0, -4, -2), (2 * pixel, 0, 0), (0, 8, 0))])
+    scene = make_scene([WALL, POST])
     keep = 1 - 1 / HISTORY[MotionKind.CAMERA]
     hidden: int | None = None  # frames since the picks showed the post
     with (Renderer(scene, Settings(SIZE, ("depth", "position"), taa=False)) as eye,
           Renderer(scene, Settings(SIZE, ("indirect",), provider="cpu"), find_model("gather")) as renderer):
         for frame in range(16):  # right and up; from 9 on the camera stands
-            x, y = (min(frame, 9) + 0.1) * pixel, min(frame, 9) * 4 * pixel
-            camera = Camera((x, y, 0), (x, y, -1), fov_y_deg=90)
+            camera = beside(min(frame, 9), min(frame, 9) * 4)
             seen = eye.render(camera)
             post, own = seen["depth"][..., 0] < 10, 4.5 + seen["position"][..., 1]
             renderer.override("indirect_now", np.where(post, own, 9.0)[PICKED][..., None])
@@ -84,3 +84,34 @@ def test_what_is_too_thin_for_the_picks_keeps_its_light() -> None:
             expected = 9.0 if hidden is None else 9 - (9 - own[judged]) * keep**hidden
             np.testing.assert_allclose(light[judged, 0], expected, rtol=0.01)  # a half float rounds in each frame
     assert hidden is not None
+
+
+def test_what_comes_out_from_behind_something_has_none_of_its_light() -> None:
+    """The post is hidden at first; where it comes out the picks don't show it, so it has the wall's light."""
+    scene = make_scene([WALL, POST, quad((-4, -4, -1), (4 + 1.5 * PIXEL, 0, 0), (0, 8, 0))])
+    with (Renderer(scene, Settings(SIZE, ("depth",), taa=False)) as eye,
+          Renderer(scene, Settings(SIZE, ("indirect",), provider="cpu"), find_model("gather")) as renderer):
+        for camera in (beside(0), beside(8)):
+            depth = eye.render(camera)["depth"][..., 0]
+            renderer.override("indirect_now", np.where(depth < 1.5, 1.0, 9.0)[PICKED][..., None])
+            light = renderer.render(camera)["indirect"]
+    post = (depth > 1.5) & (depth < 10)
+    assert post.sum() == 2 * SIZE[1] and not post[PICKED].any()
+    np.testing.assert_allclose(light[post, 0], 9.0, rtol=0.01)
+
+
+def test_light_that_was_no_number_is_not_kept() -> None:
+    scene = make_scene([WALL, POST])
+    with Renderer(scene, Settings(SIZE, ("indirect",), provider="cpu"), find_model("gather")) as renderer:
+        renderer.override("indirect_now", np.full((SIZE[1] // 4, SIZE[0] // 4, 1), 9.0))
+        renderer.override("indirect", lambda light: np.where(np.arange(4) < 3, np.nan, light))
+        renderer.advance(beside(0))
+        renderer.override("indirect", None)
+        light = renderer.render(beside(0.1))["indirect"]
+    np.testing.assert_allclose(light, 9.0, rtol=0.01)
+
+
+def beside(right: float, up: float = 0.0) -> Camera:
+    """Looks at the wall from pixels, at the post, right of it and above the middle."""
+    x, y = (right + 0.1) * PIXEL, up * PIXEL
+    return Camera((x, y, 0), (x, y, -1), fov_y_deg=90)
