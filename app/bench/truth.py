@@ -20,6 +20,7 @@ from app.atomic import replacing_folder
 from app.bench.content import content_key
 from app.bench.exporter import run_export
 from app.errors import MissingExtraError, SceneError
+from app.gl.shader import resolve
 from app.image import read_exr
 from app.paths import shader_dir
 from app.scene import Camera, Scene
@@ -29,6 +30,8 @@ F32 = NDArray[np.float32]
 LAYERS = ("final", "direct", "indirect", "albedo", "depth")
 PLAIN_LAYERS = ("final", "albedo", "normal")
 TRACER = ("mitsuba_scene.py", "path_tracer.py", "reference.py")  # of the package export: what a truth depends on
+# What emission and highlights depend on.
+OWN_SHADERS = ("gbuffer.vert", "gbuffer.frag", "shadow.vert", "shadow.frag", "shadow_nearest.frag", "direct.frag")
 LEAST_ALBEDO = 0.01  # where demodulated light counts
 
 
@@ -179,11 +182,11 @@ def exporter_version() -> str:
 
 
 def renderer_version(scene: Scene) -> str:
-    """Changes when the renderer's shaders do, if it adds highlights or emission of its own to the truth."""
+    """Changes when the shaders of highlights and emission do, if the renderer adds such to the truth."""
     digest = hashlib.sha256()
     if any(material.emits or material.shiny for material in scene.materials):
-        for file in sorted(shader_dir().rglob("*.*")):
-            digest.update(file.read_bytes())
+        for file in OWN_SHADERS:
+            digest.update(resolve(shader_dir() / file, {}, []).encode())
     return digest.hexdigest()
 
 
