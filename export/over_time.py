@@ -15,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 
 from app.metrics import LUMINANCE
-from export.losses import warp
+from export.losses.views import warp
 
 F32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]

@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from app.errors import ModelError
-from export.models import bcnn
+from export.models import bcnn, gfa
 from export.models.ember import Ember
 from export.models.network import Network
 from export.models.surfels import Gather, Radiosity
@@ -18,6 +18,7 @@ UNTRAINED: Mapping[str, type[Network]] = {"ember": Ember, "gather": Gather, "rad
 PRESETS: Mapping[str, Callable[..., Network]] = {
     **UNTRAINED,
     **{name: partial(bcnn.Bcnn, name) for name in bcnn.PRESETS},
+    **{name: partial(gfa.Gfa, name) for name in gfa.PRESETS},
 }
 
 

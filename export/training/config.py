@@ -25,10 +25,14 @@ class NetworkConfig:
 
 @strict
 class LossConfig:
-    """``kind`` names an entry of ``export.losses.LOSSES``; ``options`` go to its class."""
+    """``kind`` names an entry of ``export.losses.LOSSES``; ``options`` go to its class.
+
+    ``critic_rate``: Adam's learning rate of a loss's critic.
+    """
 
     kind: str = "bcnn"
     options: dict[str, Any] = field(default_factory=dict)
+    critic_rate: PositiveFloat = 1e-4
 
 
 @strict

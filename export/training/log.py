@@ -16,7 +16,7 @@ from app.channels import CHANNELS
 from app.contract import ModelContract
 from app.extras import extra_module
 from app.image import to_8bit, write_png
-from export.losses import tone
+from export.losses.views import tone
 from export.training.examples import Batch
 
 

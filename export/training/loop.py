@@ -15,11 +15,13 @@ from torch.optim.swa_utils import AveragedModel
 
 from app.atomic import prepare_folders
 from app.errors import SettingsError
-from export.losses import Views, make_loss, warp
+from export.losses import Views, make_loss
+from export.losses.views import warp
 from export.models import make_network, weights_of
 from export.training import state
 from export.training.augment import augment
 from export.training.config import Config, ScheduleConfig
+from export.training.critic import CriticTraining
 from export.training.examples import Batch, Examples, tensors_of
 from export.training.log import Log, mean_of, write_pictures
 
@@ -54,22 +56,27 @@ class Run:
             raise SettingsError(f"{self.trained_on} pairs to train on", config.data.dataset,
                                 f"expected at least a batch of {config.schedule.batch}")
         self.steps = config.schedule.epochs * self.epoch_steps
-        self.loss = make_loss(config.loss.kind, config.loss.options)
         device = config.device
         self.fabric = Fabric(accelerator=device.accelerator, devices=device.devices, precision=device.precision)
         self.fabric.launch()
         seed_everything(config.seed, verbose=False)
         self._bare = make_network(config.network.preset, config.network.options)
         self.contract = self._bare.contract
+        self.loss = make_loss(config.loss.kind, config.loss.options)  # a critic takes its weights from the seed, too
         optimizer = torch.optim.Adam(self._bare.parameters(), config.schedule.learning_rate)
         self.ema = AveragedModel(self._bare, avg_fn=_average(config.schedule.ema))
         self.progress = state.Progress()
         prepare_folders(folder, folder / "pictures")
+        critic_state: dict[str, Any] = {}
         if (folder / CHECKPOINT).exists():
-            self._resume(state.load(folder / CHECKPOINT), optimizer)
+            checkpoint = state.load(folder / CHECKPOINT)
+            self._resume(checkpoint, optimizer)
+            critic_state = checkpoint.critic
         self.log = Log(folder, self.progress.step)
         self.network, self.optimizer = self.fabric.setup(self._bare, optimizer)
         self.ema.to(self.fabric.device)
+        critic, rate = self.loss.critic, config.loss.critic_rate
+        self.critic = CriticTraining(critic, rate, self.fabric, critic_state) if critic is not None else None
 
     def train(self, tell: Tell = lambda step, steps, terms: None) -> Terms:
         """Train to the end; ``tell`` is told the steps taken, of how many, and the newest losses.
@@ -103,7 +110,7 @@ class Run:
         size = self.config.schedule.batch
         parts = [self.held_out[at:at + size] for at in range(0, len(self.held_out), size)]
         with torch.no_grad():
-            found = [self._terms(self.ema, self._batch(part)) for part in parts]
+            found = [summed(self.loss(self._views(self.ema, self._batch(part)))) for part in parts]
         return {name: sum(len(part) * float(terms[name]) for part, terms in zip(parts, found, strict=True))
                 / len(self.held_out) for name in found[0]}
 
@@ -116,22 +123,24 @@ class Run:
         mine = order[at * schedule.batch:(at + 1) * schedule.batch][self.fabric.global_rank::self.fabric.world_size]
         batch = augment(self._batch(mine), self.contract, self.config.augmentation,
                         _random(self.config.seed, self.steps + step * self.fabric.world_size + self.fabric.global_rank))
-        terms = self._terms(self.network, batch)
+        views = self._views(self.network, batch)
+        terms = summed(self.loss(views))
         self.fabric.backward(terms["loss"])
         self.optimizer.step()
         self.optimizer.zero_grad(set_to_none=True)
         self.ema.update_parameters(self._bare)
-        return {name: float(term.detach()) for name, term in terms.items()}
+        found = {name: float(term.detach()) for name, term in terms.items()}
+        return found if self.critic is None else {**found, "critic": self.critic.learn(views)}
 
-    def _terms(self, network: Any, batch: Batch) -> dict[str, Tensor]:
-        """Weighted terms of the loss by name, and their sum ``loss``."""
-        # The previous output is what the current one is pulled to, not the other way round: no gradient, half the time.
-        with torch.no_grad():
-            previous = network(**tensors_of(batch, "previous")) * batch["ratio"]
-            warped = warp(previous.float(), batch["motion"])
+    def _views(self, network: Any, batch: Batch) -> Views:
+        warped = None
+        if self.loss.uses_previous:
+            # The previous output is what the current one is pulled to, not the other way round: no gradient.
+            with torch.no_grad():
+                previous = network(**tensors_of(batch, "previous")) * batch["ratio"]
+                warped = warp(previous.float(), batch["motion"])
         output = network(**tensors_of(batch, "current"))
-        terms = self.loss(Views(output, batch["target"], warped, batch["seen"], batch["visible"]))
-        return {**terms, "loss": torch.stack(list(terms.values())).sum()}
+        return Views(output, batch["target"], warped, batch["seen"], batch["visible"])
 
     def _batch(self, indices: list[int]) -> Batch:
         return {name: x.to(self.fabric.device) for name, x in self.examples.batch(indices).items()}
@@ -154,8 +163,9 @@ class Run:
         if self.fabric.is_global_zero:
             facts = {"pairs": len(self.examples), "trained_on": self.trained_on, "weights": weights_of(self._bare),
                      "machine": state.machine(self.fabric.device)}
+            critic = {} if self.critic is None else self.critic.state
             state.save(self.folder / CHECKPOINT, self.config, self.progress, self._bare, self.ema, self.optimizer,
-                       facts)
+                       critic, facts)
         self.fabric.barrier()
 
     def _resume(self, checkpoint: state.Checkpoint, optimizer: torch.optim.Optimizer) -> None:
@@ -167,6 +177,11 @@ class Run:
         optimizer.load_state_dict(checkpoint.optimizer)
         self.progress = checkpoint.progress
         torch.set_rng_state(checkpoint.random)
+
+
+def summed(terms: dict[str, Tensor]) -> dict[str, Tensor]:
+    """``terms`` with their sum as ``loss``."""
+    return {**terms, "loss": torch.stack(list(terms.values())).sum()}
 
 
 def learning_rate(schedule: ScheduleConfig, done: float) -> float:

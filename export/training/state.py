@@ -44,6 +44,8 @@ class Checkpoint:
 
     Attributes
     ----------
+    critic : dict
+        State of the loss's critic; empty without one.
     facts : dict
         What a model card says besides: pairs of the dataset, weights, machine, versions, the day.
     """
@@ -55,6 +57,7 @@ class Checkpoint:
     optimizer: dict[str, Any]
     random: Tensor
     facts: dict[str, Any]
+    critic: dict[str, Any] = field(default_factory=dict)
 
     def network(self) -> Network:
         """The network with the averaged weights."""
@@ -66,10 +69,11 @@ class Checkpoint:
 
 
 def save(path: Path, config: Config, progress: Progress, model: nn.Module, ema: nn.Module,
-         optimizer: torch.optim.Optimizer, facts: dict[str, Any]) -> None:
+         optimizer: torch.optim.Optimizer, critic: dict[str, Any], facts: dict[str, Any]) -> None:
     """Write ``path`` in one step."""
     state = {"version": VERSION, "config": config.to_json(), "progress": vars(progress), "model": model.state_dict(),
-             "ema": ema.state_dict(), "optimizer": optimizer.state_dict(), "random": torch.get_rng_state(),
+             "ema": ema.state_dict(), "optimizer": optimizer.state_dict(), "critic": critic,
+             "random": torch.get_rng_state(),
              "facts": {**facts, "torch": str(torch.__version__), "written": time.strftime("%Y-%m-%d")}}
     with replacing(path) as temporary:
         torch.save(state, temporary)

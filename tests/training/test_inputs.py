@@ -17,7 +17,7 @@ from app.renderer import Renderer  # noqa: E402
 from app.scene import Camera, Instance, PointLight, Scene  # noqa: E402
 from app.settings import Settings  # noqa: E402
 from export.inputs import DEPTH_TOLERANCE, Drawer, Inputs, draw, picked, seen_before  # noqa: E402
-from export.losses import warp  # noqa: E402
+from export.losses.views import warp  # noqa: E402
 from export.reference import Still  # noqa: E402
 from export.training.augment import mirrored  # noqa: E402
 from tests.training.pairs import Pair  # noqa: E402

@@ -8,7 +8,9 @@ metrics = pytest.importorskip("skimage.metrics")
 ndimage = pytest.importorskip("scipy.ndimage")
 
 from app.errors import SettingsError  # noqa: E402
-from export.losses import BcnnLoss, Views, laplacian, make_loss, ssim_map, tone, warp  # noqa: E402
+from export.losses import Views, make_loss  # noqa: E402
+from export.losses.bcnn import BcnnLoss, laplacian, ssim_map  # noqa: E402
+from export.losses.views import tone, warp  # noqa: E402
 
 H, W = 40, 48
 

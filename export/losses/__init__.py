@@ -1,0 +1,49 @@
+"""What training minimises: one file per loss, and the names of all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+from torch import Tensor
+
+from app.errors import SettingsError
+from export.losses.bcnn import BcnnLoss
+from export.losses.critic import PatchCritic
+from export.losses.gfa import GfaLoss
+from export.losses.views import Views
+
+__all__ = ["LOSSES", "Loss", "Views", "make_loss"]
+
+
+class Loss(Protocol):
+    """Weighted terms by name; training minimises their sum."""
+
+    @property
+    def uses_previous(self) -> bool:
+        """Whether it looks at ``Views.warped``."""
+
+    @property
+    def critic(self) -> PatchCritic | None:
+        """What is trained along, against the network."""
+
+    def __call__(self, views: Views) -> dict[str, Tensor]: ...
+
+
+LOSSES: Mapping[str, Callable[..., Loss]] = {"bcnn": BcnnLoss, "gfa": GfaLoss}
+
+
+def make_loss(kind: str, options: Mapping[str, Any]) -> Loss:
+    """The loss of that name.
+
+    Raises
+    ------
+    SettingsError
+        When there is none, or it has no such options.
+    """
+    if kind not in LOSSES:
+        raise SettingsError(f"no loss {kind!r}", "loss.kind", f"expected one of {', '.join(LOSSES)}")
+    try:
+        return LOSSES[kind](**options)
+    except TypeError as error:
+        raise SettingsError(f"bad options ({error})", f"loss {kind!r}", "expected its weights by name") from None

@@ -1,0 +1,49 @@
+"""GFA's loss (Gai et al. 2025): smooth L1, features of a VGG, and a critic."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from torch import Tensor
+from torch.nn import functional
+
+from export.losses.critic import PatchCritic
+from export.losses.perceptual import Perceptual
+from export.losses.views import Views, mean_where, tone
+
+BETA = 0.1  # toned difference from which on smooth L1 is linear; the paper names none
+
+
+class GfaLoss:
+    """0.7 smooth L1 + 0.28 perceptual + 0.02 adversarial.
+
+    Parameters
+    ----------
+    smooth_l1, perceptual, adversarial : float
+        Weights; of the terms that are 0 nothing is worked out.
+    features : str or None
+        File of the network whose features the perceptual term compares. Without one that term is left out.
+
+    Attributes
+    ----------
+    critic : PatchCritic or None
+        To be trained along.
+    """
+
+    uses_previous = False
+
+    def __init__(self, smooth_l1: float = 0.7, perceptual: float = 0.28, adversarial: float = 0.02,
+                 features: str | None = None) -> None:
+        self.smooth_l1, self.perceptual, self.adversarial = smooth_l1, perceptual, adversarial
+        self.network = Perceptual(Path(features)) if features is not None and perceptual > 0 else None
+        self.critic = PatchCritic() if adversarial > 0 else None
+
+    def __call__(self, views: Views) -> dict[str, Tensor]:
+        a, b = (tone(x) * views.seen for x in (views.output, views.target))
+        terms = {"smooth_l1": self.smooth_l1 * mean_where(
+            functional.smooth_l1_loss(a, b, reduction="none", beta=BETA), views.seen)}
+        if self.network is not None:
+            terms["perceptual"] = self.perceptual * self.network(a, b)
+        if self.critic is not None:
+            terms["adversarial"] = self.adversarial * self.critic.fooled(views)
+        return terms

@@ -1,0 +1,68 @@
+"""Distance between pictures in the features of a network that knows what things look like."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from itertools import pairwise
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from app.errors import SettingsError
+
+MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of the pictures that VGG networks are trained on
+_KERNEL = re.compile(r"features\.(\d+)\.weight")
+
+
+class Perceptual(nn.Module):
+    """Mean absolute difference of VGG features (Johnson et al. 2016, "Perceptual Losses for Real-Time Style Transfer").
+
+    Parameters
+    ----------
+    weights : Path
+        State of a VGG without batch norm, as torchvision's models have it: ``features.N.weight`` and ``.bias``. The
+        numbers tell its layers: a convolution is followed by a ReLU, and by pooling where one number more is left out.
+
+    Raises
+    ------
+    SettingsError
+        When the file can't be read or holds no such network.
+    """
+
+    def __init__(self, weights: Path) -> None:
+        super().__init__()
+        state = _read(weights)
+        at = sorted(int(m[1]) for name in state if (m := _KERNEL.fullmatch(name)))
+        if not at:
+            raise SettingsError("no features.N.weight", weights, "expected the state of a VGG network")
+        self.pooled = [after - number > 2 for number, after in pairwise([*at, at[-1] + 2])]
+        self.kernels = [state[f"features.{n}.weight"].float() for n in at]
+        self.biases = [state[f"features.{n}.bias"].float() for n in at]
+
+    def forward(self, a: Tensor, b: Tensor) -> Tensor:
+        """Mean over the levels; a and b are [B, 3, h, w] of values from 0 to 1."""
+        mean, deviation = (torch.tensor(x).reshape(1, 3, 1, 1).to(a) for x in (MEAN, DEVIATION))
+        x, differences = (torch.cat([a, b]) - mean) / deviation, []
+        for kernel, bias, pool in zip(self.kernels, self.biases, self.pooled, strict=True):
+            x = functional.relu(functional.conv2d(x, kernel.to(x), bias.to(x), padding=1))
+            if pool:
+                differences.append(_difference(x))
+                x = functional.max_pool2d(x, 2)
+        return torch.stack([*differences, _difference(x)]).mean()
+
+
+def _difference(features: Tensor) -> Tensor:
+    a, b = features.chunk(2)
+    return (a - b).abs().mean()
+
+
+def _read(weights: Path) -> Mapping[str, Tensor]:
+    try:
+        state: Mapping[str, Tensor] = torch.load(weights, map_location="cpu", weights_only=True)
+        return dict(state)
+    except Exception as error:  # torch raises whatever a damaged file makes it raise
+        raise SettingsError(f"can't read the network ({type(error).__name__})", weights,
+                            "expected weights that torch has saved") from None

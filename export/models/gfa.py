@@ -1,0 +1,274 @@
+"""GFA: a U-Net shades one colour at a time; another, of the geometry, tells it how, and where to look.
+
+Gai, Wang and Li 2025, "Geometry-Aware Global Feature Aggregation for Real-Time Indirect Illumination". Where the text
+is silent (widths, pooling, activations, the size of keys) the choice is named here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from app.contract import ModelContract, TensorSpec
+from export.models.finite import finite
+from export.models.network import Network
+
+EXTENT = 40.0
+SLOPE = 0.1           # of LeakyReLU below 0
+BRIGHTEST = 32.0      # means; a texel beside a lamp counts for no more, as in the mean itself
+FARTHEST = 2.0        # extents; so that no input can overflow half precision
+LARGEST_LOGIT = 11.0  # its exponential, 6·10⁴ means, still fits into half precision
+HIDDEN = -1e4         # logit of a key in the sky: no weight
+MOST_KEYS = 1024      # of the attention; beyond, k×k of them are pooled to one
+CHANNELS = ("direct.rgb", "albedo.rgb", "normal.view.xyz", "position.view.xyz", "depth")
+RAW, SHADED = 7, 2    # channels of geometry, and of what one colour is shaded from
+COLORS = 3
+HALVINGS = 3
+
+
+@dataclass(frozen=True)
+class Preset:
+    """Channels of the three levels, the last also of the bottleneck, and the grid relative to the image."""
+
+    widths: tuple[int, int, int]
+    scale: float
+
+
+PRESETS = {
+    "gfa-paper": Preset((64, 128, 256), 1 / 2),
+    "gfa-mini": Preset((48, 96, 200), 1 / 2),
+    "gfa-16": Preset((16, 32, 64), 1 / 4),
+    "gfa-8": Preset((8, 16, 32), 1 / 4),
+}
+
+
+@dataclass(frozen=True)
+class Level:
+    """Geometry at one resolution.
+
+    Attributes
+    ----------
+    raw : Tensor, shape (B, 7, h, w)
+        As it is read; its mean over surfaces from the second level on.
+    surface : Tensor, shape (B, 1, h, w)
+        1 where there is one, 0 in the sky.
+    spread : Tensor, shape (B, 1, h / 2, w / 2)
+        Turns a mean over 2×2 texels into one over those that show a surface.
+    """
+
+    raw: Tensor
+    surface: Tensor
+    spread: Tensor
+
+
+@dataclass(frozen=True)
+class Guidance:
+    """What geometry decides, the same for each colour and all light.
+
+    Attributes
+    ----------
+    scale, shift : sequence of Tensor, shape (B, C, h, w)
+        γ − 1 and β of each block.
+    weights : Tensor or None, shape (B, heads, texels, keys)
+        What each texel of the bottleneck takes from the others; sums to 1 over the keys.
+    levels : sequence of Level
+    """
+
+    scale: Sequence[Tensor]
+    shift: Sequence[Tensor]
+    weights: Tensor | None
+    levels: Sequence[Level]
+
+
+class Gfa(Network):
+    """Indirect light from what the screen shows, gathered from all of it at the bottleneck.
+
+    Attributes
+    ----------
+    contract : ModelContract
+    heads : int
+        Of the attention; 0 for none, for ablations.
+    dropout : float
+        Share of the decoder's channels that is dropped while training.
+    most_keys : int
+        Of the attention; see ``MOST_KEYS``.
+    """
+
+    def __init__(self, name: str, heads: int = 8, dropout: float = 0.1, most_keys: int = MOST_KEYS) -> None:
+        super().__init__()
+        preset = PRESETS[name]
+        self.contract = ModelContract(
+            name=name, paper="Gai et al. 2025, Geometry-Aware Global Feature Aggregation",
+            inputs={"x": TensorSpec(CHANNELS)}, outputs={"y": TensorSpec(("indirect.rgb",))}, scale=preset.scale,
+            multiple_of=2**HALVINGS, exposure="mean-radiance", bounces="multi", scene_extent=EXTENT, licence="MIT")
+        self.geometry = UNet(RAW, preset.widths)
+        self.shading = UNet(SHADED, preset.widths, dropout)
+        self.modulations = nn.ModuleList(nn.Conv2d(w + RAW, 2 * w, 3, padding=1) for w in self.geometry.widths)
+        self.attention = Attention(preset.widths[-1], heads, most_keys) if heads else None
+        self.last = nn.Conv2d(preset.widths[0], 1, 3, padding=1)
+        for layer in self.modules():
+            if isinstance(layer, nn.Conv2d):
+                nn.init.xavier_uniform_(layer.weight)
+                if layer.bias is not None:
+                    nn.init.zeros_(layer.bias)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Infer one batch of frames.
+
+        Parameters
+        ----------
+        x : Tensor, shape (B, 13, h, w)
+            The contract's channels, radiance in means of the frame, h and w multiples of 8.
+
+        Returns
+        -------
+        Tensor, shape (B, 3, h, w)
+            Indirect radiance / albedo, at least 0; 0 in the sky.
+        """
+        x = finite(x, self.contract.inputs["x"])
+        light, albedo, geometry = torch.split(x, [COLORS, COLORS, RAW], dim=1)
+        return self.shade(light, albedo, self.guide(geometry))
+
+    def guide(self, geometry: Tensor) -> Guidance:
+        """What ``geometry`` [B, 7, h, w] decides."""
+        normal, places = torch.split(geometry, [3, RAW - 3], dim=1)
+        surface = (normal.abs().sum(1, keepdim=True) > 0).to(geometry.dtype)
+        raw = torch.cat([normal, (places / EXTENT).clamp(-FARTHEST, FARTHEST)], 1) * surface
+        levels = pyramid(raw, surface)
+        around = levels + levels[-2::-1]  # of each block
+        encoded = self.geometry(raw, [level.spread for level in levels],
+                                lambda block, x: functional.leaky_relu(x, SLOPE) * around[block].surface)
+        both = [torch.cat([e, level.raw], 1) for e, level in zip(encoded, around, strict=True)]
+        scale, shift = zip(*(m(g).chunk(2, dim=1) for m, g in zip(self.modulations, both, strict=True)), strict=True)
+        weights = self.attention.weights(encoded[HALVINGS], levels[-1].surface) if self.attention else None
+        return Guidance(scale, shift, weights, levels)
+
+    def shade(self, light: Tensor, albedo: Tensor, guidance: Guidance) -> Tensor:
+        """Indirect light [B, 3, h, w] of direct ``light`` and ``albedo`` [B, 3, h, w]."""
+        levels = [*guidance.levels, *guidance.levels[-2::-1]]
+
+        def guided(block: int, x: Tensor) -> Tensor:
+            x = per_color(x) * (1 + guidance.scale[block].unsqueeze(1)) + guidance.shift[block].unsqueeze(1)
+            x = functional.leaky_relu(x, SLOPE) * levels[block].surface.unsqueeze(1)
+            if block == HALVINGS and self.attention is not None:
+                x = x + self.attention(x, guidance.weights, levels[block].surface)
+            return x.flatten(0, 1)
+
+        x = torch.stack([light.clamp(max=BRIGHTEST), albedo], 2) * levels[0].surface.unsqueeze(1)
+        spreads = [level.spread.repeat_interleave(COLORS, 0) for level in guidance.levels]
+        x = self.last(self.shading(x.flatten(0, 1), spreads, guided)[-1])
+        return per_color(x.float().clamp(max=LARGEST_LOGIT).exp().to(x.dtype))[:, :, 0] * levels[0].surface
+
+
+class UNet(nn.Module):
+    """Seven blocks of two convolutions: three levels down, the bottleneck, three levels up with skips.
+
+    Attributes
+    ----------
+    widths : sequence of int
+        Channels of each block.
+    """
+
+    def __init__(self, inputs: int, widths: tuple[int, int, int], dropout: float = 0.0) -> None:
+        super().__init__()
+        a, b, c = widths
+        self.widths = (a, b, c, c, c, b, a)
+        self.blocks = nn.ModuleList(map(block, (inputs, a, b, c, c + c, c + b, b + a), self.widths))
+        self.dropout = nn.Dropout2d(dropout)
+
+    def forward(self, x: Tensor, spreads: Sequence[Tensor], after: Callable[[int, Tensor], Tensor]) -> list[Tensor]:
+        """What each block gives, once ``after(its number, its output)`` has activated it.
+
+        ``spreads``: see ``Level``.
+        """
+        found: list[Tensor] = []
+        for number, convolve in enumerate(self.blocks):
+            if number > HALVINGS:
+                skip = found[2 * HALVINGS - number]
+                x = torch.cat([functional.interpolate(x, scale_factor=2.0), skip], 1)
+            x = after(number, convolve(x))
+            if number > HALVINGS:
+                x = self.dropout(x)
+            found.append(x)
+            if number < HALVINGS:
+                x = functional.avg_pool2d(x, 2) * spreads[number]
+        return found
+
+
+class Attention(nn.Module):
+    """Each texel takes values from all others, as geometry alone decides.
+
+    Softmax in single precision. Where there are more than ``most`` texels, k×k of them are one key and the mean of
+    their values: memory then grows with the picture, not with its square.
+    """
+
+    def __init__(self, channels: int, heads: int, most: int) -> None:
+        super().__init__()
+        if heads < 1 or channels % heads or most < 1:
+            raise ValueError(f"{heads} heads for {channels} channels, at most {most} keys")
+        self.heads, self.most = heads, most
+        self.query, self.key, self.value = (nn.Conv2d(channels, channels, 1, bias=False) for _ in range(3))
+
+    def weights(self, geometry: Tensor, surface: Tensor) -> Tensor:
+        """What each texel takes from each key, shape (B, heads, texels, keys); geometry [B, C, h, w]."""
+        geometry, surface = geometry.float(), surface.float()
+        queries = self._split(functional.conv2d(geometry, self.query.weight.float()))
+        keys = self._split(self._pool(functional.conv2d(geometry, self.key.weight.float()), surface))
+        logits = queries.transpose(2, 3) @ keys / queries.shape[2] ** 0.5
+        seen = self._pool(surface, surface).flatten(2).unsqueeze(1)
+        return torch.softmax(logits + (1 - seen) * HIDDEN, dim=-1)
+
+    def forward(self, x: Tensor, weights: Tensor, surface: Tensor) -> Tensor:
+        """What each texel of x [B, 3, C, h, w] gets, of the same shape."""
+        shape = x.shape
+        values = self._pool(self.value(x.flatten(0, 1)), surface.repeat_interleave(COLORS, 0))
+        values = per_color(self._split(values)).transpose(1, 2).flatten(2, 3)  # (B, heads, colours × C / heads, keys)
+        taken = values.float() @ weights.transpose(2, 3)
+        taken = torch.unflatten(taken, 2, (COLORS, -1)).transpose(1, 2)
+        return taken.reshape(shape).to(x.dtype)
+
+    def _split(self, x: Tensor) -> Tensor:
+        """By head: (B, heads, C / heads, texels)."""
+        return torch.unflatten(x.flatten(2), 1, (self.heads, -1))
+
+    def _pool(self, x: Tensor, surface: Tensor) -> Tensor:
+        """Means over the surfaces among k×k texels each."""
+        h, w = x.shape[2:]
+        k = torch.as_tensor(h * w / self.most).sqrt().ceil().long()
+        down, across = _groups(h, k).to(x), _groups(w, k).to(x)
+        total = down @ (x * surface) @ across.t()
+        return total / (down @ surface @ across.t()).clamp(min=1)
+
+
+def pyramid(raw: Tensor, surface: Tensor) -> list[Level]:
+    """The levels from full size down."""
+    levels = []
+    for _ in range(HALVINGS + 1):
+        share = functional.avg_pool2d(surface, 2, ceil_mode=True)
+        spread = 1 / share.clamp(min=0.25)
+        levels.append(Level(raw, surface, spread))
+        raw = functional.avg_pool2d(raw * surface, 2, ceil_mode=True) * spread
+        surface = share.sign()
+    return levels
+
+
+def block(inputs: int, outputs: int) -> nn.Sequential:
+    """Two convolutions; the second is activated by whoever runs it."""
+    return nn.Sequential(nn.Conv2d(inputs, outputs, 3, padding=1), nn.LeakyReLU(SLOPE),
+                         nn.Conv2d(outputs, outputs, 3, padding=1))
+
+
+def per_color(x: Tensor) -> Tensor:
+    """[B × 3, …] as [B, 3, …]."""
+    return torch.unflatten(x, 0, (-1, COLORS))
+
+
+def _groups(count: Any, k: Tensor) -> Tensor:
+    """1 where one of ``count`` in a row belongs to a group of k, shape (groups, count)."""
+    of_each = torch.arange(count).div(k, rounding_mode="floor")
+    return of_each == torch.arange((count + k - 1).div(k, rounding_mode="floor")).unsqueeze(1)

@@ -1,0 +1,49 @@
+"""Trains a loss's critic beside the network."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from lightning_fabric import Fabric
+
+from export.losses.critic import PatchCritic
+from export.losses.views import Views
+
+BETAS = (0.5, 0.999)  # Adam's, of Radford et al. 2016, "Unsupervised Representation Learning with DCGANs"
+
+
+class CriticTraining:
+    """Steps of a critic, which learns nothing while the network does.
+
+    Parameters
+    ----------
+    state : dict
+        What ``state`` gave in an earlier run; empty for a fresh start.
+    """
+
+    def __init__(self, critic: PatchCritic, rate: float, fabric: Fabric, state: dict[str, Any]) -> None:
+        self._bare = critic
+        optimizer = torch.optim.Adam(critic.parameters(), rate, BETAS)
+        if state:
+            critic.load_state_dict(state["model"])
+            optimizer.load_state_dict(state["optimizer"])
+        self._critic, self._optimizer = fabric.setup(critic, optimizer)
+        self._critic.mark_forward_method("mistaken")
+        self._fabric = fabric
+        critic.requires_grad_(False)
+
+    def learn(self, views: Views) -> float:
+        """One step on what the network made; returns the critic's own loss."""
+        self._bare.requires_grad_(True)
+        term = self._critic.mistaken(views)
+        self._fabric.backward(term)
+        self._optimizer.step()
+        self._optimizer.zero_grad(set_to_none=True)
+        self._bare.requires_grad_(False)
+        return float(term.detach())
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """Weights and optimizer."""
+        return {"model": self._bare.state_dict(), "optimizer": self._optimizer.state_dict()}

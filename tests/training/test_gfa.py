@@ -1,0 +1,126 @@
+from __future__ import annotations
+
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from export.models import make_network, weights_of  # noqa: E402
+from export.models.gfa import Attention, Gfa  # noqa: E402
+
+LIGHT, ALBEDO, NORMAL, POSITION, DEPTH = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12), 12
+COLORS = 3
+
+
+def wall(h: int, w: int, seed: int = 0) -> torch.Tensor:
+    """Random light and colours on a wall that faces the camera, and its places."""
+    x = torch.zeros(1, 13, h, w)
+    x[:, :6] = torch.rand(1, 6, h, w, generator=torch.Generator().manual_seed(seed))
+    x[:, 8], x[:, 11], x[:, DEPTH] = 1.0, -10.0, 10.0
+    x[:, 9] = torch.linspace(-10, 10, w)
+    x[:, 10] = torch.linspace(5, -5, h)[:, None]
+    return x
+
+
+def network(**options: int) -> Gfa:
+    torch.manual_seed(0)
+    return Gfa("gfa-8", **options).eval()
+
+
+@pytest.mark.parametrize(("name", "weights", "off"), [("gfa-paper", 14.42e6, 0.02), ("gfa-mini", 8.76e6, 0.03)])
+def test_the_papers_presets_have_their_weights(name: str, weights: float, off: float) -> None:
+    assert weights_of(make_network(name)) == pytest.approx(weights, rel=off)
+
+
+@torch.no_grad()
+def test_each_colour_is_shaded_alone_and_alike() -> None:
+    x = wall(24, 32)
+    turned, redder = x.clone(), x.clone()
+    turned[:, LIGHT], turned[:, ALBEDO] = x[:, [2, 0, 1]], x[:, [5, 3, 4]]
+    redder[:, 0] *= 5
+    y = network()(x)
+    torch.testing.assert_close(network()(turned), y[:, [2, 0, 1]])
+    other = network()(redder)
+    assert torch.equal(other[:, 1:], y[:, 1:]) and not torch.allclose(other[:, 0], y[:, 0])
+
+
+@torch.no_grad()
+@pytest.mark.parametrize(("heads", "reaches"), [(8, True), (0, False)])
+def test_attention_brings_light_from_anywhere(heads: int, reaches: bool) -> None:
+    """Convolutions alone don't see 176 texels far."""
+    dark, lit = wall(16, 256), wall(16, 256)
+    lit[:, LIGHT, :, :16] += 20.0
+    shades = network(heads=heads)
+    change = (shades(lit) - shades(dark))[..., -64:].abs().max()
+    assert (change > 1e-6) == reaches
+
+
+@torch.no_grad()
+def test_the_sky_gives_nothing_and_gets_nothing() -> None:
+    x = wall(32, 32)
+    x[:, 6:, :16] = 0.0
+    other = x.clone()
+    other[:, :6, :16] = 3.0
+    y = network()(x)
+    assert torch.equal(y, network()(other))
+    assert y[..., :16, :].max() == 0.0 and y[..., 16:, :].min() > 0.0
+    assert torch.equal(network()(torch.zeros(1, 13, 16, 16)), torch.zeros(1, 3, 16, 16))
+
+
+@torch.no_grad()
+def test_attention_is_the_sum_of_its_formula() -> None:
+    """x_i takes Σ_j softmax_j(Q_i · K_j / √d) V_j from all that are seen, head by head."""
+    torch.manual_seed(0)
+    attention = Attention(12, heads=3, most=1024)
+    geometry, x = torch.randn(1, 12, 4, 5), torch.randn(1, COLORS, 12, 4, 5)
+    surface = torch.ones(1, 1, 4, 5)
+    surface[..., 1:3] = 0
+    found = attention(x, attention.weights(3 * geometry, surface), surface)
+    seen = surface.flatten().bool()
+    q, k = (layer.weight[:, :, 0, 0] @ (3 * geometry).flatten(2)[0] for layer in (attention.query, attention.key))
+    for color in range(COLORS):
+        v = attention.value.weight[:, :, 0, 0] @ x[0, color].flatten(1)
+        for head in range(3):
+            rows = slice(4 * head, 4 * head + 4)
+            expected = (q[rows].T @ k[rows][:, seen] / 2).softmax(dim=1) @ v[rows][:, seen].T
+            torch.testing.assert_close(found[0, color, rows].flatten(1).T, expected)
+
+
+@torch.no_grad()
+def test_pooled_keys_give_the_same_where_neighbours_are_alike() -> None:
+    torch.manual_seed(0)
+    whole = Attention(8, heads=2, most=1024)
+    pooled = Attention(8, heads=2, most=12)
+    pooled.load_state_dict(whole.state_dict())
+    geometry = 3 * torch.randn(1, 8, 3, 4).repeat_interleave(2, 2).repeat_interleave(2, 3)
+    x = torch.randn(1, COLORS, 8, 3, 4).repeat_interleave(2, 3).repeat_interleave(2, 4)
+    surface = torch.ones(1, 1, 6, 8)
+    surface[..., :2, 2:6] = 0
+    weights = pooled.weights(geometry, surface)
+    assert weights.shape == (1, 2, 48, 12)
+    torch.testing.assert_close(pooled(x, weights, surface), whole(x, whole.weights(geometry, surface), surface))
+    torch.testing.assert_close(weights.sum(dim=-1), torch.ones(1, 2, 48))
+
+
+def test_keys_stay_within_their_limit() -> None:
+    for h, w in ((48, 64), (135, 240), (31, 33), (1, 5000)):
+        surface = torch.ones(1, 1, h, w)
+        assert Attention(4, heads=1, most=100)._pool(surface, surface).numel() <= 100 + h + w
+
+
+def test_geometry_is_worked_out_once_for_all_light() -> None:
+    x = wall(16, 24)
+    shades = network()
+    with torch.no_grad():
+        guidance = shades.guide(x[:, 6:])
+        for seed in range(2):
+            other = wall(16, 24, seed)
+            torch.testing.assert_close(shades.shade(other[:, LIGHT], other[:, ALBEDO], guidance), shades(other))
+
+
+def test_what_explodes_is_held() -> None:
+    shades = network()
+    torch.nn.init.constant_(shades.last.bias, 100.0)
+    with torch.no_grad():
+        y = shades(wall(16, 16))
+        assert torch.isfinite(y).all() and y.max() < 65504
+        assert torch.isfinite(shades.half()(wall(16, 16).half())).all()
