@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.bench.configurations import Configuration, expand
-from app.bench.judge import AMBIENT, METRICS, Errors, Layers, draw_ambient, draw_layers, errors_of
+from app.bench.judge import AMBIENT, METRICS, Errors, Layers, best_ambient, draw_ambient, draw_layers, errors_of
 from app.bench.truth import Truth, cache_folder, exporter_version, kept_truth, renderer_version
 from app.errors import SettingsError
 from app.renderer import Renderer
@@ -21,8 +22,11 @@ from export.path_tracer import MAX_BOUNCES
 from export.reference import Still, write_reference
 from export.validation import View
 
+F32 = NDArray[np.float32]
+
 LAYERS = ("final", "indirect")
 SCALED = "radiosity"  # times one constant: a floor
+ORACLE = "× oracle"    # a model's light times the best constant of each colour and view
 ALL = "mean"          # of all views, in place of a scene's name
 
 Progress = Callable[[str], object]
@@ -48,7 +52,7 @@ def truth_of(view: View, spp: int, folder: Path | None) -> Truth:
 
 
 def judge(views: Sequence[View], models: Sequence[str], spp: int, truths: Path | None, constant: float | None,
-          provider: str, progress: Progress) -> list[Row]:
+          provider: str, progress: Progress, oracle: bool = False) -> list[Row]:
     """Errors of every model on every view, and of the oracle ambient light.
 
     Parameters
@@ -57,6 +61,9 @@ def judge(views: Sequence[View], models: Sequence[str], spp: int, truths: Path |
         ``none``, ``ssgi``, names of bundled networks and paths.
     constant : float or None
         Where given, ``radiosity`` times it is judged as well.
+    oracle : bool
+        Whether each model is judged as well with its light as strong as suits the truth best, colour by colour in each
+        view: what is wrong then is not how much light there is.
 
     Raises
     ------
@@ -71,7 +78,7 @@ def judge(views: Sequence[View], models: Sequence[str], spp: int, truths: Path |
         progress(f"{number + 1} of {len(views)}: {view.name}")
         truth = truth_of(view, spp, truths)
         rows += [Row(label, view.name, view.scene, errors_of({name: layers[name] for name in LAYERS}, truth))
-                 for label, layers in _pictures(view.still, truth, configurations, constant, provider)]
+                 for label, layers in _pictures(view.still, truth, configurations, constant, provider, oracle)]
     return rows
 
 
@@ -92,20 +99,24 @@ def to_json(rows: Sequence[Row], about: dict[str, Any]) -> str:
 
 
 def _pictures(still: Still, truth: Truth, configurations: Sequence[Configuration], constant: float | None,
-              provider: str) -> Iterator[tuple[str, Layers]]:
+              provider: str, oracle: bool) -> Iterator[tuple[str, Layers]]:
+    with Renderer(still.scene, Settings(still.size, ("albedo",), taa=False)) as renderer:
+        albedo = renderer.render(still.camera, still.time)["albedo"]
     for c in configurations:
         layers = draw_layers(still.scene, still.camera, c, provider)
         yield c.label, layers
         if c.label == SCALED and constant is not None:
-            yield f"{SCALED} × {constant:.3g}", _scaled(still, layers, constant)
+            yield f"{SCALED} × {constant:.3g}", _scaled(layers, albedo, np.float32(constant))
+        light = albedo * layers["indirect"]
+        if oracle and light.any():
+            best = best_ambient(layers["final"] - light, light, truth.layers["final"])
+            yield f"{c.label} {ORACLE}", _scaled(layers, albedo, best)
     yield AMBIENT, draw_ambient(still.scene, still.camera, truth, provider)[0]
 
 
-def _scaled(still: Still, layers: Layers, constant: float) -> Layers:
-    """The layers with ``constant`` times the indirect light, whose share of the final picture is added there."""
-    with Renderer(still.scene, Settings(still.size, ("albedo",), taa=False)) as renderer:
-        albedo = renderer.render(still.camera, still.time)["albedo"]
-    more = (constant - 1) * layers["indirect"]
+def _scaled(layers: Layers, albedo: F32, factor: F32 | np.float32) -> Layers:
+    """The layers with ``factor`` times the indirect light, whose share of the final picture is added there."""
+    more = (factor - 1) * layers["indirect"]
     return {"final": np.maximum(layers["final"] + albedo * more, 0), "indirect": layers["indirect"] + more}
 
 

@@ -29,6 +29,8 @@ def validate(
         help="Also judge radiosity times this factor.", min=0.0, metavar="FACTOR")] = None,
     fit: Annotated[Path | None, typer.Option(
         help="Also judge radiosity times the factor that suits this dataset best.", metavar="DATASET")] = None,
+    oracle: Annotated[bool, typer.Option(
+        "--oracle", help="Also judge each model with its light as strong as suits each view best.")] = False,
     provider: Annotated[str, typer.Option(help="onnxruntime execution provider.", metavar="auto|cpu|cuda|…")] = "auto",
     out: Annotated[Path, typer.Option(help="Folder for validation.csv and validation.json.",
                                       metavar="DIR")] = Path("out/validation"),
@@ -53,7 +55,7 @@ def validate(
         assert isinstance(network, Path)
         constant = fitted_constant(Dataset(fit), network, pairs=200)
     rows = judge(chosen, models or all_models(), spp, truth, constant, provider,
-                 lambda line: typer.secho(line, err=True, dim=True))
+                 lambda line: typer.secho(line, err=True, dim=True), oracle)
     write_text(out / "validation.csv", to_csv(by_view(rows)))
     write_text(out / "validation.json", to_json(rows, {"spp": spp, "constant": constant}))
     table = Table("scene", "model", *COLUMNS.values(), box=box.SIMPLE)

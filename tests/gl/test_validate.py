@@ -1,0 +1,37 @@
+"""Judging models on views: what is better gets better figures, and truths are traced once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("mitsuba")
+
+from app.bench.judge import AMBIENT
+from app.load import embedded_scene
+from export.judge import ORACLE, by_scene, judge
+from export.reference import Still
+from export.validation import View
+
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+
+
+def test_models_are_judged_against_truths_that_are_kept(tmp_path: Path) -> None:
+    scene = embedded_scene()
+    still = Still(scene, scene.cameras[scene.default_camera].at(0.0), (64, 48))
+    views = [View("box-0", "box", still), View("box-1", "box", still)]
+    rows = judge(views, ["none", "radiosity"], 8, tmp_path, 2.0, "cpu", lambda line: None, oracle=True)
+    labels = ["none", "radiosity", "radiosity × 2", f"radiosity {ORACLE}", AMBIENT]
+    assert [row.model for row in rows] == 2 * labels
+    psnr = {row.model: row.errors["final"]["psnr"] for row in rows}
+    assert psnr["none"] < psnr[AMBIENT] < psnr["radiosity"] < psnr[f"radiosity {ORACLE}"]
+    assert psnr["radiosity × 2"] < psnr["radiosity"]
+    means = by_scene(rows)
+    assert [(m["scene"], m["model"], m["views"]) for m in means] == [
+        (scene, label, 2) for scene in ("box", "mean") for label in labels]
+    assert means[0]["final.psnr"] == pytest.approx(psnr["none"])
+
+    kept = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.exr")}
+    assert judge(views, ["none"], 8, tmp_path, None, "cpu", lambda line: None)[0] == rows[0]
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.exr")} == kept
