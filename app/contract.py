@@ -96,6 +96,9 @@ class ModelContract:
         ``float32`` or ``float16``, of every tensor.
     cube_axes : str or None
         Axes of the cube's faces, ``world`` or ``camera``; needed when an input lies on the cube.
+    kept_from : str or None
+        Input tensor whose share of the work is kept while it stays the same; the graph is then made as ``app.kept``
+        says.
 
     Raises
     ------
@@ -113,6 +116,7 @@ class ModelContract:
     multiple_of: int = 1
     dtype: str = "float32"
     cube_axes: str | None = None
+    kept_from: str | None = None
     paper: str = ""
     trained_on: str = ""
     licence: str = ""
@@ -169,6 +173,7 @@ class ModelContract:
             for name in dict.fromkeys(spec.channels):
                 need(CHANNELS[name].output, f"channel {name!r} of output {tensor!r} can't be written",
                      _one_of(writable))
+        need(self.kept_from in (None, *self.inputs), f"bad kept_from {self.kept_from!r}", _one_of(self.inputs))
         on_cube = any(spec.grid == CUBE for spec in tensors.values())
         need(not on_cube or self.cube_axes is not None, "no cube_axes", "'world' or 'camera', since a tensor is a cube")
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from app.channels import CHANNELS, SCREEN
 from app.contract import ModelContract, TensorSpec, read_contract
 from app.errors import DeviceError, ModelError, SettingsError
+from app.kept import Kept, is_kept
 
 F32 = NDArray[np.float32]
 
@@ -61,7 +62,9 @@ class Network:
             raise DeviceError(f"the network runs on {self.provider!r}", "--strict-device", f"expected {provider!r}")
         for kind, specs, found in (("input", self.contract.inputs, self._session.get_inputs()),
                                    ("output", self.contract.outputs, self._session.get_outputs())):
-            self._check_graph(kind, specs, {t.name: t for t in found})
+            keeps = self.contract.kept_from is not None
+            self._check_graph(kind, specs, {t.name: t for t in found if not (keeps and is_kept(t.name))})
+        self._kept = Kept(self._session, self.contract.kept_from)
         self._bounds = {t: _bounds(s) for t, s in self._tensors.items()}
         self.resize(size)
 
@@ -72,6 +75,7 @@ class Network:
         self._padded = tuple(-(-n // m) * m for n in self._size)
         self._buffers = {t: np.zeros((1, s.components, *s.extent(self._padded)), np.float32)
                          for t, s in self.contract.inputs.items()}
+        self._kept.forget()
         self.run({t: np.zeros((s.components, *s.extent(self._size)), np.float32)
                   for t, s in self.contract.inputs.items()})
 
@@ -103,13 +107,16 @@ class Network:
                 self._buffers[t][..., w:] = self._buffers[t][..., w - 1:w]
                 self._buffers[t][..., h:, :] = self._buffers[t][..., h - 1:h, :]
         try:
-            results = self._session.run(list(self.contract.outputs), {
-                t: b.astype(self.contract.dtype, copy=False) for t, b in self._buffers.items()})
+            given = {t: b.astype(self.contract.dtype, copy=False) for t, b in self._buffers.items()}
+            kept = self._kept.feeds(given)
+            results = self._session.run([*self.contract.outputs, *self._kept.outputs(kept)], {**given, **kept})
         except Exception as error:  # onnxruntime's own exceptions share no public base class
             raise ModelError(f"the network failed ({_line(error)})", self.path,
                              f"expected it to run on a {w}x{h} grid") from None
+        count = len(self.contract.outputs)
+        self._kept.take(given, results[count:])
         out: dict[str, F32] = {}
-        for (t, spec), result in zip(self.contract.outputs.items(), results, strict=True):
+        for (t, spec), result in zip(self.contract.outputs.items(), results[:count], strict=True):
             expected = (1, spec.components, *spec.extent(self._padded))
             if result.shape != expected:
                 raise ModelError(f"output {t!r} came back as {list(result.shape)}", self.path,
@@ -162,12 +169,10 @@ def feed(contract: ModelContract, tensors: Mapping[str, F32], out: Mapping[str, 
         _sanitise(tensors[t], *_bounds(spec), out=out[t])
     if contract.exposure == "none":
         return 1.0
-    radiance, texels = [], 0
+    radiance, texels, surfaces = [], 0, _surfaces(contract, out)
     for t, spec in contract.inputs.items():
-        rows = dict(spec.rows())
-        found = [out[t][r] for name, r in rows.items() if CHANNELS[name].radiance]
-        guide = next((out[t][rows[name]] for name in _SURFACE if name in rows), None)
-        surface = np.ones(out[t].shape[1:], bool) if guide is None else (guide != 0).any(axis=0)
+        found = [out[t][r] for name, r in spec.rows() if CHANNELS[name].radiance]
+        surface = surfaces.get(spec.grid, np.ones(out[t].shape[1:], bool))
         for r in found:
             np.multiply(r, surface, out=r)
             texels += int(np.count_nonzero(surface)) * len(r)
@@ -177,6 +182,17 @@ def feed(contract: ModelContract, tensors: Mapping[str, F32], out: Mapping[str, 
         np.multiply(r, np.float32(1.0 / max(mean, FLOOR)), out=r)
         np.minimum(r, CHANNELS["radiance.rgb"].range[1], out=r)
     return mean
+
+
+def _surfaces(contract: ModelContract, tensors: Mapping[str, F32]) -> dict[str, NDArray[np.bool_]]:
+    """By grid, where a surface is seen, as far as some tensor tells."""
+    found: dict[str, NDArray[np.bool_]] = {}
+    for t, spec in contract.inputs.items():
+        rows = dict(spec.rows())
+        guide = next((tensors[t][rows[name]] for name in _SURFACE if name in rows), None)
+        if guide is not None:
+            found.setdefault(spec.grid, (guide != 0).any(axis=0))
+    return found
 
 
 def providers() -> list[str]:

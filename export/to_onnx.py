@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -19,8 +18,10 @@ from app.channels import CHANNELS, SCREEN, SEEN
 from app.contract import KEY, ModelContract, TensorSpec
 from app.errors import ModelError
 from app.golden.scenes import outdoor, room
+from app.kept import Kept
 from app.load import embedded_scene
 from export.card import card, summary
+from export.graphs import graph_of
 from export.inputs import Drawer
 from export.models import UNTRAINED, Network
 from export.reference import Still
@@ -29,7 +30,6 @@ from export.training.state import Checkpoint
 Arrays = dict[str, NDArray[np.float32]]
 Channels = dict[str, NDArray[np.float64]]
 
-OPSET = 17
 # Largest difference between torch and onnxruntime, relative to the largest output. Inputs with other labels only have
 # to give numbers. To surfels random points make no surface, so rounding alone decides what belongs together.
 SURFELS = {"room": 1e-4, "random": 2e-2}
@@ -97,17 +97,10 @@ def write_network(network: Network, folder: Path, inputs: Iterable[tuple[str, Ar
     """
     contract = network.contract
     example = _torch(_random(contract, SIZES[-1], np.random.default_rng(0)), contract)
-    dynamic = {tensor: {2: "h", 3: "w"} for tensor, spec in (*contract.inputs.items(), *contract.outputs.items())
-               if spec.grid == SCREEN}
     path = folder / f"{contract.name}.onnx"
     folder.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as temporary, warnings.catch_warnings():
-        # The tracing exporter is deprecated, but alone gives a small graph without further packages.
-        warnings.simplefilter("ignore")
-        torch.onnx.export(network, example, temporary, dynamo=False, opset_version=OPSET,
-                          input_names=list(contract.inputs), output_names=list(contract.outputs),
-                          dynamic_axes=dynamic)
-        model = onnx.load(temporary)
+    with replacing(path) as temporary:
+        model = graph_of(network, example)
         _set_contract(model, contract)
         difference = compare(truth or network, model.SerializeToString(), contract, inputs, tolerance)
         temporary.write_bytes(model.SerializeToString(deterministic=True))
@@ -146,13 +139,14 @@ def compare(truth: Network, model: bytes, contract: ModelContract, inputs: Itera
         When it exceeds the tolerance, or an output is not finite.
     """
     session = ort.InferenceSession(model, providers=["CPUExecutionProvider"])
+    kept = Kept(session, contract.kept_from).feeds({})
     largest = 0.0
     for label, tensors in inputs:
         with np.errstate(over="ignore"):
             given = {t: x.astype(contract.dtype) for t, x in tensors.items()}
         with torch.no_grad():
             expected = truth(*_torch(given, truth.contract)).numpy()
-        found = session.run(list(contract.outputs), given)[0].astype(np.float32)
+        found = session.run(list(contract.outputs), {**given, **kept})[0].astype(np.float32)
         if not (np.isfinite(found).all() and np.isfinite(expected).all()):
             raise ModelError(f"the output is not finite for {label} inputs", contract.name, "expected finite numbers")
         if label not in tolerance:

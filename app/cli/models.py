@@ -65,6 +65,7 @@ def _rows(contract: ModelContract) -> list[tuple[str, str]]:
         ("scale", f"{contract.scale:g} of the image, padded to multiples of {contract.multiple_of}"),
         ("bounces", contract.bounces), ("exposure", contract.exposure), ("dtype", contract.dtype),
         ("scene extent", f"{contract.scene_extent:g}"), ("cube axes", contract.cube_axes or ""),
+        ("keeps", f"what {contract.kept_from} decides, while it stays the same" if contract.kept_from else ""),
         ("paper", contract.paper), ("trained on", contract.trained_on), ("licence", contract.licence),
     ]
     return [(label, text) for label, text in rows if text]

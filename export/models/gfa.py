@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import torch
@@ -25,10 +26,12 @@ FARTHEST = 2.0        # extents; so that no input can overflow half precision
 LARGEST_LOGIT = 11.0  # its exponential, 6·10⁴ means, still fits into half precision
 HIDDEN = -1e4         # logit of a key in the sky: no weight
 MOST_KEYS = 1024      # of the attention; beyond, k×k of them are pooled to one
-CHANNELS = ("direct.rgb", "albedo.rgb", "normal.view.xyz", "position.view.xyz", "depth")
+GEOMETRY = ("normal.view.xyz", "position.view.xyz", "depth")
+SHADING = ("direct.rgb", "albedo.rgb")
 RAW, SHADED = 7, 2    # channels of geometry, and of what one colour is shaded from
 COLORS = 3
 HALVINGS = 3
+LEVELS, BLOCKS = HALVINGS + 1, 2 * HALVINGS + 1
 
 
 @dataclass(frozen=True)
@@ -48,25 +51,6 @@ PRESETS = {
 
 
 @dataclass(frozen=True)
-class Level:
-    """Geometry at one resolution.
-
-    Attributes
-    ----------
-    raw : Tensor, shape (B, 7, h, w)
-        As it is read; its mean over surfaces from the second level on.
-    surface : Tensor, shape (B, 1, h, w)
-        1 where there is one, 0 in the sky.
-    spread : Tensor, shape (B, 1, h / 2, w / 2)
-        Turns a mean over 2×2 texels into one over those that show a surface.
-    """
-
-    raw: Tensor
-    surface: Tensor
-    spread: Tensor
-
-
-@dataclass(frozen=True)
 class Guidance:
     """What geometry decides, the same for each colour and all light.
 
@@ -74,15 +58,30 @@ class Guidance:
     ----------
     scale, shift : sequence of Tensor, shape (B, C, h, w)
         γ − 1 and β of each block.
-    weights : Tensor or None, shape (B, heads, texels, keys)
-        What each texel of the bottleneck takes from the others; sums to 1 over the keys.
-    levels : sequence of Level
+    surfaces : sequence of Tensor, shape (B, 1, h, w)
+        1 where a level shows a surface, 0 in the sky; from full size down.
+    spreads : sequence of Tensor, shape (B, 1, h / 2, w / 2)
+        Turn a level's means over 2×2 texels into those over surfaces.
+    weights : sequence of Tensor, shape (B, heads, texels, keys)
+        What each texel of the bottleneck takes from the others, 1 in all; none without attention.
     """
 
     scale: Sequence[Tensor]
     shift: Sequence[Tensor]
-    weights: Tensor | None
-    levels: Sequence[Level]
+    surfaces: Sequence[Tensor]
+    spreads: Sequence[Tensor]
+    weights: Sequence[Tensor]
+
+    @property
+    def tensors(self) -> list[Tensor]:
+        """All of it in a row."""
+        return [*self.scale, *self.shift, *self.surfaces, *self.spreads, *self.weights]
+
+    @staticmethod
+    def of(tensors: Sequence[Tensor]) -> Guidance:
+        """What ``tensors`` gave."""
+        ends = (0, BLOCKS, 2 * BLOCKS, 2 * BLOCKS + LEVELS, 2 * BLOCKS + 2 * LEVELS, len(tensors))
+        return Guidance(*(tensors[begin:end] for begin, end in pairwise(ends)))
 
 
 class Gfa(Network):
@@ -104,8 +103,9 @@ class Gfa(Network):
         preset = PRESETS[name]
         self.contract = ModelContract(
             name=name, paper="Gai et al. 2025, Geometry-Aware Global Feature Aggregation",
-            inputs={"x": TensorSpec(CHANNELS)}, outputs={"y": TensorSpec(("indirect.rgb",))}, scale=preset.scale,
-            multiple_of=2**HALVINGS, exposure="mean-radiance", bounces="multi", scene_extent=EXTENT, licence="MIT")
+            inputs={"geometry": TensorSpec(GEOMETRY), "shading": TensorSpec(SHADING)},
+            outputs={"y": TensorSpec(("indirect.rgb",))}, scale=preset.scale, multiple_of=2**HALVINGS,
+            exposure="mean-radiance", bounces="multi", scene_extent=EXTENT, kept_from="geometry", licence="MIT")
         self.geometry = UNet(RAW, preset.widths)
         self.shading = UNet(SHADED, preset.widths, dropout)
         self.modulations = nn.ModuleList(nn.Conv2d(w + RAW, 2 * w, 3, padding=1) for w in self.geometry.widths)
@@ -117,12 +117,13 @@ class Gfa(Network):
                 if layer.bias is not None:
                     nn.init.zeros_(layer.bias)
 
-    def forward(self, x: Tensor) -> Tensor:
+    def forward(self, geometry: Tensor, shading: Tensor) -> Tensor:
         """Infer one batch of frames.
 
         Parameters
         ----------
-        x : Tensor, shape (B, 13, h, w)
+        geometry : Tensor, shape (B, 7, h, w)
+        shading : Tensor, shape (B, 6, h, w)
             The contract's channels, radiance in means of the frame, h and w multiples of 8.
 
         Returns
@@ -130,39 +131,44 @@ class Gfa(Network):
         Tensor, shape (B, 3, h, w)
             Indirect radiance / albedo, at least 0; 0 in the sky.
         """
-        x = finite(x, self.contract.inputs["x"])
-        light, albedo, geometry = torch.split(x, [COLORS, COLORS, RAW], dim=1)
-        return self.shade(light, albedo, self.guide(geometry))
+        return self.shade(shading, self.guide(geometry))
 
     def guide(self, geometry: Tensor) -> Guidance:
         """What ``geometry`` [B, 7, h, w] decides."""
+        geometry = finite(geometry, self.contract.inputs["geometry"])
         normal, places = torch.split(geometry, [3, RAW - 3], dim=1)
         surface = (normal.abs().sum(1, keepdim=True) > 0).to(geometry.dtype)
-        raw = torch.cat([normal, (places / EXTENT).clamp(-FARTHEST, FARTHEST)], 1) * surface
-        levels = pyramid(raw, surface)
-        around = levels + levels[-2::-1]  # of each block
-        encoded = self.geometry(raw, [level.spread for level in levels],
-                                lambda block, x: functional.leaky_relu(x, SLOPE) * around[block].surface)
-        both = [torch.cat([e, level.raw], 1) for e, level in zip(encoded, around, strict=True)]
+        raw, surfaces, spreads = pyramid(torch.cat([normal, (places / EXTENT).clamp(-FARTHEST, FARTHEST)], 1), surface)
+        around = surfaces + surfaces[-2::-1]  # each block
+        encoded = self.geometry(raw[0], spreads,
+                                lambda block, x: functional.leaky_relu(x, SLOPE) * around[block])
+        both = [torch.cat(pair, 1) for pair in zip(encoded, raw + raw[-2::-1], strict=True)]
         scale, shift = zip(*(m(g).chunk(2, dim=1) for m, g in zip(self.modulations, both, strict=True)), strict=True)
-        weights = self.attention.weights(encoded[HALVINGS], levels[-1].surface) if self.attention else None
-        return Guidance(scale, shift, weights, levels)
+        weights = [self.attention.weights(encoded[HALVINGS], surfaces[-1])] if self.attention else []
+        return Guidance(scale, shift, surfaces, spreads, weights)
 
-    def shade(self, light: Tensor, albedo: Tensor, guidance: Guidance) -> Tensor:
-        """Indirect light [B, 3, h, w] of direct ``light`` and ``albedo`` [B, 3, h, w]."""
-        levels = [*guidance.levels, *guidance.levels[-2::-1]]
+    def shade(self, shading: Tensor, guidance: Guidance) -> Tensor:
+        """Indirect light [B, 3, h, w] of direct light and albedo, ``shading`` [B, 6, h, w]."""
+        light, albedo = finite(shading, self.contract.inputs["shading"]).chunk(2, dim=1)
+        surfaces = [*guidance.surfaces, *guidance.surfaces[-2::-1]]  # around each block
 
         def guided(block: int, x: Tensor) -> Tensor:
             x = per_color(x) * (1 + guidance.scale[block].unsqueeze(1)) + guidance.shift[block].unsqueeze(1)
-            x = functional.leaky_relu(x, SLOPE) * levels[block].surface.unsqueeze(1)
+            x = functional.leaky_relu(x, SLOPE) * surfaces[block].unsqueeze(1)
             if block == HALVINGS and self.attention is not None:
-                x = x + self.attention(x, guidance.weights, levels[block].surface)
+                x = x + self.attention(x, guidance.weights[0], surfaces[block])
             return x.flatten(0, 1)
 
-        x = torch.stack([light.clamp(max=BRIGHTEST), albedo], 2) * levels[0].surface.unsqueeze(1)
-        spreads = [level.spread.repeat_interleave(COLORS, 0) for level in guidance.levels]
+        x = torch.stack([light.clamp(max=BRIGHTEST), albedo], 2) * surfaces[0].unsqueeze(1)
+        spreads = [spread.repeat_interleave(COLORS, 0) for spread in guidance.spreads]
         x = self.last(self.shading(x.flatten(0, 1), spreads, guided)[-1])
-        return per_color(x.float().clamp(max=LARGEST_LOGIT).exp().to(x.dtype))[:, :, 0] * levels[0].surface
+        return per_color(x.float().clamp(max=LARGEST_LOGIT).exp().to(x.dtype))[:, :, 0] * surfaces[0]
+
+    def keep(self, geometry: Tensor) -> list[Tensor]:
+        return self.guide(geometry).tensors
+
+    def resume(self, kept: Sequence[Tensor], shading: Tensor) -> Tensor:
+        return self.shade(shading, Guidance.of(kept))
 
 
 class UNet(nn.Module):
@@ -184,7 +190,7 @@ class UNet(nn.Module):
     def forward(self, x: Tensor, spreads: Sequence[Tensor], after: Callable[[int, Tensor], Tensor]) -> list[Tensor]:
         """What each block gives, once ``after(its number, its output)`` has activated it.
 
-        ``spreads``: see ``Level``.
+        ``spreads``: see ``Guidance``.
         """
         found: list[Tensor] = []
         for number, convolve in enumerate(self.blocks):
@@ -245,16 +251,18 @@ class Attention(nn.Module):
         return total / (down @ surface @ across.t()).clamp(min=1)
 
 
-def pyramid(raw: Tensor, surface: Tensor) -> list[Level]:
-    """The levels from full size down."""
-    levels = []
-    for _ in range(HALVINGS + 1):
+def pyramid(raw: Tensor, surface: Tensor) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
+    """Means of ``raw`` over surfaces, surfaces and spreads, from full size down; see ``Guidance``."""
+    raws: list[Tensor] = []
+    surfaces: list[Tensor] = []
+    spreads: list[Tensor] = []
+    for _ in range(LEVELS):
+        raw = raw * surface
         share = functional.avg_pool2d(surface, 2, ceil_mode=True)
-        spread = 1 / share.clamp(min=0.25)
-        levels.append(Level(raw, surface, spread))
-        raw = functional.avg_pool2d(raw * surface, 2, ceil_mode=True) * spread
-        surface = share.sign()
-    return levels
+        for found, tensor in zip((raws, surfaces, spreads), (raw, surface, 1 / share.clamp(min=0.25)), strict=True):
+            found.append(tensor)
+        raw, surface = functional.avg_pool2d(raw, 2, ceil_mode=True) * spreads[-1], share.sign()
+    return raws, surfaces, spreads
 
 
 def block(inputs: int, outputs: int) -> nn.Sequential:

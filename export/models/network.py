@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from torch import nn
+from collections.abc import Sequence
+from typing import Protocol
+
+from torch import Tensor, nn
 
 from app.contract import ModelContract
 
@@ -15,3 +18,13 @@ class Network(nn.Module):
     """
 
     contract: ModelContract
+
+
+class Splits(Protocol):
+    """What a network has whose contract names an input that work is ``kept_from``."""
+
+    def keep(self, source: Tensor) -> Sequence[Tensor]:
+        """What is worked out from that input alone."""
+
+    def resume(self, kept: Sequence[Tensor], *others: Tensor) -> Tensor:
+        """The output, from that and the other inputs in the contract's order."""

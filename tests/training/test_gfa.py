@@ -7,18 +7,21 @@ torch = pytest.importorskip("torch")
 from export.models import make_network, weights_of  # noqa: E402
 from export.models.gfa import Attention, Gfa  # noqa: E402
 
-LIGHT, ALBEDO, NORMAL, POSITION, DEPTH = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12), 12
 COLORS = 3
 
 
-def wall(h: int, w: int, seed: int = 0) -> torch.Tensor:
-    """Random light and colours on a wall that faces the camera, and its places."""
-    x = torch.zeros(1, 13, h, w)
-    x[:, :6] = torch.rand(1, 6, h, w, generator=torch.Generator().manual_seed(seed))
-    x[:, 8], x[:, 11], x[:, DEPTH] = 1.0, -10.0, 10.0
-    x[:, 9] = torch.linspace(-10, 10, w)
-    x[:, 10] = torch.linspace(5, -5, h)[:, None]
+def wall(h: int, w: int) -> torch.Tensor:
+    """The geometry of a wall that faces the camera."""
+    x = torch.zeros(1, 7, h, w)
+    x[:, 2], x[:, 5], x[:, 6] = 1.0, -10.0, 10.0
+    x[:, 3] = torch.linspace(-10, 10, w)
+    x[:, 4] = torch.linspace(5, -5, h)[:, None]
     return x
+
+
+def lit(h: int, w: int, seed: int = 0) -> torch.Tensor:
+    """Random light and colours."""
+    return torch.rand(1, 6, h, w, generator=torch.Generator().manual_seed(seed))
 
 
 def network(**options: int) -> Gfa:
@@ -33,37 +36,34 @@ def test_the_papers_presets_have_their_weights(name: str, weights: float, off: f
 
 @torch.no_grad()
 def test_each_colour_is_shaded_alone_and_alike() -> None:
-    x = wall(24, 32)
-    turned, redder = x.clone(), x.clone()
-    turned[:, LIGHT], turned[:, ALBEDO] = x[:, [2, 0, 1]], x[:, [5, 3, 4]]
+    light = lit(24, 32)
+    turned, redder = light[:, [2, 0, 1, 5, 3, 4]], light.clone()
     redder[:, 0] *= 5
-    y = network()(x)
-    torch.testing.assert_close(network()(turned), y[:, [2, 0, 1]])
-    other = network()(redder)
-    assert torch.equal(other[:, 1:], y[:, 1:]) and not torch.allclose(other[:, 0], y[:, 0])
+    before, after, other = (network()(wall(24, 32), x) for x in (light, turned, redder))
+    torch.testing.assert_close(after, before[:, [2, 0, 1]])
+    assert torch.equal(other[:, 1:], before[:, 1:]) and not torch.allclose(other[:, 0], before[:, 0])
 
 
 @torch.no_grad()
 @pytest.mark.parametrize(("heads", "reaches"), [(8, True), (0, False)])
 def test_attention_brings_light_from_anywhere(heads: int, reaches: bool) -> None:
     """Convolutions alone don't see 176 texels far."""
-    dark, lit = wall(16, 256), wall(16, 256)
-    lit[:, LIGHT, :, :16] += 20.0
+    light, more = lit(16, 256), lit(16, 256)
+    more[:, :3, :, :16] += 20.0
     shades = network(heads=heads)
-    change = (shades(lit) - shades(dark))[..., -64:].abs().max()
+    change = (shades(wall(16, 256), more) - shades(wall(16, 256), light))[..., -64:].abs().max()
     assert (change > 1e-6) == reaches
 
 
 @torch.no_grad()
 def test_the_sky_gives_nothing_and_gets_nothing() -> None:
-    x = wall(32, 32)
-    x[:, 6:, :16] = 0.0
-    other = x.clone()
-    other[:, :6, :16] = 3.0
-    y = network()(x)
-    assert torch.equal(y, network()(other))
+    geometry, light, other = wall(32, 32), lit(32, 32), lit(32, 32)
+    geometry[:, :, :16] = 0.0
+    other[:, :, :16] = 3.0
+    y = network()(geometry, light)
+    assert torch.equal(y, network()(geometry, other))
     assert y[..., :16, :].max() == 0.0 and y[..., 16:, :].min() > 0.0
-    assert torch.equal(network()(torch.zeros(1, 13, 16, 16)), torch.zeros(1, 3, 16, 16))
+    assert torch.equal(network()(torch.zeros(1, 7, 16, 16), light[..., :16, :16]), torch.zeros(1, 3, 16, 16))
 
 
 @torch.no_grad()
@@ -108,19 +108,18 @@ def test_keys_stay_within_their_limit() -> None:
 
 
 def test_geometry_is_worked_out_once_for_all_light() -> None:
-    x = wall(16, 24)
-    shades = network()
+    shades, geometry = network(), wall(16, 24)
     with torch.no_grad():
-        guidance = shades.guide(x[:, 6:])
+        guidance = shades.guide(geometry)
         for seed in range(2):
-            other = wall(16, 24, seed)
-            torch.testing.assert_close(shades.shade(other[:, LIGHT], other[:, ALBEDO], guidance), shades(other))
+            light = lit(16, 24, seed)
+            torch.testing.assert_close(shades.shade(light, guidance), shades(geometry, light))
 
 
 def test_what_explodes_is_held() -> None:
     shades = network()
     torch.nn.init.constant_(shades.last.bias, 100.0)
     with torch.no_grad():
-        y = shades(wall(16, 16))
+        y = shades(wall(16, 16), lit(16, 16))
         assert torch.isfinite(y).all() and y.max() < 65504
-        assert torch.isfinite(shades.half()(wall(16, 16).half())).all()
+        assert torch.isfinite(shades.half()(wall(16, 16).half(), lit(16, 16).half())).all()
