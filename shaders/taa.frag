@@ -38,7 +38,7 @@ vec3 current(ivec2 t)
 }
 
 // Catmull-Rom as one bilinear fetch of the middle four texels and the four beside them, corners left out
-// (after Jimenez 2016, "Filmic SMAA"); its negative lobes are clamped. a: frames gathered.
+// (after Jimenez 2016, "Filmic SMAA"); its lobes may make it negative. a: frames gathered.
 vec4 catmull_rom(vec2 at)
 {
     vec2 centre = floor(at - 0.5) + 0.5;
@@ -57,7 +57,7 @@ vec4 catmull_rom(vec2 at)
         + vec4(texelFetch(taa_prev, ivec2(c.x, high.y), 0).rgb, 1.0) * (w12.x * w3.y)
         + vec4(texelFetch(taa_prev, ivec2(low.x, c.y), 0).rgb, 1.0) * (w0.x * w12.y)
         + vec4(texelFetch(taa_prev, ivec2(high.x, c.y), 0).rgb, 1.0) * (w3.x * w12.y);
-    return vec4(max(sum.rgb / sum.a, 0.0), four.a);
+    return vec4(sum.rgb / sum.a, four.a);
 }
 
 // Largest share of the way from the middle to c that stays in the box.
@@ -125,7 +125,7 @@ void main()
     vec2 back = still ? vec2(0.0) : is_finite(moved.x + moved.y) ? -moved.xy : vec2(1e9);
     ivec2 before = t + ivec2(floor(back + 0.5));
     vec4 gathered = catmull_rom(gl_FragCoord.xy + back);
-    vec3 history = gathered.rgb;
+    vec3 history = max(gathered.rgb, 0.0);
     bool healthy = is_finite(dot(gathered, vec4(1.0))) && gathered.a >= 1.0;
     bool keep = was_visible(before, outward, moved.z) && healthy && history_valid;
 

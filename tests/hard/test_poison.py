@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from app.channels import HALF_MAX
 from app.contract import Model, find_model
@@ -146,6 +147,27 @@ def test_poisoned_history_heals_in_one_frame(patient: Patient, poison: str) -> N
     patient.cure(("taa",))
     patient.more(1)
     np.testing.assert_array_equal(patient.renderer.resource("taa")[..., :3], patient.renderer.resource("lit")[..., :3])
+
+
+@pytest.mark.parametrize("poison", ["nan", "+inf", "-inf"])
+@pytest.mark.parametrize(("resource", "channels"), [("taa", [0, 1, 2]), ("motion", [0, 1]), ("motion", [2])],
+                         ids=["light", "motion", "nearness"])
+def test_history_that_is_no_number_is_dropped(patient: Patient, poison: str, resource: str, channels: list[int]) -> None:
+    """Even where all else about it, such as the number of frames gathered, is as it should be."""
+    def broken(image: Image) -> Image:
+        image = image.copy()
+        image[..., channels] = POISONS[poison]
+        return image
+
+    patient.draw(POISONED)
+    patient.renderer.override(resource, broken)
+    patient.more(1)
+    patient.cure((resource,))
+    if resource == "taa":  # it is history in the next frame
+        patient.renderer.render(patient.camera)
+    surface = ndimage.binary_erosion(patient.renderer.resource("depth")[..., 0] > 0, iterations=4)
+    found, lit = (patient.renderer.resource(name)[surface, :3] for name in ("taa", "lit"))
+    np.testing.assert_array_equal(found, lit)
 
 
 @pytest.mark.parametrize("length", [0.4, 2.1, 1e4])
