@@ -45,10 +45,13 @@ class DataConfig:
         Folder of ``python -m export dataset``.
     validation : float
         Share of the pairs, from the end, that is never trained on. Neighbouring pairs share scenes, so it is one piece.
+    pairs : int or None
+        Train on so many of the others, from the beginning; on all without.
     """
 
     dataset: Path
     validation: float = Field(0.1, gt=0, lt=1)
+    pairs: PositiveInt | None = None
 
 
 @strict

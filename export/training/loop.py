@@ -49,8 +49,9 @@ class Run:
     def __init__(self, config: Config, examples: Examples, folder: Path) -> None:
         self.config, self.examples, self.folder = config, examples, folder
         held_out = max(1, round(config.data.validation * len(examples)))
-        self.trained_on = len(examples) - held_out
-        self.held_out = list(range(self.trained_on, len(examples)))
+        others = len(examples) - held_out
+        self.trained_on = min(config.data.pairs or others, others)
+        self.held_out = list(range(others, len(examples)))
         self.epoch_steps = self.trained_on // config.schedule.batch
         if self.epoch_steps < 1:
             raise SettingsError(f"{self.trained_on} pairs to train on", config.data.dataset,

@@ -118,6 +118,16 @@ def test_loss_falls_on_a_few_examples(tmp_path: Path) -> None:
     assert load(tmp_path / "run" / CHECKPOINT).facts["weights"] == 62691
 
 
+def test_a_part_of_the_pairs_is_held_out_and_a_part_is_enough(tmp_path: Path) -> None:
+    made = examples(tmp_path)
+    table = config(tmp_path).to_json()
+    run = Run(config(tmp_path), made, tmp_path / "all")
+    assert (run.trained_on, run.held_out) == (8, [8, 9])
+    table["data"]["pairs"] = 4
+    run = Run(from_table(table, "test"), made, tmp_path / "half")
+    assert (run.trained_on, run.held_out) == (4, [8, 9])
+
+
 def test_the_seed_decides_the_run(tmp_path: Path) -> None:
     made = examples(tmp_path)
     for name in ("one", "two"):
@@ -179,7 +189,7 @@ def test_bad_configurations_are_one_line(tmp_path: Path, text: str, message: str
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "export" / "configs").glob("*.toml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted((ROOT / "export" / "configs").rglob("*.toml")), ids=lambda path: path.stem)
 def test_shipped_configurations_fit(path: Path) -> None:
     chosen = read_config(path)
     assert make_network(chosen.network.preset, chosen.network.options).contract.bounces in ("single", "multi")
