@@ -152,7 +152,8 @@ def test_poisoned_history_heals_in_one_frame(patient: Patient, poison: str) -> N
 @pytest.mark.parametrize("poison", ["nan", "+inf", "-inf"])
 @pytest.mark.parametrize(("resource", "channels"), [("taa", [0, 1, 2]), ("motion", [0, 1]), ("motion", [2])],
                          ids=["light", "motion", "nearness"])
-def test_history_that_is_no_number_is_dropped(patient: Patient, poison: str, resource: str, channels: list[int]) -> None:
+def test_history_that_is_no_number_is_dropped(patient: Patient, poison: str, resource: str,
+                                              channels: list[int]) -> None:
     """Even where all else about it, such as the number of frames gathered, is as it should be."""
     def broken(image: Image) -> Image:
         image = image.copy()
