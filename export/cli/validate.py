@@ -11,10 +11,6 @@ from rich.table import Table
 
 from export.cli.tables import print_table
 
-COLUMNS = {"final.psnr": "PSNR", "final.ssim": "SSIM", "final.rel_mse": "relMSE", "final.flip": "FLIP",
-           "indirect.psnr": "ind. PSNR", "indirect.ssim": "SSIM", "indirect.rel_mse": "relMSE",
-           "indirect.flip": "FLIP"}
-
 
 def validate(
     models: Annotated[list[str] | None, typer.Argument(
@@ -31,8 +27,9 @@ def validate(
         help="Also judge radiosity times the factor that suits this dataset best.", metavar="DATASET")] = None,
     oracle: Annotated[bool, typer.Option(
         "--oracle", help="Also judge each model with its light as strong as suits each view best.")] = False,
+    time: Annotated[str | None, typer.Option(help="Also time frames of this size.", metavar="WxH")] = None,
     provider: Annotated[str, typer.Option(help="onnxruntime execution provider.", metavar="auto|cpu|cuda|…")] = "auto",
-    out: Annotated[Path, typer.Option(help="Folder for validation.csv and validation.json.",
+    out: Annotated[Path, typer.Option(help="Folder for validation.csv, .json and .md.",
                                       metavar="DIR")] = Path("out/validation"),
 ) -> None:
     """Judge models, and the oracle ambient light, on the validation views; prints means of each scene."""
@@ -41,11 +38,18 @@ def validate(
     from app.bench.tables import to_csv
     from app.contract import find_model
     from app.errors import SettingsError
+    from app.settings import Settings, parse_size
     from export.constant import fitted_constant
     from export.dataset import Dataset
-    from export.judge import SCALED, by_scene, by_view, judge, to_json
+    from export.frame_times import frame_times
+    from export.judge import SCALED, by_view, judge, to_json
     from export.validation import SCENES, views
+    from export.validation_table import HEADER, table, to_markdown
 
+    def tell(line: str) -> None:
+        typer.secho(line, err=True, dim=True)
+
+    size = Settings(parse_size(time)).size if time is not None else None
     chosen = views(scenes or SCENES, only or ())
     if not chosen:
         raise SettingsError(f"no view of {', '.join(only or ())}", "--only", "expected scenes of the validation list")
@@ -54,11 +58,13 @@ def validate(
         network = find_model(SCALED)
         assert isinstance(network, Path)
         constant = fitted_constant(Dataset(fit), network, pairs=200)
-    rows = judge(chosen, models or all_models(), spp, truth, constant, provider,
-                 lambda line: typer.secho(line, err=True, dim=True), oracle)
+    judged = models or all_models()
+    rows = judge(chosen, judged, spp, truth, constant, provider, tell, oracle)
+    times = frame_times(chosen, judged, size, provider, tell) if size is not None else {}
     write_text(out / "validation.csv", to_csv(by_view(rows)))
-    write_text(out / "validation.json", to_json(rows, {"spp": spp, "constant": constant}))
-    table = Table("scene", "model", *COLUMNS.values(), box=box.SIMPLE)
-    for row in by_scene(rows):
-        table.add_row(row["scene"], row["model"], *(f"{row[key]:.3g}" for key in COLUMNS))
-    print_table(table)
+    write_text(out / "validation.json", to_json(rows, {"spp": spp, "constant": constant, "milliseconds": times}))
+    write_text(out / "validation.md", to_markdown(rows, times))
+    shown = Table(*HEADER, box=box.SIMPLE)
+    for line in table(rows, times):
+        shown.add_row(*line)
+    print_table(shown)

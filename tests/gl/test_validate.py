@@ -10,9 +10,11 @@ pytest.importorskip("mitsuba")
 
 from app.bench.judge import AMBIENT
 from app.load import embedded_scene
+from export.frame_times import frame_times
 from export.judge import ORACLE, by_scene, judge
 from export.reference import Still
 from export.validation import View
+from export.validation_table import to_markdown
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
@@ -35,3 +37,9 @@ def test_models_are_judged_against_truths_that_are_kept(tmp_path: Path) -> None:
     kept = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.exr")}
     assert judge(views, ["none"], 8, tmp_path, None, "cpu", lambda line: None)[0] == rows[0]
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.exr")} == kept
+
+    times = frame_times(views, ["none", "radiosity"], (64, 48), "cpu", lambda line: None)
+    assert times["box"]["radiosity"] > times["box"]["none"] > 0 and times["mean"] == times["box"]
+    page = to_markdown(rows, times).splitlines()
+    assert len({line.count("|") for line in page}) == 1 and len(page) == 2 + 2 * len(labels)
+    assert page[2].startswith(f"| box | none | {psnr['none']:.2f} |") and f"| {times['box']['none']:.0f} |" in page[2]
