@@ -64,7 +64,11 @@ class Network:
                                    ("output", self.contract.outputs, self._session.get_outputs())):
             keeps = self.contract.kept_from is not None
             self._check_graph(kind, specs, {t.name: t for t in found if not (keeps and is_kept(t.name))})
-        self._kept = Kept(self._session, self.contract.kept_from)
+        try:
+            self._kept = Kept(self._session, self.contract.kept_from)
+        except ValueError as error:
+            raise ModelError(str(error), self.path, f"expected a graph that keeps what {self.contract.kept_from!r} "
+                             "decides, as its contract says") from None
         self._bounds = {t: _bounds(s) for t, s in self._tensors.items()}
         self.resize(size)
 

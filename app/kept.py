@@ -26,11 +26,23 @@ class Kept:
     ----------
     source : str or None
         Input tensor that they depend on; None for a network that keeps nothing.
+
+    Raises
+    ------
+    ValueError
+        When the graph is not made so.
     """
 
     def __init__(self, session: ort.InferenceSession, source: str | None) -> None:
         self._source = source
-        before = [i for i in session.get_inputs() if source is not None and i.name.startswith(PREFIX)]
+        found = {i.name: i for i in session.get_inputs()} if source is not None else {}
+        before = [i for name, i in found.items() if name.startswith(PREFIX)]
+        if source is not None and (ANEW not in found or found[ANEW].type != "tensor(bool)"):
+            raise ValueError(f"no boolean input {ANEW!r}")
+        made = {o.name + BEFORE: o.type for o in session.get_outputs()}
+        for i in before:
+            if i.type not in _TYPES or made.get(i.name) != i.type:
+                raise ValueError(f"input {i.name!r} is a {i.type}, the output that it is fed from a {made.get(i.name)}")
         self._nothing = {i.name: np.zeros([0] * len(i.shape), _TYPES[i.type]) for i in before}
         self._names = [name.removesuffix(BEFORE) for name in self._nothing]
         self.forget()

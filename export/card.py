@@ -31,6 +31,7 @@ def card(checkpoint: Checkpoint, contract: ModelContract, differences: Mapping[P
              for t, spec in contract.inputs.items()]
     terms = ", ".join(f"{name} {value:.4f}" for name, value in progress.validation.items())
     options = ", ".join(f"{k} = {v!r}" for k, v in config.network.options.items()) or "none"
+    left_out = _left_out(config.loss.kind, progress.validation)
     rows = {
         "reads": "; ".join(reads),
         "writes": "`indirect.rgb`: indirect radiance / albedo; 0 in the sky",
@@ -45,7 +46,7 @@ def card(checkpoint: Checkpoint, contract: ModelContract, differences: Mapping[P
     training = {
         "preset, options": f"`{config.network.preset}`, {options}",
         "data": f"{facts['trained_on']} of {facts['pairs']} pairs of `{config.data.dataset.name}`",
-        "loss": f"`{config.loss.kind}` {config.loss.options or ''}".strip(),
+        "loss": f"`{config.loss.kind}` {config.loss.options or ''}".strip() + left_out,
         "steps, batch, seed": f"{progress.step}, {config.schedule.batch}, {config.seed}",
         "time": f"{progress.seconds / 3600:.2f} h on {facts['machine']}, torch {facts['torch']}, {facts['written']}",
         "loss on held-out pairs": terms,
@@ -55,6 +56,11 @@ def card(checkpoint: Checkpoint, contract: ModelContract, differences: Mapping[P
     return "\n\n".join([f"# {contract.name}", _table(rows), "**Trained on**", _table(training),
                         "**Files**, compared on random, real and extreme inputs", _table(files),
                         f"**Made by** {MADE_BY}"]) + "\n"
+
+
+def _left_out(loss: str, terms: Mapping[str, float]) -> str:
+    missing = loss == "gfa" and "perceptual" not in terms
+    return ", without its perceptual term: no network for it was at hand" if missing else ""
 
 
 def _table(rows: Mapping[str, str]) -> str:

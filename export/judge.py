@@ -100,24 +100,27 @@ def to_json(rows: Sequence[Row], about: dict[str, Any]) -> str:
 
 def _pictures(still: Still, truth: Truth, configurations: Sequence[Configuration], constant: float | None,
               provider: str, oracle: bool) -> Iterator[tuple[str, Layers]]:
-    with Renderer(still.scene, Settings(still.size, ("albedo",), taa=False)) as renderer:
-        albedo = renderer.render(still.camera, still.time)["albedo"]
     for c in configurations:
         layers = draw_layers(still.scene, still.camera, c, provider)
         yield c.label, layers
         if c.label == SCALED and constant is not None:
-            yield f"{SCALED} × {constant:.3g}", _scaled(layers, albedo, np.float32(constant))
-        light = albedo * layers["indirect"]
-        if oracle and light.any():
+            yield f"{SCALED} × {constant:.3g}", _scaled(layers, _reflected(still, layers), np.float32(constant))
+        if oracle and layers["indirect"].any():
+            light = _reflected(still, layers)
             best = best_ambient(layers["final"] - light, light, truth.layers["final"])
-            yield f"{c.label} {ORACLE}", _scaled(layers, albedo, best)
+            yield f"{c.label} {ORACLE}", _scaled(layers, light, best)
     yield AMBIENT, draw_ambient(still.scene, still.camera, truth, provider)[0]
 
 
-def _scaled(layers: Layers, albedo: F32, factor: F32 | np.float32) -> Layers:
-    """The layers with ``factor`` times the indirect light, whose share of the final picture is added there."""
-    more = (factor - 1) * layers["indirect"]
-    return {"final": np.maximum(layers["final"] + albedo * more, 0), "indirect": layers["indirect"] + more}
+def _reflected(still: Still, layers: Layers) -> F32:
+    """What indirect light adds to the picture."""
+    with Renderer(still.scene, Settings(still.size, ("albedo",), taa=False)) as renderer:
+        return renderer.render(still.camera, still.time)["albedo"] * layers["indirect"]
+
+
+def _scaled(layers: Layers, reflected: F32, factor: F32 | np.float32) -> Layers:
+    """The layers with ``factor`` times the indirect light, of which the final picture has ``reflected``."""
+    return {"final": np.maximum(layers["final"] + (factor - 1) * reflected, 0), "indirect": layers["indirect"] * factor}
 
 
 def _mean(model: str, scene: str, rows: Sequence[Row]) -> dict[str, Any]:

@@ -20,7 +20,7 @@ layout(location = 0) out vec4 out_indirect_low;
 
 struct Receiver {
     vec3 normal;   // relative space
-    float before;  // depth in the frame before
+    float before;  // 1 / depth in the frame before
     vec2 slope;    // of its plane; see plane_slope
 };
 
@@ -29,8 +29,8 @@ void add(ivec2 low, vec2 away, Receiver r, inout vec4 sum, inout float weight)
 {
     vec4 old = texelFetch(indirect_low_prev, low, 0), surface = texelFetch(surface_low_prev, low, 0);
     bool same = all(greaterThanEqual(low, ivec2(0))) && all(lessThan(low, textureSize(indirect_low_prev, 0)))
-        && same_depth(surface.a, r.before / (1.0 + dot(r.slope * ratio, away)), r.slope)
-        && dot(surface.xyz, r.normal) > SAME_NORMAL
+        && same_surface(surface.a > 0.0 ? 1.0 / surface.a : 0.0, r.before * (1.0 + dot(r.slope * ratio, away)), r.slope,
+                        surface.xyz, r.normal)
         && is_finite(dot(old, vec4(1.0))) && old.a >= 1.0;
     float closeness = (1.0 - abs(away.x)) * (1.0 - abs(away.y));
     sum += same ? vec4(max(old.rgb, 0.0), old.a) * closeness : vec4(0.0);
@@ -43,7 +43,7 @@ void main()
     vec3 now = sanitize_radiance(texelFetch(indirect_now, low, 0).rgb);
     vec4 surface = texelFetch(surface_low, low, 0);
     vec3 moved = texelFetch(motion, full, 0).xyz;
-    Receiver r = Receiver(surface.xyz, surface.a * moved.z, plane_slope(surface.xyz, vec2(full) + 0.5));
+    Receiver r = Receiver(surface.xyz, 1.0 / (surface.a * moved.z), plane_slope(surface.xyz, vec2(full) + 0.5));
     vec2 at = gl_FragCoord.xy - moved.xy * vec2(1.0, -1.0) / ratio - 0.5;
     ivec2 base = ivec2(floor(at));
     vec2 f = at - vec2(base);

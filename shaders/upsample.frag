@@ -19,6 +19,7 @@ uniform vec2 ratio;  // full-resolution texels per low-resolution texel
 #ifdef HAS_INDIRECT_PREV
 uniform sampler2D motion;         // w: nearness
 uniform sampler2D indirect_prev;  // a: nearness
+uniform sampler2D normal_prev;
 uniform float longest;  // history in frames
 uniform bool history_valid;
 #endif
@@ -58,12 +59,14 @@ vec4 tap(ivec2 low, float along, float closeness, Receiver r)
 
 #ifdef HAS_INDIRECT_PREV
 // Light mixed with what the surface at a pixel had, the more the less of it is shown.
-vec3 with_history(vec3 light, float shown, vec4 moved, vec2 slope)
+vec3 with_history(vec3 light, float shown, vec4 moved, Receiver r)
 {
-    ivec2 at = ivec2(gl_FragCoord.xy - moved.xy * vec2(1.0, -1.0));
+    ivec2 at = ivec2(floor(gl_FragCoord.xy - moved.xy * vec2(1.0, -1.0)));
     vec4 old = texelFetch(indirect_prev, at, 0);
     bool keep = history_valid && all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, textureSize(depth, 0)))
-        && same_depth(old.a, moved.w / moved.z, slope) && is_finite(dot(old.rgb, vec3(1.0)));
+        && same_surface(old.a, moved.w / moved.z, plane_slope(r.normal, gl_FragCoord.xy),
+                        texelFetch(normal_prev, at, 0).xyz, r.normal)
+        && is_finite(dot(old.rgb, vec3(1.0)));
     return keep ? mix(light, without_flash(old.rgb, light), (1.0 - 1.0 / longest) * (1.0 - shown)) : light;
 }
 #endif
@@ -87,7 +90,7 @@ void main()
     vec3 light = is_surface(d) && sum.a > 0.0 ? sanitize_radiance(sum.rgb / sum.a) : vec3(0.0);
 #ifdef HAS_INDIRECT_PREV
     vec4 moved = texelFetch(motion, texel, 0);
-    if (sum.a < SHOWN) light = with_history(light, sum.a / SHOWN, moved, plane_slope(n, gl_FragCoord.xy));
+    if (is_surface(d) && sum.a < SHOWN) light = with_history(light, sum.a / SHOWN, moved, r);
     out_indirect = vec4(light, moved.w);
 #else
     out_indirect = vec4(light, 1.0);

@@ -70,10 +70,12 @@ def draw_ambient(scene: Scene, camera: Camera, truth: Truth, provider: str) -> t
 
 
 def best_ambient(base: F32, albedo: F32, final: F32) -> F32:
-    """The colour c, shape (3,), for which base + albedo · c, tone-mapped, is nearest to ``final`` in squared error."""
+    """The colour c, shape (3,), for which base + albedo · c, tone-mapped, is nearest to ``final`` in squared error.
+
+    In place of ``albedo`` any picture will do, such as that of light whose strength is sought.
+    """
     exposure = metrics.exposure_of(final)
     shown = metrics.tone_map(final, exposure).astype(np.float64)
-    top = BRIGHTEST_AMBIENT * float(final.mean()) / max(float(albedo.mean()), 1e-6)
 
     def error(constants: NDArray[np.float64], channel: int) -> list[float]:
         return [float(((metrics.tone_map(base[..., channel] + albedo[..., channel] * c, exposure)
@@ -81,7 +83,8 @@ def best_ambient(base: F32, albedo: F32, final: F32) -> F32:
 
     best = []
     for channel in range(3):
-        low, high, nearest = 0.0, top, 0.0
+        colour, reached = float(final[..., channel].mean()), float(albedo[..., channel].mean())
+        low, high, nearest = 0.0, BRIGHTEST_AMBIENT * colour / reached if reached > 0 else 0.0, 0.0
         for _ in range(6):  # each grid is eight times finer than the one before
             grid = np.linspace(low, high, 17)
             index = int(np.argmin(error(grid, channel)))

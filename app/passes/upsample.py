@@ -9,7 +9,7 @@ from app.gl.frame_state import HISTORY, FrameState, MotionKind
 from app.gl.fullscreen import make_fullscreen
 from app.graph import Pass, Tex
 
-BEFORE = ("motion", "indirect@prev")
+BEFORE = ("motion", "indirect@prev", "normal@prev")
 LONGEST = HISTORY[MotionKind.CAMERA]  # frames; nothing tells how old kept light is, so it must not outlive a change
 
 

@@ -45,5 +45,5 @@ def make_loss(kind: str, options: Mapping[str, Any]) -> Loss:
         raise SettingsError(f"no loss {kind!r}", "loss.kind", f"expected one of {', '.join(LOSSES)}")
     try:
         return LOSSES[kind](**options)
-    except TypeError as error:
+    except (TypeError, ValueError) as error:
         raise SettingsError(f"bad options ({error})", f"loss {kind!r}", "expected its weights by name") from None

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from export.losses.views import Views, mean_where, tone
+from export.losses.views import Views, mean_where, tone, toned
 
 WINDOW_SIGMA, WINDOW_RADIUS = 1.5, 5  # of SSIM; Wang et al. 2004
 K1, K2 = 0.01, 0.03
@@ -37,7 +37,7 @@ class BcnnLoss:
         return self.temporal > 0
 
     def __call__(self, views: Views) -> dict[str, Tensor]:
-        a, b = (tone(x) * views.seen for x in (views.output, views.target))
+        a, b = toned(views)
         inside = 1 - functional.max_pool2d(1 - views.seen, 3, stride=1, padding=1)  # the sky's edge is no detail
         terms: dict[str, Callable[[], Tensor]] = {
             "ssim": lambda: 1 - mean_where(ssim_map(a, b), views.seen),

@@ -8,8 +8,6 @@ import torch
 from torch import Tensor, nn
 from torch.nn.utils.parametrizations import spectral_norm
 
-from export.losses.views import Views, tone
-
 SLOPE = 0.2
 
 
@@ -33,11 +31,10 @@ class PatchCritic(nn.Module):
         """How true each patch of toned ``light`` [B, 3, h, w] looks, near 1 or 0; [B × 3, 1, h / 4 − 2, w / 4 − 2]."""
         return torch.as_tensor(self.layers(light.flatten(0, 1).unsqueeze(1)))
 
-    def fooled(self, views: Views) -> Tensor:
-        """What the network is to lessen."""
-        return (self(tone(views.output) * views.seen) - 1).square().mean()
+    def fooled(self, output: Tensor) -> Tensor:
+        """What the network is to lessen; toned light [B, 3, h, w]."""
+        return (self(output) - 1).square().mean()
 
-    def mistaken(self, views: Views) -> Tensor:
-        """What the critic itself is to lessen; nothing of it reaches the network."""
-        output, target = (tone(x) * views.seen for x in (views.output.detach(), views.target))
+    def mistaken(self, output: Tensor, target: Tensor) -> Tensor:
+        """What the critic itself is to lessen; toned light [B, 3, h, w]."""
         return 0.5 * ((self(target) - 1).square().mean() + self(output).square().mean())

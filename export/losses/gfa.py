@@ -9,7 +9,7 @@ from torch.nn import functional
 
 from export.losses.critic import PatchCritic
 from export.losses.perceptual import Perceptual
-from export.losses.views import Views, mean_where, tone
+from export.losses.views import Views, mean_where, toned
 
 BETA = 0.1  # toned difference from which on smooth L1 is linear; the paper names none
 
@@ -20,7 +20,7 @@ class GfaLoss:
     Parameters
     ----------
     smooth_l1, perceptual, adversarial : float
-        Weights; of the terms that are 0 nothing is worked out.
+        Weights; of the others' terms nothing is worked out where theirs is 0.
     features : str or None
         File of the network whose features the perceptual term compares. Without one that term is left out.
 
@@ -28,22 +28,29 @@ class GfaLoss:
     ----------
     critic : PatchCritic or None
         To be trained along.
+
+    Raises
+    ------
+    ValueError
+        For a weight that is not above 0, or below it for the last two.
     """
 
     uses_previous = False
 
     def __init__(self, smooth_l1: float = 0.7, perceptual: float = 0.28, adversarial: float = 0.02,
                  features: str | None = None) -> None:
+        if not (float(smooth_l1) > 0 and float(perceptual) >= 0 and float(adversarial) >= 0):
+            raise ValueError(f"weights {smooth_l1}, {perceptual}, {adversarial}")
         self.smooth_l1, self.perceptual, self.adversarial = smooth_l1, perceptual, adversarial
         self.network = Perceptual(Path(features)) if features is not None and perceptual > 0 else None
         self.critic = PatchCritic() if adversarial > 0 else None
 
     def __call__(self, views: Views) -> dict[str, Tensor]:
-        a, b = (tone(x) * views.seen for x in (views.output, views.target))
+        a, b = toned(views)
         terms = {"smooth_l1": self.smooth_l1 * mean_where(
             functional.smooth_l1_loss(a, b, reduction="none", beta=BETA), views.seen)}
         if self.network is not None:
             terms["perceptual"] = self.perceptual * self.network(a, b)
         if self.critic is not None:
-            terms["adversarial"] = self.adversarial * self.critic.fooled(views)
+            terms["adversarial"] = self.adversarial * self.critic.fooled(a)
         return terms

@@ -34,20 +34,22 @@ class Perceptual(nn.Module):
 
     def __init__(self, weights: Path) -> None:
         super().__init__()
-        state = _read(weights)
-        at = sorted(int(m[1]) for name in state if (m := _KERNEL.fullmatch(name)))
-        if not at:
-            raise SettingsError("no features.N.weight", weights, "expected the state of a VGG network")
+        kernels = _kernels(weights)
+        at = sorted(kernels)
         self.pooled = [after - number > 2 for number, after in pairwise([*at, at[-1] + 2])]
-        self.kernels = [state[f"features.{n}.weight"].float() for n in at]
-        self.biases = [state[f"features.{n}.bias"].float() for n in at]
+        for number in at:
+            for name, tensor in zip(("kernel", "bias"), kernels[number], strict=True):
+                self.register_buffer(f"{name}{number}", tensor, persistent=False)
+        self.at = at
 
     def forward(self, a: Tensor, b: Tensor) -> Tensor:
         """Mean over the levels; a and b are [B, 3, h, w] of values from 0 to 1."""
+        self.to(a.device)
         mean, deviation = (torch.tensor(x).reshape(1, 3, 1, 1).to(a) for x in (MEAN, DEVIATION))
-        x, differences = (torch.cat([a, b]) - mean) / deviation, []
-        for kernel, bias, pool in zip(self.kernels, self.biases, self.pooled, strict=True):
-            x = functional.relu(functional.conv2d(x, kernel.to(x), bias.to(x), padding=1))
+        x, differences = (torch.cat([a, b]).float() - mean) / deviation, []
+        for number, pool in zip(self.at, self.pooled, strict=True):
+            kernel, bias = self.get_buffer(f"kernel{number}"), self.get_buffer(f"bias{number}")
+            x = functional.relu(functional.conv2d(x, kernel, bias, padding=1))
             if pool:
                 differences.append(_difference(x))
                 x = functional.max_pool2d(x, 2)
@@ -59,10 +61,22 @@ def _difference(features: Tensor) -> Tensor:
     return (a - b).abs().mean()
 
 
-def _read(weights: Path) -> Mapping[str, Tensor]:
+def _kernels(weights: Path) -> dict[int, tuple[Tensor, Tensor]]:
+    """Kernel and bias of each convolution, by its number."""
     try:
         state: Mapping[str, Tensor] = torch.load(weights, map_location="cpu", weights_only=True)
-        return dict(state)
+        numbers = [int(m[1]) for name in state if (m := _KERNEL.fullmatch(name))]
+        found = {n: (state[f"features.{n}.weight"].float(), state[f"features.{n}.bias"].float()) for n in numbers}
     except Exception as error:  # torch raises whatever a damaged file makes it raise
         raise SettingsError(f"can't read the network ({type(error).__name__})", weights,
-                            "expected weights that torch has saved") from None
+                            "expected the state of a VGG network that torch has saved") from None
+    channels = 3
+    for number in sorted(found):
+        kernel, bias = found[number]
+        if kernel.shape != (len(bias), channels, 3, 3):
+            raise SettingsError(f"features.{number}.weight has the shape {list(kernel.shape)}", weights,
+                                f"expected 3x3 kernels of {channels} channels: a VGG network without batch norm")
+        channels = len(bias)
+    if not found:
+        raise SettingsError("no features.N.weight", weights, "expected the state of a VGG network")
+    return found

@@ -44,6 +44,11 @@ def tone(light: Tensor) -> Tensor:
     return torch.log1p(MU * light.float().clamp(min=0)) / math.log1p(MU)
 
 
+def toned(views: Views) -> tuple[Tensor, Tensor]:
+    """Output and target as losses compare them; 0 in the sky."""
+    return tone(views.output) * views.seen, tone(views.target) * views.seen
+
+
 def warp(previous: Tensor, motion: Tensor) -> Tensor:
     """``previous`` [B, C, h, w] seen from the current frame, bilinear; motion [B, 2, h, w] in texels."""
     h, w = previous.shape[2:]

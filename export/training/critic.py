@@ -8,7 +8,7 @@ import torch
 from lightning_fabric import Fabric
 
 from export.losses.critic import PatchCritic
-from export.losses.views import Views
+from export.losses.views import Views, toned
 
 BETAS = (0.5, 0.999)  # Adam's, of Radford et al. 2016, "Unsupervised Representation Learning with DCGANs"
 
@@ -24,11 +24,11 @@ class CriticTraining:
 
     def __init__(self, critic: PatchCritic, rate: float, fabric: Fabric, state: dict[str, Any]) -> None:
         self._bare = critic
-        optimizer = torch.optim.Adam(critic.parameters(), rate, BETAS)
         if state:
             critic.load_state_dict(state["model"])
-            optimizer.load_state_dict(state["optimizer"])
-        self._critic, self._optimizer = fabric.setup(critic, optimizer)
+        self._critic, self._optimizer = fabric.setup(critic, torch.optim.Adam(critic.parameters(), rate, BETAS))
+        if state:  # now that the weights are where the optimizer's numbers are to be
+            self._optimizer.load_state_dict(state["optimizer"])
         self._critic.mark_forward_method("mistaken")
         self._fabric = fabric
         critic.requires_grad_(False)
@@ -36,12 +36,17 @@ class CriticTraining:
     def learn(self, views: Views) -> float:
         """One step on what the network made; returns the critic's own loss."""
         self._bare.requires_grad_(True)
-        term = self._critic.mistaken(views)
+        output, target = toned(views)
+        term = self._critic.mistaken(output.detach(), target)
         self._fabric.backward(term)
         self._optimizer.step()
         self._optimizer.zero_grad(set_to_none=True)
         self._bare.requires_grad_(False)
         return float(term.detach())
+
+    def train(self, training: bool) -> None:
+        """Whether looking at pictures is part of learning; otherwise nothing of it stays."""
+        self._bare.train(training)
 
     @property
     def state(self) -> dict[str, Any]:

@@ -50,7 +50,10 @@ class Run:
         self.config, self.examples, self.folder = config, examples, folder
         held_out = max(1, round(config.data.validation * len(examples)))
         others = len(examples) - held_out
-        self.trained_on = min(config.data.pairs or others, others)
+        self.trained_on = config.data.pairs or others
+        if self.trained_on > others:
+            raise SettingsError(f"{self.trained_on} pairs to train on", config.data.dataset,
+                                f"expected at most {others}, the rest of {len(examples)} is held out")
         self.held_out = list(range(others, len(examples)))
         self.epoch_steps = self.trained_on // config.schedule.batch
         if self.epoch_steps < 1:
@@ -65,19 +68,23 @@ class Run:
         self.contract = self._bare.contract
         self.loss = make_loss(config.loss.kind, config.loss.options)  # a critic takes its weights from the seed, too
         optimizer = torch.optim.Adam(self._bare.parameters(), config.schedule.learning_rate)
-        self.ema = AveragedModel(self._bare, avg_fn=_average(config.schedule.ema))
+        self.ema = AveragedModel(self._bare, avg_fn=_average(config.schedule.ema)).eval()
         self.progress = state.Progress()
         prepare_folders(folder, folder / "pictures")
-        critic_state: dict[str, Any] = {}
-        if (folder / CHECKPOINT).exists():
-            checkpoint = state.load(folder / CHECKPOINT)
-            self._resume(checkpoint, optimizer)
-            critic_state = checkpoint.critic
+        checkpoint = self._checkpoint()
+        if checkpoint is not None:
+            self._bare.load_state_dict(checkpoint.model)
+            self.ema.load_state_dict(checkpoint.ema)
+            self.progress = checkpoint.progress
         self.log = Log(folder, self.progress.step)
         self.network, self.optimizer = self.fabric.setup(self._bare, optimizer)
+        if checkpoint is not None:  # now that the weights are where the optimizer's numbers are to be
+            self.optimizer.load_state_dict(checkpoint.optimizer)
         self.ema.to(self.fabric.device)
-        critic, rate = self.loss.critic, config.loss.critic_rate
-        self.critic = CriticTraining(critic, rate, self.fabric, critic_state) if critic is not None else None
+        self.critic = None
+        if self.loss.critic is not None:
+            self.critic = CriticTraining(self.loss.critic, config.loss.critic_rate, self.fabric,
+                                         checkpoint.critic if checkpoint is not None else {})
 
     def train(self, tell: Tell = lambda step, steps, terms: None) -> Terms:
         """Train to the end; ``tell`` is told the steps taken, of how many, and the newest losses.
@@ -107,11 +114,15 @@ class Run:
         return self.progress.validation
 
     def validate(self) -> Terms:
-        """The averaged network's loss on the held-out pairs."""
+        """The averaged network's loss on the held-out pairs; a critic learns nothing by it."""
+        if self.critic is not None:
+            self.critic.train(False)
         size = self.config.schedule.batch
         parts = [self.held_out[at:at + size] for at in range(0, len(self.held_out), size)]
         with torch.no_grad():
             found = [summed(self.loss(self._views(self.ema, self._batch(part)))) for part in parts]
+        if self.critic is not None:
+            self.critic.train(True)
         return {name: sum(len(part) * float(terms[name]) for part, terms in zip(parts, found, strict=True))
                 / len(self.held_out) for name in found[0]}
 
@@ -122,8 +133,10 @@ class Run:
         epoch, at = divmod(step, self.epoch_steps)
         order = torch.randperm(self.trained_on, generator=_random(self.config.seed, epoch)).tolist()
         mine = order[at * schedule.batch:(at + 1) * schedule.batch][self.fabric.global_rank::self.fabric.world_size]
+        stream = self.steps + step * self.fabric.world_size + self.fabric.global_rank
         batch = augment(self._batch(mine), self.contract, self.config.augmentation,
-                        _random(self.config.seed, self.steps + step * self.fabric.world_size + self.fabric.global_rank))
+                        _random(self.config.seed, stream))
+        torch.manual_seed((self.config.seed << 32) + stream)  # dropout's
         views = self._views(self.network, batch)
         terms = summed(self.loss(views))
         self.fabric.backward(terms["loss"])
@@ -169,15 +182,16 @@ class Run:
                        critic, facts)
         self.fabric.barrier()
 
-    def _resume(self, checkpoint: state.Checkpoint, optimizer: torch.optim.Optimizer) -> None:
+    def _checkpoint(self) -> state.Checkpoint | None:
+        """What an earlier run left in the folder."""
+        path = self.folder / CHECKPOINT
+        if not path.exists():
+            return None
+        checkpoint = state.load(path)
         if checkpoint.config != self.config:
-            raise SettingsError("another configuration than that of the checkpoint", self.folder / CHECKPOINT,
+            raise SettingsError("another configuration than that of the checkpoint", path,
                                 "expected the same; take another folder, or delete the checkpoint")
-        self._bare.load_state_dict(checkpoint.model)
-        self.ema.load_state_dict(checkpoint.ema)
-        optimizer.load_state_dict(checkpoint.optimizer)
-        self.progress = checkpoint.progress
-        torch.set_rng_state(checkpoint.random)
+        return checkpoint
 
 
 def summed(terms: dict[str, Tensor]) -> dict[str, Tensor]:

@@ -16,7 +16,7 @@ from app.errors import ModelError
 from export.models import Network, make_network
 from export.training.config import Config, from_table
 
-VERSION = 1
+VERSION = 2
 
 
 @dataclass
@@ -55,9 +55,8 @@ class Checkpoint:
     model: dict[str, Tensor]
     ema: dict[str, Tensor]
     optimizer: dict[str, Any]
-    random: Tensor
+    critic: dict[str, Any]
     facts: dict[str, Any]
-    critic: dict[str, Any] = field(default_factory=dict)
 
     def network(self) -> Network:
         """The network with the averaged weights."""
@@ -73,7 +72,6 @@ def save(path: Path, config: Config, progress: Progress, model: nn.Module, ema: 
     """Write ``path`` in one step."""
     state = {"version": VERSION, "config": config.to_json(), "progress": vars(progress), "model": model.state_dict(),
              "ema": ema.state_dict(), "optimizer": optimizer.state_dict(), "critic": critic,
-             "random": torch.get_rng_state(),
              "facts": {**facts, "torch": str(torch.__version__), "written": time.strftime("%Y-%m-%d")}}
     with replacing(path) as temporary:
         torch.save(state, temporary)

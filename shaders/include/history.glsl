@@ -11,12 +11,13 @@ vec2 plane_slope(vec3 normal, vec2 pixel)
     return 2.0 * image.zw * lens.xy * facing.xy / dot(facing, view_ray(pixel));
 }
 
-// Whether a texel shows a surface at the depth that is expected there; 1 / depth serves as well. Two frames, each
-// jittered, are up to a pixel apart. ``slope``: see ``plane_slope``.
-bool same_depth(float found, float expected, vec2 slope)
+// Whether a texel shows the surface that is expected there, by its nearness and normal. Two frames, each jittered, are
+// up to a pixel apart. ``slope``: see ``plane_slope``.
+bool same_surface(float found, float expected, vec2 slope, vec3 normal_found, vec3 normal_expected)
 {
     float tolerance = DEPTH_TOLERANCE + abs(slope.x) + abs(slope.y);
-    return is_surface(found) && abs(found - expected) <= tolerance * found;
+    return found > 0.0 && expected < FAR && abs(found - expected) <= tolerance * expected
+        && dot(normal_found, normal_expected) > SAME_NORMAL;
 }
 
 vec3 without_flash(vec3 history, vec3 now)

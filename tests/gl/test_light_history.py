@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -11,15 +13,18 @@ from app.gl.frame_state import HISTORY, MotionKind
 from app.renderer import Renderer
 from app.scene import Camera
 from app.settings import Settings
-from tests.gl.scenes import floor, make_scene, quad
+from tests.gl.scenes import Part, floor, make_scene, quad
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+
+Light = Callable[[NDArray[np.float32]], NDArray[np.float64]]
 
 SIZE = (256, 192)
 PICKED = np.s_[2::4, 2::4]  # what a network sees of it
 PIXEL = 4.0 / SIZE[1]  # at the post, where the picture is 4 high
 WALL = quad((-30, -30, -20), (60, 0, 0), (0, 60, 0))
 POST = quad((0, -4, -2), (2 * PIXEL, 0, 0), (0, 8, 0))
+KEPT = 1 - 1 / HISTORY[MotionKind.CAMERA]  # of what a pixel had, in a frame in which no pick shows it
 
 
 @pytest.mark.parametrize("pace", [0.05, -0.05, 0.2], ids=["forward", "backward", "fast"])
@@ -66,7 +71,6 @@ def test_jitter_does_not_cut_the_history_of_a_far_floor() -> None:
 def test_what_is_too_thin_for_the_picks_keeps_its_light() -> None:
     """A post two pixels wide is shown by one frame in two; without history it has the wall's light in the other."""
     scene = make_scene([WALL, POST])
-    keep = 1 - 1 / HISTORY[MotionKind.CAMERA]
     hidden: int | None = None  # frames since the picks showed the post
     with (Renderer(scene, Settings(SIZE, ("depth", "position"), taa=False)) as eye,
           Renderer(scene, Settings(SIZE, ("indirect",), provider="cpu"), find_model("gather")) as renderer):
@@ -81,23 +85,66 @@ def test_what_is_too_thin_for_the_picks_keeps_its_light() -> None:
             elif hidden is not None:
                 hidden += 1
             judged = post & (np.abs(np.arange(SIZE[1]) - 96) < 80)[:, None]  # new rows came in at the top
-            expected = 9.0 if hidden is None else 9 - (9 - own[judged]) * keep**hidden
+            expected = 9.0 if hidden is None else 9 - (9 - own[judged]) * KEPT**hidden
             np.testing.assert_allclose(light[judged, 0], expected, rtol=0.01)  # a half float rounds in each frame
     assert hidden is not None
 
 
-def test_what_comes_out_from_behind_something_has_none_of_its_light() -> None:
-    """The post is hidden at first; where it comes out the picks don't show it, so it has the wall's light."""
-    scene = make_scene([WALL, POST, quad((-4, -4, -1), (4 + 1.5 * PIXEL, 0, 0), (0, 8, 0))])
+def second_frame(things: list[Part], first: tuple[Camera, Light], second: tuple[Camera, Light],
+                 cut: bool = False) -> NDArray[np.float32]:
+    """Indirect light in the second of two frames at what stands from 1.5 to 10 away, where no pick shows that.
+
+    Each frame has a camera and, from depth, what the network makes of what it sees.
+    """
+    scene = make_scene([WALL, *things])
     with (Renderer(scene, Settings(SIZE, ("depth",), taa=False)) as eye,
           Renderer(scene, Settings(SIZE, ("indirect",), provider="cpu"), find_model("gather")) as renderer):
-        for camera in (beside(0), beside(8)):
+        for camera, light in (first, second):
             depth = eye.render(camera)["depth"][..., 0]
-            renderer.override("indirect_now", np.where(depth < 1.5, 1.0, 9.0)[PICKED][..., None])
-            light = renderer.render(camera)["indirect"]
-    post = (depth > 1.5) & (depth < 10)
-    assert post.sum() == 2 * SIZE[1] and not post[PICKED].any()
-    np.testing.assert_allclose(light[post, 0], 9.0, rtol=0.01)
+            renderer.override("indirect_now", light(depth)[PICKED][..., None])
+            found = renderer.render(camera)["indirect"]
+            if cut:
+                renderer.cut()
+    thing = (depth > 1.5) & (depth < 10)
+    assert thing.any() and not thing[PICKED].any()
+    return found[thing, 0]
+
+
+def lit(near: float, wall: float) -> Light:
+    return lambda depth: np.where(depth < 10, near, wall)
+
+
+
+def test_what_comes_out_from_behind_something_has_none_of_its_light() -> None:
+    occluder = quad((-4, -4, -1), (4 + 1.5 * PIXEL, 0, 0), (0, 8, 0))
+    found = second_frame([POST, occluder], (beside(0), lambda depth: np.where(depth < 1.5, 1.0, 9.0)),
+                         (beside(8), lambda depth: np.where(depth < 1.5, 1.0, 9.0)))
+    np.testing.assert_allclose(found, 9.0, rtol=0.01)
+
+
+def test_the_other_side_of_a_sheet_has_none_of_its_light() -> None:
+    """The camera crosses the plane of a fin that reaches away from it."""
+    fin = quad((0, -4, -4), (0, 0, 2), (0, 8, 0))
+    found = second_frame([fin], (beside(5.76), lit(9.0, 1.0)), (beside(-5.76), lit(1.0, 1.0)))
+    np.testing.assert_allclose(found, 1.0, rtol=0.01)
+
+
+def test_light_is_kept_on_the_way_towards_something() -> None:
+    """By 8 % of its distance, more than depth may be off."""
+    post = quad((2.2 * PIXEL, -4, -2), (1.6 * PIXEL, 0, 0), (0, 8, 0))
+    found = second_frame([post], (beside(-0.1), lit(1.0, 9.0)), (beside(2.2, forward=0.16), lit(1.0, 9.0)))
+    np.testing.assert_allclose(found, 9 - 8 * KEPT, rtol=0.01)
+
+
+@pytest.mark.parametrize(("cut", "expected"), [(False, 9 - 8 * KEPT), (True, 9.0)])
+def test_nothing_is_kept_over_a_cut(cut: bool, expected: float) -> None:
+    found = second_frame([POST], (beside(-2), lit(1.0, 9.0)), (beside(0), lit(1.0, 9.0)), cut)
+    np.testing.assert_allclose(found, expected, rtol=0.01)
+
+
+def test_light_that_went_out_is_held_down() -> None:
+    found = second_frame([POST], (beside(-2), lit(100.0, 1.0)), (beside(0), lit(1.0, 1.0)))
+    np.testing.assert_allclose(found, 1 + 3 * KEPT, rtol=0.01)  # at most four times what is now
 
 
 def test_light_that_was_no_number_is_not_kept() -> None:
@@ -111,7 +158,7 @@ def test_light_that_was_no_number_is_not_kept() -> None:
     np.testing.assert_allclose(light, 9.0, rtol=0.01)
 
 
-def beside(right: float, up: float = 0.0) -> Camera:
-    """Looks at the wall from pixels, at the post, right of it and above the middle."""
+def beside(right: float, up: float = 0.0, forward: float = 0.0) -> Camera:
+    """Looks at the wall from pixels, at the post, right of its left edge and above the middle."""
     x, y = (right + 0.1) * PIXEL, up * PIXEL
-    return Camera((x, y, 0), (x, y, -1), fov_y_deg=90)
+    return Camera((x, y, -forward), (x, y, -forward - 1), fov_y_deg=90)

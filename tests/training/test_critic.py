@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,11 +17,14 @@ from export.losses import Views, make_loss  # noqa: E402
 from export.losses.critic import PatchCritic  # noqa: E402
 from export.losses.perceptual import MEAN, Perceptual  # noqa: E402
 from export.losses.views import tone  # noqa: E402
+from export.models import make_network  # noqa: E402
 from export.training.config import Config, from_table  # noqa: E402
 from export.training.critic import CriticTraining  # noqa: E402
 from export.training.loop import CHECKPOINT, Run  # noqa: E402
 from export.training.state import load  # noqa: E402
 from tests.training.test_training import config, examples, losses  # noqa: E402
+
+GFA = make_network("gfa-8").contract
 
 
 def views(output: torch.Tensor, target: torch.Tensor) -> Views:
@@ -53,7 +57,7 @@ def test_the_network_is_told_what_fools_the_critic_which_learns_nothing_from_tha
     training = CriticTraining(critic := PatchCritic(8), 1e-3, Fabric(accelerator="cpu"), {})
     shown = rough_and_smooth(0)
     shown.output.requires_grad_(True)
-    critic.fooled(shown).backward()
+    critic.fooled(tone(shown.output)).backward()
     assert shown.output.grad is not None and shown.output.grad.abs().sum() > 0
     assert all(p.grad is None for p in critic.parameters())
     assert training.state["model"].keys() == critic.state_dict().keys()
@@ -107,24 +111,44 @@ def test_gfas_loss_is_its_weighted_terms(features: tuple[Path, torch.nn.Module])
     assert plain.critic is None and set(plain(shown)) == {"smooth_l1"}
 
 
-@pytest.mark.parametrize("content", [b"nothing", None])
-def test_a_file_without_features_is_one_line(tmp_path: Path, content: bytes | None) -> None:
+@pytest.mark.parametrize("content", [
+    b"nothing", {"classifier.0.weight": torch.ones(1)}, {"features.0.weight": torch.ones(8, 3, 3, 3)},
+    {"features.0.weight": torch.ones(8, 3, 3, 3), "features.0.bias": torch.ones(8),  # with batch norm
+     "features.1.weight": torch.ones(8), "features.1.bias": torch.ones(8)},
+], ids=["no file of torch", "no features", "no bias", "batch norm"])
+def test_a_file_without_features_is_one_line(tmp_path: Path, content: bytes | dict[str, torch.Tensor]) -> None:
     path = tmp_path / "vgg.pth"
-    if content is None:
-        torch.save({"classifier.0.weight": torch.ones(1)}, path)
-    else:
+    if isinstance(content, bytes):
         path.write_bytes(content)
+    else:
+        torch.save(content, path)
     with pytest.raises(SettingsError, match=r"vgg\.pth") as error:
         make_loss("gfa", {"features": str(path)})
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("options", [{"smooth_l1": 0.0}, {"adversarial": -1.0}, {"smooth_l1": "much"}])
+def test_bad_weights_are_one_line(options: dict[str, Any]) -> None:
+    with pytest.raises(SettingsError, match="bad options"):
+        make_loss("gfa", options)
+
+
 def adversarial(folder: Path) -> Config:
-    return from_table(config(folder).to_json() | {"loss": {"kind": "gfa"}}, "test")
+    """GFA's smallest network, with dropout, against a critic."""
+    return from_table(config(folder).to_json() | {"network": {"preset": "gfa-8"}, "loss": {"kind": "gfa"}}, "test")
+
+
+def test_judging_a_run_changes_nothing(tmp_path: Path) -> None:
+    """Neither does dropout make each judgement another, nor does the critic learn by it."""
+    run = Run(adversarial(tmp_path), examples(tmp_path, contract=GFA), tmp_path / "run")
+    assert run.critic is not None
+    before = {key: value.clone() for key, value in run.critic.state["model"].items()}
+    assert run.validate() == run.validate()
+    assert all(torch.equal(value, before[key]) for key, value in run.critic.state["model"].items())
 
 
 def test_a_stopped_run_resumes_with_its_critic(tmp_path: Path) -> None:
-    made = examples(tmp_path)
+    made = examples(tmp_path, contract=GFA)
     Run(adversarial(tmp_path), made, tmp_path / "whole").train()
 
     def stop(step: int, steps: int, terms: object) -> None:

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch")
+onnx = pytest.importorskip("onnx")
 
 from app.contract import find_model, read_contract  # noqa: E402
 from app.errors import ModelError  # noqa: E402
 from app.infer import Network  # noqa: E402
 from export.models import make_network  # noqa: E402
-from export.to_onnx import cases, half_of, write_network  # noqa: E402
+from export.to_onnx import cases, half_of, stamp, write_network  # noqa: E402
 
 SIZE = (20, 12)
 
@@ -62,6 +63,24 @@ def test_geometry_is_worked_out_only_when_it_changes(files: dict[str, Path], mon
     for geometry, light in ((0, 0), (0, 1), (1, 1), (1, 2), (1, 2)):
         network.run(frame(geometry, light))
     assert anew == [True, False, True, False, False]
+
+
+def test_a_graph_that_keeps_nothing_is_refused(files: dict[str, Path], tmp_path: Path) -> None:
+    model = onnx.load(files["float32"])
+    broken = onnx.ModelProto()
+    broken.CopyFrom(model)
+    before = next(i for i in broken.graph.input if i.name == "kept.0.before")
+    before.type.tensor_type.elem_type = onnx.TensorProto.FLOAT16
+    onnx.save(broken, tmp_path / "half.onnx")
+    plain = tmp_path / "plain.onnx"
+    gather = find_model("gather")
+    assert isinstance(gather, Path)
+    onnx.save(onnx.load(gather), plain)
+    stamp(plain, replace(read_contract(gather), kept_from="screen"))
+    for path in (tmp_path / "half.onnx", plain):
+        with pytest.raises(ModelError) as error:
+            Network(path, SIZE, provider="cpu")
+        assert "\n" not in str(error.value)
 
 
 def test_the_contract_says_what_is_kept(files: dict[str, Path]) -> None:

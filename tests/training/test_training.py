@@ -15,6 +15,7 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("lightning_fabric")
 
+from app.contract import ModelContract  # noqa: E402
 from app.errors import ModelError, SettingsError  # noqa: E402
 from export.inputs import Frame, Inputs  # noqa: E402
 from export.models import make_network  # noqa: E402
@@ -28,6 +29,7 @@ from tests.training.pairs import CornellPairs, Target  # noqa: E402
 ROOT = Path(__file__).parents[2]
 H, W = 24, 32
 CONTRACT = make_network("bcnn-8").contract
+FORWARD = np.array([0, 0, 1], np.float32).reshape(3, 1, 1)
 
 
 def config(folder: Path, **schedule: Any) -> Config:
@@ -37,17 +39,19 @@ def config(folder: Path, **schedule: Any) -> Config:
         "device": {"accelerator": "cpu"}, "report": {"log_steps": 2, "checkpoint_steps": 2}}, "test")
 
 
-def examples(folder: Path, count: int = 10) -> Examples:
+def examples(folder: Path, count: int = 10, contract: ModelContract = CONTRACT) -> Examples:
     """Made-up inputs: a room of random light whose indirect light is a blurred half of it."""
     pairs = CornellPairs(folder, count)
-    made = Examples(pairs, CONTRACT)
+    made = Examples(pairs, contract)
     for index in range(count):
         rng = np.random.default_rng(index)
-        x = np.zeros((9, H, W), np.float32)
-        x[:3] = np.repeat(np.repeat(rng.random((3, H // 8, W // 8)), 8, axis=1), 8, axis=2)
-        x[5], x[8] = 1.0, -20.0
-        frame = Frame({"x": x}, 2.0)
-        light = np.moveaxis(x[:3], 0, -1)
+        blocks = np.repeat(np.repeat(rng.random((3, H // 8, W // 8), np.float32), 8, axis=1), 8, axis=2)
+        flat = np.ones((3, H, W), np.float32)
+        known = {"direct.rgb": blocks, "albedo.rgb": flat, "normal.view.xyz": flat * FORWARD,
+                 "position.view.xyz": -20.0 * flat * FORWARD, "depth": 20.0 * flat[:1]}
+        frame = Frame({t: np.concatenate([known[name] for name in spec.channels])
+                       for t, spec in contract.inputs.items()}, 2.0)
+        light = np.moveaxis(blocks, 0, -1)
         ones = np.ones((H, W), bool)
         made.put(index, Inputs(frame, frame, np.zeros((2, H, W), np.float32), ones), Target(light, light / 2, ones))
     return made
@@ -126,6 +130,9 @@ def test_a_part_of_the_pairs_is_held_out_and_a_part_is_enough(tmp_path: Path) ->
     table["data"]["pairs"] = 4
     run = Run(from_table(table, "test"), made, tmp_path / "half")
     assert (run.trained_on, run.held_out) == (4, [8, 9])
+    table["data"]["pairs"] = 9
+    with pytest.raises(SettingsError, match="at most 8"):
+        Run(from_table(table, "test"), made, tmp_path / "more")
 
 
 def test_the_seed_decides_the_run(tmp_path: Path) -> None:

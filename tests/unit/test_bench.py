@@ -180,6 +180,13 @@ def test_the_best_ambient_may_be_one_bright_channel() -> None:
     np.testing.assert_allclose(best_ambient(black, albedo, albedo * red), red, atol=1e-3)
 
 
+@pytest.mark.parametrize("scale", [1e-8, 1.0, 1e6])
+def test_the_best_strength_of_light_is_found_however_dim_or_coloured(scale: float) -> None:
+    light = scale * np.random.default_rng(0).random((8, 8, 3), np.float32) * np.float32([1, 1, 0.02])
+    factor = np.float32([2, 0.5, 100])
+    np.testing.assert_allclose(best_ambient(0 * light, light, light * factor), factor, rtol=2e-3)
+
+
 def test_the_best_ambient_is_nearest_in_squared_error() -> None:
     black = np.zeros((1, 10, 3), np.float32)
     final = np.full((1, 10, 3), 0.2, np.float32)

@@ -1,0 +1,50 @@
+"""Kept truths depend on just those shaders that draw what the renderer adds to them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from app.bench.truth import OWN_SHADERS, renderer_version
+from app.gl import shader
+from app.golden.scenes import room
+from app.load import embedded_scene
+from app.renderer import Renderer
+from app.settings import Settings
+
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+TRIVIAL = {"fullscreen.vert"}
+
+
+def test_the_listed_shaders_are_those_of_emission_and_highlights(monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled: set[str] = set()
+    resolve = shader.resolve
+
+    def spy(path: Path, defines: Mapping[str, object], files: list[Path]) -> Any:
+        compiled.add(path.name)
+        return resolve(path, defines, files)
+
+    monkeypatch.setattr(shader, "resolve", spy)
+    scene = room()
+    with Renderer(scene, Settings((32, 24), ("emission", "specular"), taa=False)) as renderer:
+        renderer.render(scene.cameras[scene.default_camera].at(0.0))
+    assert compiled - TRIVIAL <= set(OWN_SHADERS)
+
+
+def test_only_what_the_renderer_adds_ties_a_truth_to_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "shaders"
+    (folder / "include").mkdir(parents=True)
+    for path in shader.shader_dir().rglob("*.*"):
+        (folder / path.relative_to(shader.shader_dir())).write_text(path.read_text())
+    monkeypatch.setattr("app.bench.truth.shader_dir", lambda: folder)
+    monkeypatch.setattr(shader, "shader_dir", lambda: folder)
+    version, plain = renderer_version(room()), renderer_version(embedded_scene())
+    for name, changes in (("upsample.frag", False), ("include/ggx.glsl", True), ("gbuffer.frag", True)):
+        text = (folder / name).read_text()
+        (folder / name).write_text(text + "// another\n")
+        assert (renderer_version(room()) != version) == changes
+        assert renderer_version(embedded_scene()) == plain
+        (folder / name).write_text(text)
