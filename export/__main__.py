@@ -8,6 +8,7 @@ import typer
 
 from app.errors import AfterglowError
 from export.cli.dataset import dataset
+from export.cli.linearity import linearity
 from export.cli.models import models
 from export.cli.onnx import onnx, stamp
 from export.cli.precision import precision
@@ -19,7 +20,7 @@ from export.cli.validate import validate
 from export.cli.walks import walks
 
 cli = typer.Typer(add_completion=False, no_args_is_help=True, help=__doc__, pretty_exceptions_enable=False)
-for command in (dataset, train, models, onnx, stamp, rebuild, sized, precision, reference, validate, walks):
+for command in (dataset, train, models, onnx, stamp, rebuild, sized, precision, linearity, reference, validate, walks):
     cli.command()(command)
 
 

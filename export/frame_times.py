@@ -19,11 +19,11 @@ def frame_times(views: Sequence[View], models: Sequence[str], size: tuple[int, i
                 progress: Callable[[str], object]) -> Milliseconds:
     """Median milliseconds of a frame while the camera moves: of the first view of each scene, and their mean."""
     found: Milliseconds = {}
+    configurations, _ = expand(models, [size])
     for view in views:
         if view.scene in found:
             continue
         progress(f"timing {view.name}")
-        configurations, _ = expand(models, [size])
         contenders = [Contender(view.still.scene, view.still.camera, c) for c in configurations]
         with Race(contenders, provider) as race:
             for _ in range(TURNS):

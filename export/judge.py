@@ -100,22 +100,23 @@ def to_json(rows: Sequence[Row], about: dict[str, Any]) -> str:
 
 def _pictures(still: Still, truth: Truth, configurations: Sequence[Configuration], constant: float | None,
               provider: str, oracle: bool) -> Iterator[tuple[str, Layers]]:
+    albedo = _albedo(still)
     for c in configurations:
         layers = draw_layers(still.scene, still.camera, c, provider)
+        light = albedo * layers["indirect"]
         yield c.label, layers
         if c.label == SCALED and constant is not None:
-            yield f"{SCALED} × {constant:.3g}", _scaled(layers, _reflected(still, layers), np.float32(constant))
+            yield f"{SCALED} × {constant:.3g}", _scaled(layers, light, np.float32(constant))
         if oracle and layers["indirect"].any():
-            light = _reflected(still, layers)
             best = best_ambient(layers["final"] - light, light, truth.layers["final"])
             yield f"{c.label} {ORACLE}", _scaled(layers, light, best)
     yield AMBIENT, draw_ambient(still.scene, still.camera, truth, provider)[0]
 
 
-def _reflected(still: Still, layers: Layers) -> F32:
-    """What indirect light adds to the picture."""
+def _albedo(still: Still) -> F32:
+    """What indirect light is multiplied by in the picture."""
     with Renderer(still.scene, Settings(still.size, ("albedo",), taa=False)) as renderer:
-        return renderer.render(still.camera, still.time)["albedo"] * layers["indirect"]
+        return renderer.render(still.camera, still.time)["albedo"]
 
 
 def _scaled(layers: Layers, reflected: F32, factor: F32 | np.float32) -> Layers:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from app.channels import CHANNELS
 from app.contract import KEY, ModelContract
+from app.kept import Kept
 from export.to_onnx import Arrays, cases
 
 F32 = NDArray[np.float32]
@@ -46,10 +47,10 @@ def exposure_error(model: bytes, factor: float, inputs: Arrays | None = None) ->
 def _opened(model: bytes) -> tuple[Callable[[Mapping[str, F32]], F32], ModelContract]:
     session = ort.InferenceSession(model, providers=["CPUExecutionProvider"])
     contract = ModelContract.from_json(session.get_modelmeta().custom_metadata_map[KEY], "the network")
-    names = list(contract.outputs)
+    names, kept = list(contract.outputs), Kept(session, contract.kept_from).feeds({})
 
     def run(inputs: Mapping[str, F32]) -> F32:
-        found = session.run(names, {t: x.astype(contract.dtype) for t, x in inputs.items()})[0]
+        found = session.run(names, {**{t: x.astype(contract.dtype) for t, x in inputs.items()}, **kept})[0]
         return np.asarray(found, np.float32)
 
     return run, contract

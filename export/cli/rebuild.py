@@ -15,8 +15,8 @@ from app.paths import nets_dir
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 QUICK_DATA = Path(__file__).parents[1] / "dataset" / "quick.toml"
-TRAINED, QUICK = ("bcnn-8", "bcnn-16", "bcnn-16-single"), ("quick",)  # configurations
-PAIRS, QUICK_PAIRS = 2400, 12
+TRAINED, QUICK = ("bcnn-8", "bcnn-8-single"), ("quick",)  # configurations
+PAIRS, QUICK_PAIRS = 1500, 12
 
 
 def rebuild(work: Annotated[Path, typer.Option(help="Folder of the dataset and of the training runs.",

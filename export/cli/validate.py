@@ -28,6 +28,8 @@ def validate(
     oracle: Annotated[bool, typer.Option(
         "--oracle", help="Also judge each model with its light as strong as suits each view best.")] = False,
     time: Annotated[str | None, typer.Option(help="Also time frames of this size.", metavar="WxH")] = None,
+    cards: Annotated[bool, typer.Option(
+        "--cards", help="Also write what was found into the model card beside each network.")] = False,
     provider: Annotated[str, typer.Option(help="onnxruntime execution provider.", metavar="auto|cpu|cuda|…")] = "auto",
     out: Annotated[Path, typer.Option(help="Folder for validation.csv, .json and .md.",
                                       metavar="DIR")] = Path("out/validation"),
@@ -39,6 +41,7 @@ def validate(
     from app.contract import find_model
     from app.errors import SettingsError
     from app.settings import Settings, parse_size
+    from export.card_figures import write_figures
     from export.constant import fitted_constant
     from export.dataset import Dataset
     from export.frame_times import frame_times
@@ -64,6 +67,8 @@ def validate(
     write_text(out / "validation.csv", to_csv(by_view(rows)))
     write_text(out / "validation.json", to_json(rows, {"spp": spp, "constant": constant, "milliseconds": times}))
     write_text(out / "validation.md", to_markdown(rows, times))
+    if cards:
+        write_figures(judged, rows, times)
     shown = Table(*HEADER, box=box.SIMPLE)
     for line in table(rows, times):
         shown.add_row(*line)

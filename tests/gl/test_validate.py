@@ -10,6 +10,7 @@ pytest.importorskip("mitsuba")
 
 from app.bench.judge import AMBIENT
 from app.load import embedded_scene
+from export.card_figures import with_figures
 from export.frame_times import frame_times
 from export.judge import ORACLE, by_scene, judge
 from export.reference import Still
@@ -43,3 +44,12 @@ def test_models_are_judged_against_truths_that_are_kept(tmp_path: Path) -> None:
     page = to_markdown(rows, times).splitlines()
     assert len({line.count("|") for line in page}) == 1 and len(page) == 2 + 2 * len(labels)
     assert page[2].startswith(f"| box | none | {psnr['none']:.2f} |") and f"| {times['box']['none']:.0f} |" in page[2]
+
+    card = with_figures("# radiosity\n\n**Made by** us.\n", "radiosity", rows, times)
+    lines = card.splitlines()
+    assert lines[:3] == ["# radiosity", "", "**Made by** us."]
+    assert f"| mean | 2 | {psnr['none']:.2f}, " in card and f"{psnr['radiosity']:.2f}, " in card
+    assert "`none` | `radiosity` | ambient (oracle) |" in card
+    assert f"A frame takes {times['mean']['radiosity']:.0f} ms" in lines[-1]
+    assert with_figures(card, "radiosity", rows, times) == card, "written again, it takes its own place"
+    assert "A frame takes" not in with_figures(card, "radiosity", rows, {})

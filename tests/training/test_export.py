@@ -18,6 +18,7 @@ from app.infer import Network  # noqa: E402
 from app.load import embedded_scene  # noqa: E402
 from app.renderer import Renderer  # noqa: E402
 from app.settings import Settings  # noqa: E402
+from export.cli.linearity import linearity  # noqa: E402
 from export.linearity import additivity, exposure_error  # noqa: E402
 from export.models import make_network  # noqa: E402
 from export.to_onnx import TRAINED, cases, export_checkpoint, half_of, write_network  # noqa: E402
@@ -87,6 +88,14 @@ def test_linearity_is_measured(exported: Path) -> None:
     assert exposure_error(model.SerializeToString(), 1.0) == 0.0
     gather = (ROOT / "nets" / "gather.onnx").read_bytes()
     assert exposure_error(gather, 10.0) < 1e-4
+
+
+def test_linearity_is_printed(capsys: pytest.CaptureFixture[str], exported: Path) -> None:
+    linearity(["gather", str(exported / "bcnn-8.onnx"), "ssgi"])
+    rows = {line.split()[0]: [float(x) for x in line.split()[1:]]
+            for line in capsys.readouterr().out.splitlines() if "e-" in line}
+    assert list(rows) == ["gather", "bcnn-8"] and all(len(row) == 3 for row in rows.values())
+    assert max(rows["gather"]) < 1e-5 < 1e-3 < min(rows["bcnn-8"])
 
 
 def test_models_lists_all_presets() -> None:
