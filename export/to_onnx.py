@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from app.atomic import replacing, write_text
 from app.channels import CHANNELS, SCREEN, SEEN
-from app.contract import KEY, ModelContract, TensorSpec
+from app.contract import HALF, KEY, ModelContract, TensorSpec
 from app.errors import ModelError
 from app.golden.scenes import outdoor, room
 from app.kept import Kept
@@ -76,7 +76,7 @@ def export_checkpoint(checkpoint: Checkpoint, folder: Path, dtypes: Iterable[str
 def half_of(network: Network) -> Network:
     """A copy in half precision; what its forward keeps in single precision stays so."""
     half = copy.deepcopy(network).half()
-    half.contract = replace(network.contract, name=f"{network.contract.name}-half", dtype="float16")
+    half.contract = replace(network.contract, name=f"{network.contract.name}{HALF}", dtype="float16")
     return half
 
 

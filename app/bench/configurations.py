@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 
-from app.contract import KEY, SSGI, Model, bundled_models, find_model, read_contract
+from app.contract import HALF, KEY, SSGI, Model, bundled_models, find_model, read_contract
 from app.errors import ModelError
 
 NONE = "none"
-PRECISIONS = ("float32", "float16")
+PRECISIONS = {"float32": "", "float16": HALF}  # and what the names of networks end in
 _METADATA_PROPS, _KEY, _VALUE = 14, 1, 2  # fields of ModelProto and StringStringEntryProto in onnx.proto
 
 
@@ -45,8 +45,10 @@ class Configuration:
 
 
 def all_models() -> tuple[str, ...]:
-    """No indirect light, the classical method, and the bundled networks."""
-    return NONE, SSGI, *bundled_models()
+    """No indirect light, the classical method, and the bundled networks; of two precisions the single one."""
+    bundled = bundled_models()
+    return NONE, SSGI, *(name for name in bundled
+                         if not name.endswith(HALF) or name.removesuffix(HALF) not in bundled)
 
 
 def expand(models: Sequence[str], sizes: Sequence[tuple[int, int]], scales: Sequence[float] = (),
@@ -60,7 +62,7 @@ def expand(models: Sequence[str], sizes: Sequence[tuple[int, int]], scales: Sequ
     scales : sequence of float
         Sizes of the networks' screen grid relative to the image; their own when empty.
     precisions : sequence of str
-        Each network's own when empty. ``NAME-float16.onnx`` beside ``NAME.onnx`` is its variant.
+        Each network's own when empty. ``NAME-half.onnx`` beside ``NAME.onnx`` is its variant in half precision.
     folder : Path
         Where copies of networks with another scale are written; they are used as long as it exists.
 
@@ -113,7 +115,7 @@ def _of_precisions(file: Path, precisions: Sequence[str], absent: list[str]) -> 
         return [("", file)]
     found = []
     for precision in precisions:
-        variant = file.with_name(f"{file.stem}-{precision}.onnx")
+        variant = file.with_name(f"{file.stem.removesuffix(HALF)}{PRECISIONS[precision]}.onnx")
         if read_contract(file).dtype == precision:
             found.append((f" {precision}", file))
         elif variant.is_file() and read_contract(variant).dtype == precision:

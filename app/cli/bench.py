@@ -41,7 +41,7 @@ def bench(
         help="Networks' grids relative to the image, such as 1/8,1/4.", metavar="SCALE,…", show_default="their own",
         rich_help_panel=WHAT)] = "",
     precision: Annotated[str, typer.Option(
-        help="float32, float16: networks, or their variants NAME-float16.onnx. What half precision changes in numbers: "
+        help="float32, float16: networks, or their variants NAME-half.onnx. What half precision changes in numbers: "
              "python -m export precision.", metavar="TYPE,…",
         show_default="their own", rich_help_panel=WHAT)] = "",
     lighting: Annotated[str | None, typer.Option(

@@ -16,9 +16,9 @@ import pytest
 from typer.testing import CliRunner
 
 from app import metrics
-from app.bench import measure, records, rivals, truth
+from app.bench import configurations, measure, records, rivals, truth
 from app.bench.compare import compare, read_results
-from app.bench.configurations import Configuration, expand, rescaled
+from app.bench.configurations import Configuration, all_models, expand, rescaled
 from app.bench.content import content_key
 from app.bench.front import Point, Ratio, error_ratio, mean_ratio, pareto_front, speed_up
 from app.bench.grow import fit_power
@@ -31,11 +31,12 @@ from app.bench.rivals import traced_before
 from app.bench.run import VERSION
 from app.bench.tables import rows, to_csv
 from app.cli import cli as app_cli
-from app.contract import find_model, read_contract
+from app.contract import HALF, find_model, read_contract
 from app.errors import MissingExtraError, ModelError, SceneError, SettingsError, TruthError
 from app.image import write_exr
 from app.load import embedded_scene
 from app.scene import Scene
+from tests.tiny_network import TINY, write_tiny_network
 
 Json = dict[str, Any]
 
@@ -215,7 +216,22 @@ def test_models_are_multiplied_out(tmp_path: Path) -> None:
 def test_only_precisions_that_exist_are_measured() -> None:
     found, absent = expand(["none", "gather"], [(64, 48)], [], ["float32", "float16"])
     assert [c.label for c in found] == ["none", "gather float32"]
-    assert absent == ["gather in float16 is not available (there is no gather-float16.onnx)"]
+    assert absent == ["gather in float16 is not available (there is no gather-half.onnx)"]
+
+
+def test_a_variant_in_half_precision_is_found_beside_its_network(tmp_path: Path) -> None:
+    single, half = tmp_path / "mine.onnx", tmp_path / f"mine{HALF}.onnx"
+    write_tiny_network(single)
+    write_tiny_network(half, replace(TINY, dtype="float16").to_json())
+    for file in (single, half):
+        found, absent = expand([str(file)], [(64, 48)], [], ["float32", "float16"])
+        assert not absent and [(c.file, c.precision) for c in found] == [(single, "float32"), (half, "float16")]
+
+
+def test_all_models_has_each_network_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ("both", f"both{HALF}", f"half{HALF}")
+    monkeypatch.setattr(configurations, "bundled_models", lambda: dict.fromkeys(names, Path()))
+    assert all_models() == ("none", "ssgi", "both", f"half{HALF}")
 
 
 def test_scales_are_told_apart(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from app.contract import SSGI, ModelContract, bundled_models, find_model, read_contract
+from app.contract import HALF, SSGI, ModelContract, bundled_models, find_model, read_contract
 from app.errors import ModelError
 from tests.tiny_network import TINY, write_tiny_network
 
@@ -36,7 +36,7 @@ def test_bundled_networks_have_valid_contracts_and_cards() -> None:
     for name, path in bundled_models().items():
         contract = read_contract(path)
         assert contract.name == name and contract.licence
-        assert path.with_suffix(".md").is_file()
+        assert path.with_name(f"{name.removesuffix(HALF)}.md").is_file()
         assert find_model(name) == path
 
 
