@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-from app.contract import SSGI, Model, find_model
+from app.contract import SSGI, Model, bundled_models, find_model
 from app.golden import scenes
 from app.golden.case import Case
 from app.golden.copy_case import CopyCase
@@ -19,7 +19,7 @@ SETTLING = 3                                     # frames after which accumulati
 
 
 def catalogue() -> dict[str, Case]:
-    """All cases by name, in the order in which they are checked."""
+    """All cases by name, in the order in which they are checked; bundled networks of no case are checked alone."""
     ember, radiosity, gather = find_model("ember"), find_model("radiosity"), find_model("gather")
     # The sequence ends a few frames after its cut, while histories are still short.
     sequence = (Shot("path", scenes.SEQUENCE), Shot("corner", 4))
@@ -34,7 +34,10 @@ def catalogue() -> dict[str, Case]:
         _settled("ssgi", scenes.room(), SSGI),
         replace(_settled("ember", scenes.room(), ember), stages=("surfel_light", "surfels")),
     ]
-    return {case.name: case for case in (*with_networks(cases), CopyCase())}
+    drawn = {case.model for case in cases}
+    others = [NetworkCase(_single(name, scenes.room(), file), file) for name, file in bundled_models().items()
+              if file not in drawn]
+    return {case.name: case for case in (*with_networks(cases), *others, CopyCase())}
 
 
 def with_networks(cases: Iterable[SceneCase]) -> list[Case]:

@@ -13,17 +13,19 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from app.channels import HALF_MAX
 from app.contract import ModelContract, TensorSpec
 from export.models.finite import finite
 from export.models.network import Network
 
-SIGMA = 1.0      # of the depth difference, in units of a scene whose longest edge is EXTENT
+SIGMA = 1.0       # of the depth difference, in units of a scene whose longest edge is EXTENT
 EXTENT = 40.0
-CUT = 1e-7       # of a tap's factor: nothing at 4σ and beyond, and no denormal numbers, which slow every product
-SLOPE = 0.1      # of LeakyReLU below 0
-TAPS = 9         # of a 3×3 kernel, row by row
+CUT = 1e-7        # of a tap's factor: nothing at 4σ and beyond, and no denormal numbers, which slow every product
+SLOPE = 0.1       # of LeakyReLU below 0
+TAPS = 9          # of a 3×3 kernel, row by row
 BRIGHTEST = 32.0  # means; a texel beside a lamp counts for no more, as in the mean itself
-FARTHEST = 2.0   # extents; so that no input can overflow half precision
+DARKEST = 1e-6    # smallest divisor
+FARTHEST = 2.0    # extents; so that no input can overflow half precision
 CHANNELS = ("direct.rgb", "normal.view.xyz", "position.view.xyz")
 READS = ("direct", "normal", "position")
 
@@ -49,7 +51,7 @@ class Bcnn(Network):
 
     Three encoder levels, a bottleneck and three decoder levels with skips; two convolutions at full size, one at each
     other level, which with the paper's widths makes 3.95 M weights. Mean pooling, nearest-neighbour upsampling,
-    softplus at the end.
+    softplus at the end. Light goes in and out in each colour's mean, so colours and f(αx) = αf(x) come by themselves.
 
     Attributes
     ----------
@@ -94,7 +96,9 @@ class Bcnn(Network):
         light, normal, position = torch.split(x, 3, dim=1)
         surface = (normal.abs().sum(1, keepdim=True) > 0).to(x.dtype)
         levels = pyramid(position[:, 2:], surface, len(self.down), self.bilateral)
-        parts = {"direct": light.clamp(max=BRIGHTEST), "normal": normal,
+        means = colour_means(light, surface)
+        relative = (light.float() / means.clamp(min=DARKEST)).clamp(max=BRIGHTEST)
+        parts = {"direct": relative.to(x.dtype), "normal": normal,
                  "position": (position / EXTENT).clamp(-FARTHEST, FARTHEST)}
         x = torch.cat([parts[name] for name in self.reads], 1) * surface
         skips = []
@@ -105,7 +109,14 @@ class Bcnn(Network):
         x = self.bottom(x, levels[-1].taps)
         for block, level, skip in zip(self.up, levels[-2::-1], skips[::-1], strict=True):
             x = block(torch.cat([functional.interpolate(x, scale_factor=2.0), skip], 1), level.taps)
-        return functional.softplus(self.last(x, levels[0].taps)) * surface
+        found = functional.softplus(self.last(x, levels[0].taps)).float() * means
+        return found.clamp(max=HALF_MAX).to(x.dtype) * surface
+
+
+def colour_means(light: Tensor, surface: Tensor) -> Tensor:
+    """Mean of each colour of ``light`` [B, 3, h, w] over surfaces, shape (B, 3, 1, 1), in single precision."""
+    total = (light.float() * surface.float()).mean((2, 3), keepdim=True)
+    return total / surface.float().mean((2, 3), keepdim=True).clamp(min=DARKEST)
 
 
 @dataclass(frozen=True)

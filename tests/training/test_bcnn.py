@@ -51,26 +51,42 @@ def test_taps_weigh_by_depth(widths: tuple[int, int]) -> None:
     torch.testing.assert_close(found, expected)
 
 
-def test_nothing_flows_across_a_step_of_ten_sigma() -> None:
+def moved_beyond_a_step() -> tuple[torch.Tensor, torch.Tensor]:
+    """A wall with a step of 10 σ at a texel that every level's grid shares; beyond it light has changed places."""
     depth = torch.full(GRID, 10.0)
-    depth[:, 16:] = 20.0  # at a texel that every level's grid shares
-    x, changed = wall(depth), wall(depth)
-    changed[:, LIGHT, :, 16:] *= 5.0
+    depth[:, 16:] = 20.0
+    x = wall(depth)
+    x[:, LIGHT] *= torch.linspace(0.2, 5.0, GRID[1])
+    changed = x.clone()
+    changed[:, LIGHT, :, 16:] = x[:, LIGHT, :, 16:].flip(-1)
+    return x, changed
+
+
+def test_nothing_but_the_mean_crosses_a_step_of_ten_sigma() -> None:
+    x, changed = moved_beyond_a_step()
     network = Bcnn("bcnn-8").eval()
     with torch.no_grad():
         before, after = network(x), network(changed)
-    assert torch.equal(before[..., :16], after[..., :16])
+    torch.testing.assert_close(before[..., :16], after[..., :16], rtol=1e-5, atol=1e-6)
     assert not torch.allclose(before[..., 16:], after[..., 16:])
 
 
 def test_without_bilateral_taps_light_flows_across_it() -> None:
-    depth = torch.full(GRID, 10.0)
-    depth[:, 16:] = 20.0
-    x, changed = wall(depth), wall(depth)
-    changed[:, LIGHT, :, 16:] *= 5.0
+    x, changed = moved_beyond_a_step()
     network = Bcnn("bcnn-8", bilateral=False).eval()
     with torch.no_grad():
         assert not torch.allclose(network(x)[..., :16], network(changed)[..., :16])
+
+
+def test_each_colour_grows_with_its_light() -> None:
+    x, network = wall(torch.full(GRID, 10.0)), Bcnn("bcnn-8").eval()
+    factors = torch.tensor([100.0, 0.1, 10.0]).reshape(3, 1, 1)
+    colored, without_red = x.clone(), x.clone()
+    colored[:, LIGHT] *= factors
+    without_red[:, 0] = 0.0
+    with torch.no_grad():
+        torch.testing.assert_close(network(colored), network(x) * factors, rtol=1e-4, atol=0.0)
+        assert [bool(colour.any()) for colour in network(without_red)[0]] == [False, True, True]
 
 
 def test_ablations_leave_inputs_out() -> None:
