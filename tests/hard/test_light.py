@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.contract import find_model
 from app.gl.lights import HARD_CUBE_TEXELS
 from app.renderer import Renderer
 from app.scene import Camera, DirectionalLight, Light, PointLight, RectLight, SpotLight
@@ -44,6 +45,20 @@ def test_the_picture_is_linear_in_the_light(factor: float) -> None:
     for name in PICTURES:
         assert one[name].max() > 0.01
         assert beyond(many[name] / np.float32(factor), one[name], 3e-3) == 0, name
+
+
+@pytest.mark.usefixtures("coarse_shadows")
+def test_the_default_network_is_linear_in_the_light() -> None:
+    def lit(factor: float) -> dict[str, np.ndarray]:
+        return draw(lit_corner(times(LAMP, factor)), SIZE, PICTURES, model=find_model("ember"))
+
+    one = lit(1.0)
+    for factor in (1e-4, 1e4):
+        many = lit(factor)
+        for name in PICTURES:
+            found = many[name] / np.float32(factor)
+            assert beyond(found, one[name], 1e-3) < 1e-3, name
+            assert np.abs(found - one[name]).mean() < 5e-4 * one[name].mean(), name
 
 
 @pytest.mark.usefixtures("coarse_shadows")
