@@ -13,18 +13,16 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from app.channels import HALF_MAX
 from app.contract import ModelContract, TensorSpec
 from export.models.finite import finite
 from export.models.network import Network
+from export.models.own_means import in_own_means, times_means
 
 SIGMA = 1.0       # of the depth difference, in units of a scene whose longest edge is EXTENT
 EXTENT = 40.0
 CUT = 1e-7        # of a tap's factor: nothing at 4σ and beyond, and no denormal numbers, which slow every product
 SLOPE = 0.1       # of LeakyReLU below 0
 TAPS = 9          # of a 3×3 kernel, row by row
-BRIGHTEST = 32.0  # means; a texel beside a lamp counts for no more, as in the mean itself
-DARKEST = 1e-6    # smallest divisor
 FARTHEST = 2.0    # extents; so that no input can overflow half precision
 CHANNELS = ("direct.rgb", "normal.view.xyz", "position.view.xyz")
 READS = ("direct", "normal", "position")
@@ -96,9 +94,8 @@ class Bcnn(Network):
         light, normal, position = torch.split(x, 3, dim=1)
         surface = (normal.abs().sum(1, keepdim=True) > 0).to(x.dtype)
         levels = pyramid(position[:, 2:], surface, len(self.down), self.bilateral)
-        means = colour_means(light, surface)
-        relative = (light.float() / means.clamp(min=DARKEST)).clamp(max=BRIGHTEST)
-        parts = {"direct": relative.to(x.dtype), "normal": normal,
+        relative, means = in_own_means(light, surface)
+        parts = {"direct": relative, "normal": normal,
                  "position": (position / EXTENT).clamp(-FARTHEST, FARTHEST)}
         x = torch.cat([parts[name] for name in self.reads], 1) * surface
         skips = []
@@ -109,14 +106,7 @@ class Bcnn(Network):
         x = self.bottom(x, levels[-1].taps)
         for block, level, skip in zip(self.up, levels[-2::-1], skips[::-1], strict=True):
             x = block(torch.cat([functional.interpolate(x, scale_factor=2.0), skip], 1), level.taps)
-        found = functional.softplus(self.last(x, levels[0].taps)).float() * means
-        return found.clamp(max=HALF_MAX).to(x.dtype) * surface
-
-
-def colour_means(light: Tensor, surface: Tensor) -> Tensor:
-    """Mean of each colour of ``light`` [B, 3, h, w] over surfaces, shape (B, 3, 1, 1), in single precision."""
-    total = (light.float() * surface.float()).mean((2, 3), keepdim=True)
-    return total / surface.float().mean((2, 3), keepdim=True).clamp(min=DARKEST)
+        return times_means(functional.softplus(self.last(x, levels[0].taps)), means).to(x.dtype) * surface
 
 
 @dataclass(frozen=True)

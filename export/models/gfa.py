@@ -18,12 +18,12 @@ from torch.nn import functional
 from app.contract import ModelContract, TensorSpec
 from export.models.finite import finite
 from export.models.network import Network
+from export.models.own_means import in_own_means, times_means
 
 EXTENT = 40.0
 SLOPE = 0.1           # of LeakyReLU below 0
-BRIGHTEST = 32.0      # means; a texel beside a lamp counts for no more, as in the mean itself
 FARTHEST = 2.0        # extents; so that no input can overflow half precision
-LARGEST_LOGIT = 11.0  # its exponential, 6·10⁴ means, still fits into half precision
+LARGEST_LOGIT = 11.0  # 6·10⁴ means
 HIDDEN = -1e4         # logit of a key in the sky: no weight
 MOST_KEYS = 1024      # of the attention, about; beyond, k×k of them are pooled to one
 GEOMETRY = ("normal.view.xyz", "position.view.xyz", "depth")
@@ -150,6 +150,7 @@ class Gfa(Network):
     def shade(self, shading: Tensor, guidance: Guidance) -> Tensor:
         """Indirect light [B, 3, h, w] of direct light and albedo, ``shading`` [B, 6, h, w]."""
         light, albedo = finite(shading, self.contract.inputs["shading"]).chunk(2, dim=1)
+        relative, means = in_own_means(light, guidance.surfaces[0])
         surfaces = [*guidance.surfaces, *guidance.surfaces[-2::-1]]  # around each block
 
         def guided(block: int, x: Tensor) -> Tensor:
@@ -159,10 +160,11 @@ class Gfa(Network):
                 x = x + self.attention(x, guidance.weights[0], surfaces[block])
             return x.flatten(0, 1)
 
-        x = torch.stack([light.clamp(max=BRIGHTEST), albedo], 2) * surfaces[0].unsqueeze(1)
+        x = torch.stack([relative, albedo], 2) * surfaces[0].unsqueeze(1)
         spreads = [spread.repeat_interleave(COLORS, 0) for spread in guidance.spreads]
         x = self.last(self.shading(x.flatten(0, 1), spreads, guided)[-1])
-        return per_color(x.float().clamp(max=LARGEST_LOGIT).exp().to(x.dtype))[:, :, 0] * surfaces[0]
+        made = per_color(x.float().clamp(max=LARGEST_LOGIT).exp())[:, :, 0]
+        return times_means(made, means).to(light.dtype) * surfaces[0]
 
     def keep(self, geometry: Tensor) -> list[Tensor]:
         return self.guide(geometry).tensors

@@ -1,0 +1,26 @@
+"""Light in units of each colour's own mean: what goes in is alike at any exposure and colour of the light.
+
+So f(αx) = αf(x) holds by making, in each colour, and networks need not learn it.
+"""
+
+from __future__ import annotations
+
+from torch import Tensor
+
+from app.channels import HALF_MAX
+
+BRIGHTEST = 32.0  # means; a texel beside a lamp counts for no more, as in the mean that the renderer takes
+DARKEST = 1e-6    # smallest divisor
+
+
+def in_own_means(light: Tensor, surface: Tensor) -> tuple[Tensor, Tensor]:
+    """``light`` [B, 3, h, w] over its colours' means, and the means over surfaces, [B, 3, 1, 1] in single precision."""
+    surface = surface.float()
+    share = surface.mean((2, 3), keepdim=True).clamp(min=DARKEST)
+    means = (light.float() * surface).mean((2, 3), keepdim=True) / share
+    return (light.float() / means.clamp(min=DARKEST)).clamp(max=BRIGHTEST).to(light.dtype), means
+
+
+def times_means(relative: Tensor, means: Tensor) -> Tensor:
+    """Light of ``relative`` [B, 3, h, w], in single precision, though no more than half precision holds."""
+    return (relative.float() * means).clamp(max=HALF_MAX)
