@@ -106,7 +106,7 @@ class Bcnn(Network):
         x = self.bottom(x, levels[-1].taps)
         for block, level, skip in zip(self.up, levels[-2::-1], skips[::-1], strict=True):
             x = block(torch.cat([functional.interpolate(x, scale_factor=2.0), skip], 1), level.taps)
-        return times_means(functional.softplus(self.last(x, levels[0].taps)), means).to(x.dtype) * surface
+        return times_means(functional.softplus(self.last(x, levels[0].taps)), means).to(light.dtype) * surface
 
 
 @dataclass(frozen=True)

@@ -1,23 +1,27 @@
 """Light in units of each colour's own mean: what goes in is alike at any exposure and colour of the light.
 
-So f(αx) = αf(x) holds by making, in each colour, and networks need not learn it.
+So f(αx) = αf(x) holds in each colour as long as its mean is above ``DARKEST``, and networks need not learn it.
 """
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor
 
 from app.channels import HALF_MAX
 
-BRIGHTEST = 32.0  # means; a texel beside a lamp counts for no more, as in the mean that the renderer takes
-DARKEST = 1e-6    # smallest divisor
+BRIGHTEST = 32.0       # means; a texel beside a lamp counts for no more, here as in ``app.infer``
+DARKEST = 1e-6         # smallest mean that is divided by
+SMALLEST_SHARE = 1e-6  # of the texels; so that a frame of sky gives 0
 
 
 def in_own_means(light: Tensor, surface: Tensor) -> tuple[Tensor, Tensor]:
     """``light`` [B, 3, h, w] over its colours' means, and the means over surfaces, [B, 3, 1, 1] in single precision."""
     surface = surface.float()
-    share = surface.mean((2, 3), keepdim=True).clamp(min=DARKEST)
-    means = (light.float() * surface).mean((2, 3), keepdim=True) / share
+    share = surface.mean((2, 3), keepdim=True).clamp(min=SMALLEST_SHARE)
+    lit = light.float() * surface
+    plain = lit.mean((2, 3), keepdim=True) / share
+    means = torch.minimum(lit, BRIGHTEST * plain).mean((2, 3), keepdim=True) / share
     return (light.float() / means.clamp(min=DARKEST)).clamp(max=BRIGHTEST).to(light.dtype), means
 
 

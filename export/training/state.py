@@ -16,7 +16,7 @@ from app.errors import ModelError
 from export.models import Network, make_network
 from export.training.config import Config, from_table
 
-VERSION = 2
+VERSION = 3
 
 
 @dataclass
