@@ -18,7 +18,7 @@ from app.errors import ModelError
 from app.paths import nets_dir
 
 SSGI: Final = "ssgi"  # the classical screen-space method, chosen where a network may be
-HALF = "-half"  # ends the names of networks' variants in half precision
+HALF: Final = "-half"  # ends the names of networks' variants in half precision
 Model = Path | Literal["ssgi"]
 
 KEY = "afterglow"

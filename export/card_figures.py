@@ -1,7 +1,8 @@
-"""What validation found, at the end of a network's model card."""
+"""What validation found, as a section of a network's model card."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,31 +10,46 @@ from app.atomic import write_text
 from app.bench.configurations import NONE
 from app.bench.judge import AMBIENT
 from app.contract import SSGI, find_model
-from export.frame_times import Milliseconds
-from export.judge import ALL, SCALED, Row, by_scene
+from app.errors import ModelError
+from export.frame_times import FrameTimes
+from export.judge import ALL, Row, by_scene
 
-HEADING = "**On the validation views**"
-FLOORS = (NONE, SSGI, SCALED, AMBIENT)  # beside which a network stands, where they were judged
+HEADING = "## On the validation views"
+SECTION = re.compile(rf"^{HEADING}\n.*?(?=^## |\Z)", re.MULTILINE | re.DOTALL)
+FLOORS = (NONE, SSGI, "radiosity", AMBIENT)  # beside which a network stands, where they were judged
 
 
-def write_figures(models: Sequence[str], rows: Sequence[Row], times: Milliseconds) -> None:
-    """Bring the card beside each of the judged networks up to date, where there is one."""
+def cards_of(models: Sequence[str]) -> dict[str, Path]:
+    """The model card beside each network that is named, by its label.
+
+    Raises
+    ------
+    ModelError
+        When a network has none.
+    """
     files = [find_model(name) for name in models if name != NONE]
-    cards = [(file.with_suffix(".md"), file.stem) for file in files if isinstance(file, Path)]
-    for path, label in cards:
-        if path.is_file():
-            write_text(path, with_figures(path.read_text(encoding="utf-8"), label, rows, times))
+    cards = {file.stem: file.with_suffix(".md") for file in files if isinstance(file, Path)}
+    for label, card in cards.items():
+        if not card.is_file():
+            raise ModelError(f"no model card of {label!r} to write to", card, "expected one beside the network")
+    return cards
 
 
-def with_figures(card: str, network: str, rows: Sequence[Row], times: Milliseconds) -> str:
-    """``card`` with a section for ``network`` in place of any that it had.
+def write_figures(cards: dict[str, Path], rows: Sequence[Row], spp: int, times: FrameTimes | None) -> None:
+    """Bring the cards of judged networks up to date."""
+    for label, path in cards.items():
+        write_text(path, with_figures(path.read_text(encoding="utf-8"), label, rows, spp, times))
+
+
+def with_figures(card: str, network: str, rows: Sequence[Row], spp: int, times: FrameTimes | None) -> str:
+    """``card`` with a section for ``network``, in place of the one it had, or at the end.
 
     Parameters
     ----------
     network : str
         The label that it was judged under.
-    times : dict of str to dict
-        Milliseconds of a frame by scene and model; may be empty.
+    spp : int
+        Paths per pixel of the truth.
     """
     means = {(row["scene"], row["model"]): row for row in by_scene(rows)}
     scenes = dict.fromkeys(scene for scene, _ in means)
@@ -42,18 +58,20 @@ def with_figures(card: str, network: str, rows: Sequence[Row], times: Millisecon
     lines = [[scene, str(means[scene, network]["views"]), *(_cell(means[scene, m]) for m in judged)]
              for scene in scenes]
     table = "".join(f"| {' | '.join(line)} |\n" for line in (head, ["---"] * len(head), *lines))
-    begin = card.partition(HEADING)[0].rstrip()
-    return (f"{begin}\n\n{HEADING}, PSNR in dB and HDR-FLIP of the final picture (docs/accuracy.md has more)\n\n"
-            f"{table}{_latency(network, times)}")
+    section = (f"{HEADING}\n\nPSNR in dB and HDR-FLIP of the final picture, against {spp} paths a pixel:\n\n"
+               f"{table}{_latency(network, times)}")
+    if SECTION.search(card):
+        return SECTION.sub(lambda found: section + ("" if found.end() == len(card) else "\n"), card, count=1)
+    return f"{card.rstrip()}\n\n{section}"
 
 
 def _cell(row: dict[str, float]) -> str:
     return f"{row['final.psnr']:.2f}, {row['final.flip']:.3f}"
 
 
-def _latency(network: str, times: Milliseconds) -> str:
-    if not times:
+def _latency(network: str, times: FrameTimes | None) -> str:
+    if times is None:
         return ""
-    frame, without = times[ALL][network], times[ALL].get(NONE)
-    beside = "" if without is None else f", {without:.0f} ms without indirect light, both"
-    return f"\nA frame takes {frame:.0f} ms{beside} as means of the scenes; docs/accuracy.md names machine and size.\n"
+    means, size = times.milliseconds[ALL], "×".join(map(str, times.size))
+    beside = f", {means[NONE]:.0f} ms without indirect light" if NONE in means else ""
+    return f"\nA frame of {size} takes {means[network]:.0f} ms{beside}: means of the scenes; {times.device}.\n"

@@ -3,22 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from statistics import fmean
 
-from app.bench.configurations import expand
+from app.bench.configurations import NONE, expand
 from app.bench.measure import FRAME, Contender, Race
 from export.judge import ALL
 from export.validation import View
 
 TURNS = 3
 
-Milliseconds = dict[str, dict[str, float]]  # by scene and model
+
+@dataclass(frozen=True)
+class FrameTimes:
+    """How long frames take.
+
+    Attributes
+    ----------
+    size : tuple of int
+        Width and height in pixels.
+    device : str
+        What draws, and the execution provider of the networks.
+    milliseconds : dict of str to dict
+        Medians by scene, or ``mean``, and model.
+    """
+
+    size: tuple[int, int]
+    device: str
+    milliseconds: dict[str, dict[str, float]]
 
 
 def frame_times(views: Sequence[View], models: Sequence[str], size: tuple[int, int], provider: str,
-                progress: Callable[[str], object]) -> Milliseconds:
+                progress: Callable[[str], object]) -> FrameTimes:
     """Median milliseconds of a frame while the camera moves: of the first view of each scene, and their mean."""
-    found: Milliseconds = {}
+    found: dict[str, dict[str, float]] = {}
+    devices: dict[str, None] = {}
     configurations, _ = expand(models, [size])
     for view in views:
         if view.scene in found:
@@ -28,6 +47,9 @@ def frame_times(views: Sequence[View], models: Sequence[str], size: tuple[int, i
         with Race(contenders, provider) as race:
             for _ in range(TURNS):
                 race.turn()
+        devices |= dict.fromkeys(c.device["gl_renderer"] for c in contenders)
+        devices |= dict.fromkeys(c.device["provider"] for c in contenders if c.device["provider"] != NONE)
         found[view.scene] = {c.configuration.label: c.stages[FRAME].median for c in contenders}
     labels = next(iter(found.values()), {})
-    return {**found, ALL: {label: fmean(times[label] for times in found.values()) for label in labels}}
+    means = {label: fmean(times[label] for times in found.values()) for label in labels}
+    return FrameTimes(size, ", ".join(devices), {**found, ALL: means})

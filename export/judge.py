@@ -100,7 +100,7 @@ def to_json(rows: Sequence[Row], about: dict[str, Any]) -> str:
 
 def _pictures(still: Still, truth: Truth, configurations: Sequence[Configuration], constant: float | None,
               provider: str, oracle: bool) -> Iterator[tuple[str, Layers]]:
-    albedo = _albedo(still)
+    albedo = _albedo(still) if oracle or constant is not None else np.float32(0)
     for c in configurations:
         layers = draw_layers(still.scene, still.camera, c, provider)
         light = albedo * layers["indirect"]

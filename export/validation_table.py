@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from export.frame_times import Milliseconds
+from export.frame_times import FrameTimes
 from export.judge import Row, by_scene
 
 COLUMNS = {"final.psnr": ("PSNR", ".2f"), "final.ssim": ("SSIM", ".3f"), "final.rel_mse": ("relMSE", ".3g"),
@@ -13,14 +13,15 @@ COLUMNS = {"final.psnr": ("PSNR", ".2f"), "final.ssim": ("SSIM", ".3f"), "final.
 HEADER = ("scene", "model", *(name for name, _ in COLUMNS.values()), "ms")
 
 
-def table(rows: Sequence[Row], times: Milliseconds) -> list[list[str]]:
+def table(rows: Sequence[Row], times: FrameTimes | None) -> list[list[str]]:
     """A line for each model on each scene, and on all views; ``HEADER`` names the columns."""
+    taken = times.milliseconds if times is not None else {}
     return [[row["scene"], row["model"], *(format(row[key], form) for key, (_, form) in COLUMNS.items()),
-             f"{ms:.0f}" if (ms := times.get(row["scene"], {}).get(row["model"])) is not None else ""]
+             f"{ms:.0f}" if (ms := taken.get(row["scene"], {}).get(row["model"])) is not None else ""]
             for row in by_scene(rows)]
 
 
-def to_markdown(rows: Sequence[Row], times: Milliseconds) -> str:
+def to_markdown(rows: Sequence[Row], times: FrameTimes | None) -> str:
     """The same as a Markdown table."""
     lines = [list(HEADER), ["---"] * len(HEADER), *table(rows, times)]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)

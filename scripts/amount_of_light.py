@@ -4,7 +4,7 @@
 
 In stops: the spread of the frames' mean indirect light, in means of direct light, and what is left of it when it is
 predicted from what the frame's direct light, normals and positions are like: shares of lit texels, percentiles, means
-and spreads; by linear least squares, cross-validated over scenes. With a network that reads what BCNN reads, also its
+and spreads; by ridge regression, cross-validated over scenes. With a network that reads what BCNN reads, also its
 error on the held-out tenth, beside that of this prediction. BCNN must have been trained on DATASET before.
 """
 
@@ -21,12 +21,12 @@ import onnxruntime as ort  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
 from export.dataset import Dataset  # noqa: E402
+from export.dataset.plan import plan  # noqa: E402
 from export.models import make_network  # noqa: E402
 from export.training.examples import Examples  # noqa: E402
 
 F32 = NDArray[np.float32]
 FOLDS = 8
-SCENE = 12         # pairs at most of one scene, one after another
 RIDGE = 100.0      # on standardised features
 LEAST_SEEN = 0.3   # share of texels with a surface
 DARK = 1e-3        # means
@@ -34,13 +34,17 @@ DARK = 1e-3        # means
 
 def main(folder: Path, network: Path | None) -> None:
     contract = make_network("bcnn-8").contract
-    examples = Examples(Dataset(folder), contract)
+    dataset = Dataset(folder)
+    examples = Examples(dataset, contract)
+    if examples.missing:
+        sys.exit(f"{len(examples.missing)} pairs are not drawn yet; train bcnn-8 on {folder}, which draws them")
     batches = ((i, examples.batch([i])) for i in range(len(examples)))
     rows = [(i, *described(b["current.x"][0].numpy(), b["target"][0].numpy(), b["seen"][0, 0].numpy() > 0))
             for i, b in batches if b["seen"].mean() > LEAST_SEEN and b["target"].max() > 0]
     index, stops = np.array([i for i, _, _ in rows]), np.array([y for _, _, y in rows])
     features = np.array([f for _, f, _ in rows])
-    fold = np.random.default_rng(0).permutation(index.max() // SCENE + 1)[index // SCENE] % FOLDS
+    firsts = [group.first for group in plan(dataset.config, len(dataset))]
+    fold = (np.searchsorted(firsts, index, side="right") - 1) % FOLDS
     found = np.zeros_like(stops)
     for k in range(FOLDS):
         found[fold == k] = predicted(features[fold != k], stops[fold != k], features[fold == k])
@@ -91,4 +95,6 @@ def rms(error: NDArray[np.float64]) -> float:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) < 2:
+        sys.exit(__doc__)
     main(Path(sys.argv[1]), Path(sys.argv[2]) if len(sys.argv) > 2 else None)

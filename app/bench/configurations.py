@@ -83,9 +83,9 @@ def expand(models: Sequence[str], sizes: Sequence[tuple[int, int]], scales: Sequ
         if not isinstance(file, Path):
             variants[name] = file
             continue
-        for suffix, precise in _of_precisions(file, precisions, absent):
+        for variant, precise in _of_precisions(file, precisions, absent):
             for scale in scales or (None,):
-                label = f"{file.stem}{suffix}" + (f" at {_of_image(scale)}" if scale else "")
+                label = variant + (f" at {_of_image(scale)}" if scale else "")
                 if label in variants:
                     raise ModelError(f"two models are called {label!r}", file, "expected different file names")
                 variants[label] = precise if scale is None else rescaled(precise, scale, folder)
@@ -110,18 +110,19 @@ def rescaled(network: Path, scale: float, folder: Path) -> Path:
 
 
 def _of_precisions(file: Path, precisions: Sequence[str], absent: list[str]) -> list[tuple[str, Path]]:
-    """Label suffix and file of each variant that exists."""
+    """Label and file of each variant that exists."""
     if not precisions:
-        return [("", file)]
+        return [(file.stem, file)]
     found = []
     for precision in precisions:
-        variant = file.with_name(f"{file.stem.removesuffix(HALF)}{PRECISIONS[precision]}.onnx")
+        name = file.stem.removesuffix(HALF)
+        variant = file.with_name(f"{name}{PRECISIONS[precision]}.onnx")
         if read_contract(file).dtype == precision:
-            found.append((f" {precision}", file))
+            found.append((f"{name} {precision}", file))
         elif variant.is_file() and read_contract(variant).dtype == precision:
-            found.append((f" {precision}", variant))
+            found.append((f"{name} {precision}", variant))
         else:
-            absent.append(f"{file.stem} in {precision} is not available (there is no {variant.name})")
+            absent.append(f"{name} in {precision} is not available (there is no {variant.name} of that type)")
     return found
 
 

@@ -37,7 +37,10 @@ def catalogue() -> dict[str, Case]:
     drawn = {case.model for case in cases}
     others = [NetworkCase(_single(name, scenes.room(), file), file) for name, file in bundled_models().items()
               if file not in drawn]
-    return {case.name: case for case in (*with_networks(cases), *others, CopyCase())}
+    every = (*with_networks(cases), *others, CopyCase())
+    found = {case.name: case for case in every}
+    assert len(found) == len(every), "two cases of one name"
+    return found
 
 
 def with_networks(cases: Iterable[SceneCase]) -> list[Case]:

@@ -23,16 +23,19 @@ def linearity(
     The largest errors on the Cornell box and two generated scenes, relative to each output's largest value: of
     f(L1 + L2) against f(L1) + f(L2), where L1 is the light in the left half of the input, and of f(αL) against αf(L).
     """
-    from app.contract import bundled_models, find_model, read_contract
+    from app.contract import bundled_models, find_model
+    from app.errors import ModelError
+    from app.infer import Network
     from export.linearity import additivity, exposure_error
-    from export.to_onnx import real_cases
+    from export.to_onnx import REAL_SIZE, real_cases
 
     shown = Table("network", "f(L1 + L2)", *(f"f({factor:g} L)" for factor in FACTORS), box=box.SIMPLE)
     for name in networks or bundled_models():
         file = find_model(name)
         if not isinstance(file, Path):
-            continue
-        model, inputs = file.read_bytes(), [arrays for _, arrays in real_cases(read_contract(file))]
+            raise ModelError(f"{name!r} is no network", "export linearity", "expected an .onnx file")
+        contract = Network(file, REAL_SIZE, "cpu").contract  # checked against its graph
+        model, inputs = file.read_bytes(), [arrays for _, arrays in real_cases(contract)]
         errors = [max(additivity(model, x) for x in inputs),
                   *(max(exposure_error(model, factor, x) for x in inputs) for factor in FACTORS)]
         shown.add_row(file.stem, *(f"{error:.1e}" for error in errors))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -41,7 +42,7 @@ def validate(
     from app.contract import find_model
     from app.errors import SettingsError
     from app.settings import Settings, parse_size
-    from export.card_figures import write_figures
+    from export.card_figures import cards_of, write_figures
     from export.constant import fitted_constant
     from export.dataset import Dataset
     from export.frame_times import frame_times
@@ -53,6 +54,10 @@ def validate(
         typer.secho(line, err=True, dim=True)
 
     size = Settings(parse_size(time)).size if time is not None else None
+    if cards and only:
+        raise SettingsError("--cards with some scenes alone", "--only", "expected all views for a model card")
+    judged = models or all_models()
+    written = cards_of(judged) if cards else {}
     chosen = views(scenes or SCENES, only or ())
     if not chosen:
         raise SettingsError(f"no view of {', '.join(only or ())}", "--only", "expected scenes of the validation list")
@@ -61,14 +66,13 @@ def validate(
         network = find_model(SCALED)
         assert isinstance(network, Path)
         constant = fitted_constant(Dataset(fit), network, pairs=200)
-    judged = models or all_models()
     rows = judge(chosen, judged, spp, truth, constant, provider, tell, oracle)
-    times = frame_times(chosen, judged, size, provider, tell) if size is not None else {}
+    times = frame_times(chosen, judged, size, provider, tell) if size is not None else None
     write_text(out / "validation.csv", to_csv(by_view(rows)))
-    write_text(out / "validation.json", to_json(rows, {"spp": spp, "constant": constant, "milliseconds": times}))
+    about = {"spp": spp, "constant": constant, "times": times and asdict(times)}
+    write_text(out / "validation.json", to_json(rows, about))
     write_text(out / "validation.md", to_markdown(rows, times))
-    if cards:
-        write_figures(judged, rows, times)
+    write_figures(written, rows, spp, times)
     shown = Table(*HEADER, box=box.SIMPLE)
     for line in table(rows, times):
         shown.add_row(*line)

@@ -5,17 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 pytest.importorskip("mitsuba")
 
 from app.bench.judge import AMBIENT
+from app.errors import AfterglowError
 from app.load import embedded_scene
+from export.__main__ import cli
 from export.card_figures import with_figures
 from export.frame_times import frame_times
 from export.judge import ORACLE, by_scene, judge
 from export.reference import Still
 from export.validation import View
 from export.validation_table import to_markdown
+from tests.tiny_network import write_tiny_network
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
@@ -40,16 +44,28 @@ def test_models_are_judged_against_truths_that_are_kept(tmp_path: Path) -> None:
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.exr")} == kept
 
     times = frame_times(views, ["none", "radiosity"], (64, 48), "cpu", lambda line: None)
-    assert times["box"]["radiosity"] > times["box"]["none"] > 0 and times["mean"] == times["box"]
+    taken = times.milliseconds
+    assert taken["box"]["radiosity"] > taken["box"]["none"] > 0 and taken["mean"] == taken["box"]
     page = to_markdown(rows, times).splitlines()
     assert len({line.count("|") for line in page}) == 1 and len(page) == 2 + 2 * len(labels)
-    assert page[2].startswith(f"| box | none | {psnr['none']:.2f} |") and f"| {times['box']['none']:.0f} |" in page[2]
+    assert page[2].startswith(f"| box | none | {psnr['none']:.2f} |") and f"| {taken['box']['none']:.0f} |" in page[2]
 
-    card = with_figures("# radiosity\n\n**Made by** us.\n", "radiosity", rows, times)
+    card = with_figures("# radiosity\n\n**Made by** us.\n", "radiosity", rows, 8, times)
     lines = card.splitlines()
-    assert lines[:3] == ["# radiosity", "", "**Made by** us."]
+    assert lines[:3] == ["# radiosity", "", "**Made by** us."] and "against 8 paths a pixel" in card
     assert f"| mean | 2 | {psnr['none']:.2f}, " in card and f"{psnr['radiosity']:.2f}, " in card
     assert "`none` | `radiosity` | ambient (oracle) |" in card
-    assert f"A frame takes {times['mean']['radiosity']:.0f} ms" in lines[-1]
-    assert with_figures(card, "radiosity", rows, times) == card, "written again, it takes its own place"
-    assert "A frame takes" not in with_figures(card, "radiosity", rows, {})
+    assert lines[-1].startswith(f"A frame of 64×48 takes {taken['mean']['radiosity']:.0f} ms, ") and "cpu" in lines[-1]
+    assert with_figures(card, "radiosity", rows, 8, times) == card, "written again, it takes its own place"
+    between = with_figures(f"{card}\n## More\n\nMore.\n", "radiosity", rows, 8, None)
+    assert between.endswith("\n\n## More\n\nMore.\n") and "A frame of" not in between
+
+
+def test_cards_are_those_of_whole_runs_of_networks_that_have_one(tmp_path: Path) -> None:
+    lonely = write_tiny_network(tmp_path / "lonely.onnx")
+    for arguments, message in ((["radiosity", "--only", "sponza"], "expected all views"),
+                               ([str(lonely)], "no model card of 'lonely'")):
+        with pytest.raises(AfterglowError, match=message):
+            CliRunner().invoke(cli, ["validate", *arguments, "--cards", "--out", str(tmp_path / "out")],
+                               catch_exceptions=False)
+    assert not (tmp_path / "out").exists()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from app.golden import SceneCase, Shot, catalogue, check, update
 from app.golden.network_case import NetworkCase
 from app.golden.scenes import room
 from app.image import read_exr, write_exr
+from tests.tiny_network import write_tiny_network
 
 pytestmark = pytest.mark.gl
 SOURCE = SceneCase("room", room(), find_model("gather"), (Shot("path", 1),), kept=(1,), size=(48, 32))
@@ -26,8 +28,15 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / "images"
 
 
-def test_every_bundled_network_is_in_the_catalogue() -> None:
-    assert {c.model for c in catalogue().values() if isinstance(c, NetworkCase)} >= set(bundled_models().values())
+def test_every_bundled_network_is_in_the_catalogue(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also one that no scene case draws with; it is checked alone."""
+    more = write_tiny_network(tmp_path / "more.onnx")
+    module = import_module("app.golden.catalogue")
+    monkeypatch.setattr(module, "bundled_models", lambda: {**bundled_models(), "more": more})
+    networks = {c.model: c for c in catalogue().values() if isinstance(c, NetworkCase)}
+    assert networks.keys() >= {*bundled_models().values(), more}
+    update([networks[more]], tmp_path / "images", ["more.network"])
+    assert not check([networks[more]], tmp_path / "images").broken
 
 
 def test_saved_tensors_outlive_an_update(folder: Path) -> None:

@@ -91,12 +91,14 @@ def test_linearity_is_measured(exported: Path) -> None:
 
 
 def test_linearity_is_printed(capsys: pytest.CaptureFixture[str], exported: Path) -> None:
-    linearity(["gather", str(exported / "bcnn-8.onnx"), "ssgi"])
+    linearity(["gather", str(exported / "bcnn-8.onnx")])
     rows = {line.split()[0]: [float(x) for x in line.split()[1:]]
             for line in capsys.readouterr().out.splitlines() if "e-" in line}
     assert list(rows) == ["gather", "bcnn-8"] and all(len(row) == 3 for row in rows.values())
     assert max(rows["gather"]) < 1e-5
     assert rows["bcnn-8"][0] > 1e-3 and max(rows["bcnn-8"][1:]) < 1e-5, "not additive, but of any exposure"
+    with pytest.raises(ModelError, match="'ssgi' is no network"):
+        linearity(["ssgi"])
 
 
 def test_models_lists_all_presets() -> None:

@@ -47,7 +47,7 @@ def test_each_colour_is_shaded_alone_and_alike() -> None:
 @torch.no_grad()
 @pytest.mark.parametrize(("heads", "reaches"), [(8, True), (0, False)])
 def test_attention_brings_light_from_anywhere(heads: int, reaches: bool) -> None:
-    """Convolutions alone don't see 176 texels far."""
+    """Convolutions alone don't see 160 texels far."""
     light, moved = lit(16, 256), lit(16, 256)
     light[:, :3, :, :16] += 20.0
     moved[:, :3, :, 16:32] += 20.0  # of the same mean

@@ -216,7 +216,7 @@ def test_models_are_multiplied_out(tmp_path: Path) -> None:
 def test_only_precisions_that_exist_are_measured() -> None:
     found, absent = expand(["none", "gather"], [(64, 48)], [], ["float32", "float16"])
     assert [c.label for c in found] == ["none", "gather float32"]
-    assert absent == ["gather in float16 is not available (there is no gather-half.onnx)"]
+    assert absent == ["gather in float16 is not available (there is no gather-half.onnx of that type)"]
 
 
 def test_a_variant_in_half_precision_is_found_beside_its_network(tmp_path: Path) -> None:
@@ -225,7 +225,10 @@ def test_a_variant_in_half_precision_is_found_beside_its_network(tmp_path: Path)
     write_tiny_network(half, replace(TINY, dtype="float16").to_json())
     for file in (single, half):
         found, absent = expand([str(file)], [(64, 48)], [], ["float32", "float16"])
-        assert not absent and [(c.file, c.precision) for c in found] == [(single, "float32"), (half, "float16")]
+        assert not absent and [(c.label, c.file, c.precision) for c in found] == [
+            ("mine float32", single, "float32"), ("mine float16", half, "float16")]
+    with pytest.raises(ModelError, match="two models are called 'mine float32'"):
+        expand([str(single), str(half)], [(64, 48)], [], ["float32"])
 
 
 def test_all_models_has_each_network_once(monkeypatch: pytest.MonkeyPatch) -> None:
