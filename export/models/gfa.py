@@ -30,6 +30,7 @@ GEOMETRY = ("normal.view.xyz", "position.view.xyz", "depth")
 SHADING = ("direct.rgb", "albedo.rgb")
 RAW, SHADED = 7, 2    # channels of geometry, and of what one colour is shaded from
 COLORS = 3
+EQUAL_COST = 7 / 4    # times the width, one network for three colours costs what three runs of it cost
 HALVINGS = 3
 LEVELS, BLOCKS = HALVINGS + 1, 2 * HALVINGS + 1
 
@@ -92,25 +93,35 @@ class Gfa(Network):
     contract : ModelContract
     heads : int
         Of the attention; 0 for none, for ablations.
+    layers : int
+        Convolutions in its place, for ablations.
+    apart : bool
+        False shades the three colours together, by a network of the same cost, for ablations.
     dropout : float
         Share of the decoder's channels that is dropped while training.
     most_keys : int
         Of the attention; see ``MOST_KEYS``.
     """
 
-    def __init__(self, name: str, heads: int = 8, dropout: float = 0.1, most_keys: int = MOST_KEYS) -> None:
+    def __init__(self, name: str, heads: int = 8, dropout: float = 0.1, most_keys: int = MOST_KEYS, layers: int = 0,
+                 apart: bool = True) -> None:
         super().__init__()
         preset = PRESETS[name]
+        self.runs = COLORS if apart else 1
+        together = COLORS // self.runs  # colours of a run
+        a, b, c = (w if apart else int(w * EQUAL_COST) for w in preset.widths)
         self.contract = ModelContract(
             name=name, paper="Gai et al. 2025, Geometry-Aware Global Feature Aggregation",
             inputs={"geometry": TensorSpec(GEOMETRY), "shading": TensorSpec(SHADING)},
             outputs={"y": TensorSpec(("indirect.rgb",))}, scale=preset.scale, multiple_of=2**HALVINGS,
             exposure="mean-radiance", bounces="multi", scene_extent=EXTENT, kept_from="geometry", licence="MIT")
         self.geometry = UNet(RAW, preset.widths)
-        self.shading = UNet(SHADED, preset.widths, dropout)
-        self.modulations = nn.ModuleList(nn.Conv2d(w + RAW, 2 * w, 3, padding=1) for w in self.geometry.widths)
-        self.attention = Attention(preset.widths[-1], heads, most_keys) if heads else None
-        self.last = nn.Conv2d(preset.widths[0], 1, 3, padding=1)
+        self.shading = UNet(SHADED * together, (a, b, c), dropout)
+        self.modulations = nn.ModuleList(nn.Conv2d(g + RAW, 2 * w, 3, padding=1) for g, w in
+                                         zip(self.geometry.widths, self.shading.widths, strict=True))
+        self.attention = Attention(preset.widths[-1], c, heads, most_keys) if heads else None
+        self.more = nn.ModuleList(nn.Conv2d(c, c, 3, padding=1) for _ in range(layers))
+        self.last = nn.Conv2d(a, together, 3, padding=1)
         for layer in self.modules():
             if isinstance(layer, nn.Conv2d):
                 nn.init.xavier_uniform_(layer.weight)
@@ -154,16 +165,21 @@ class Gfa(Network):
         surfaces = [*guidance.surfaces, *guidance.surfaces[-2::-1]]  # around each block
 
         def guided(block: int, x: Tensor) -> Tensor:
-            x = per_color(x) * (1 + guidance.scale[block].unsqueeze(1)) + guidance.shift[block].unsqueeze(1)
+            x = torch.unflatten(x, 0, (-1, self.runs))
+            x = x * (1 + guidance.scale[block].unsqueeze(1)) + guidance.shift[block].unsqueeze(1)
             x = functional.leaky_relu(x, SLOPE) * surfaces[block].unsqueeze(1)
             if block == HALVINGS and self.attention is not None:
                 x = x + self.attention(x, guidance.weights[0], surfaces[block])
-            return x.flatten(0, 1)
+            x = x.flatten(0, 1)
+            for layer in self.more if block == HALVINGS else ():
+                x = functional.leaky_relu(layer(x), SLOPE) * surfaces[block].repeat_interleave(self.runs, 0)
+            return x
 
-        x = torch.stack([relative, albedo], 2) * surfaces[0].unsqueeze(1)
-        spreads = [spread.repeat_interleave(COLORS, 0) for spread in guidance.spreads]
-        x = self.last(self.shading(x.flatten(0, 1), spreads, guided)[-1])
-        made = per_color(x.float().clamp(max=LARGEST_LOGIT).exp())[:, :, 0]
+        x = torch.stack([relative, albedo], 2) * surfaces[0].unsqueeze(1)  # (B, colours, 2, h, w)
+        x = torch.unflatten(x.flatten(1, 2), 1, (self.runs, -1)).flatten(0, 1)
+        spreads = [spread.repeat_interleave(self.runs, 0) for spread in guidance.spreads]
+        logits = self.last(self.shading(x, spreads, guided)[-1]).float().clamp(max=LARGEST_LOGIT)
+        made = torch.unflatten(logits.exp(), 0, (-1, self.runs)).flatten(1, 2)
         return times_means(made, means).to(light.dtype) * surfaces[0]
 
     def keep(self, geometry: Tensor) -> list[Tensor]:
@@ -215,12 +231,13 @@ class Attention(nn.Module):
     their values: memory then grows with the picture, not with its square.
     """
 
-    def __init__(self, channels: int, heads: int, most: int) -> None:
+    def __init__(self, geometry: int, shading: int, heads: int, most: int) -> None:
         super().__init__()
-        if heads < 1 or channels % heads or most < 1:
-            raise ValueError(f"{heads} heads for {channels} channels, at most {most} keys")
+        if heads < 1 or geometry % heads or shading % heads or most < 1:
+            raise ValueError(f"{heads} heads for {geometry} and {shading} channels, at most {most} keys")
         self.heads, self.most = heads, most
-        self.query, self.key, self.value = (nn.Conv2d(channels, channels, 1, bias=False) for _ in range(3))
+        self.query, self.key = (nn.Conv2d(geometry, geometry, 1, bias=False) for _ in range(2))
+        self.value = nn.Conv2d(shading, shading, 1, bias=False)
 
     def weights(self, geometry: Tensor, surface: Tensor) -> Tensor:
         """What each texel takes from each key, shape (B, heads, texels, keys); geometry [B, C, h, w]."""
@@ -232,12 +249,12 @@ class Attention(nn.Module):
         return torch.softmax(logits + (1 - seen) * HIDDEN, dim=-1)
 
     def forward(self, x: Tensor, weights: Tensor, surface: Tensor) -> Tensor:
-        """What each texel of x [B, 3, C, h, w] gets, of the same shape."""
-        shape = x.shape
-        values = self._pool(self.value(x.flatten(0, 1)), surface.repeat_interleave(COLORS, 0))
-        values = per_color(self._split(values)).transpose(1, 2).flatten(2, 3)  # (B, heads, colours × C / heads, keys)
+        """What each texel of x [B, runs, C, h, w] gets, of the same shape; all runs in one product."""
+        shape, runs = x.shape, int(x.shape[1])
+        values = self._split(self._pool(self.value(x.flatten(0, 1)), surface.repeat_interleave(runs, 0)))
+        values = torch.unflatten(values, 0, (-1, runs)).transpose(1, 2).flatten(2, 3)
         taken = values.float() @ weights.transpose(2, 3)
-        taken = torch.unflatten(taken, 2, (COLORS, -1)).transpose(1, 2)
+        taken = torch.unflatten(taken, 2, (runs, -1)).transpose(1, 2)
         return taken.reshape(shape).to(x.dtype)
 
     def _split(self, x: Tensor) -> Tensor:
@@ -271,11 +288,6 @@ def block(inputs: int, outputs: int) -> nn.Sequential:
     """Two convolutions; the second is activated by whoever runs it."""
     return nn.Sequential(nn.Conv2d(inputs, outputs, 3, padding=1), nn.LeakyReLU(SLOPE),
                          nn.Conv2d(outputs, outputs, 3, padding=1))
-
-
-def per_color(x: Tensor) -> Tensor:
-    """[B × 3, …] as [B, 3, …]."""
-    return torch.unflatten(x, 0, (-1, COLORS))
 
 
 def _groups(count: Any, k: Tensor) -> Tensor:

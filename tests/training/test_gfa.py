@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 torch = pytest.importorskip("torch")
@@ -24,7 +26,7 @@ def lit(h: int, w: int, seed: int = 0) -> torch.Tensor:
     return torch.rand(1, 6, h, w, generator=torch.Generator().manual_seed(seed))
 
 
-def network(**options: int) -> Gfa:
+def network(**options: Any) -> Gfa:
     torch.manual_seed(0)
     return Gfa("gfa-8", **options).eval()
 
@@ -42,6 +44,27 @@ def test_each_colour_is_shaded_alone_and_alike() -> None:
     before, after, other = (network()(wall(24, 32), x) for x in (light, turned, redder))
     torch.testing.assert_close(after, before[:, [2, 0, 1]])
     assert torch.equal(other[:, 1:], before[:, 1:]) and not torch.allclose(other[:, 0], before[:, 0])
+
+
+@torch.no_grad()
+def test_together_colours_mix_at_about_the_same_cost() -> None:
+    together, apart = network(apart=False), network()
+    light = lit(16, 32)
+    green = light.clone()
+    green[:, 1, :, :16] *= 2.0
+    change = together(wall(16, 32), green) - together(wall(16, 32), light)
+    assert change[:, 0].abs().max() > 1e-3 < change[:, 2].abs().max()
+    products = [net.runs * sum(x.numel() for x in net.shading.parameters() if x.dim() == 4) for net in (together, apart)]
+    assert products[0] == pytest.approx(products[1], rel=0.1)
+
+
+@torch.no_grad()
+def test_layers_take_the_place_of_attention() -> None:
+    with_layers, without = network(heads=0, layers=2), network(heads=0)
+    weights = 32 * 32 * 9 + 32
+    assert weights_of(with_layers) == weights_of(without) + 2 * weights
+    with_layers.load_state_dict(without.state_dict(), strict=False)
+    assert not torch.allclose(with_layers(wall(16, 32), lit(16, 32)), without(wall(16, 32), lit(16, 32)))
 
 
 @torch.no_grad()
@@ -71,7 +94,7 @@ def test_the_sky_gives_nothing_and_gets_nothing() -> None:
 def test_attention_is_the_sum_of_its_formula() -> None:
     """x_i takes Σ_j softmax_j(Q_i · K_j / √d) V_j from all that are seen, head by head."""
     torch.manual_seed(0)
-    attention = Attention(12, heads=3, most=1024)
+    attention = Attention(12, 12, heads=3, most=1024)
     geometry, x = torch.randn(1, 12, 4, 5), torch.randn(1, COLORS, 12, 4, 5)
     surface = torch.ones(1, 1, 4, 5)
     surface[..., 1:3] = 0
@@ -89,8 +112,8 @@ def test_attention_is_the_sum_of_its_formula() -> None:
 @torch.no_grad()
 def test_pooled_keys_give_the_same_where_neighbours_are_alike() -> None:
     torch.manual_seed(0)
-    whole = Attention(8, heads=2, most=1024)
-    pooled = Attention(8, heads=2, most=12)
+    whole = Attention(8, 8, heads=2, most=1024)
+    pooled = Attention(8, 8, heads=2, most=12)
     pooled.load_state_dict(whole.state_dict())
     geometry = 3 * torch.randn(1, 8, 3, 4).repeat_interleave(2, 2).repeat_interleave(2, 3)
     x = torch.randn(1, COLORS, 8, 3, 4).repeat_interleave(2, 3).repeat_interleave(2, 4)
@@ -105,7 +128,7 @@ def test_pooled_keys_give_the_same_where_neighbours_are_alike() -> None:
 def test_keys_stay_within_their_limit() -> None:
     for h, w in ((48, 64), (135, 240), (31, 33), (1, 5000)):
         surface = torch.ones(1, 1, h, w)
-        assert Attention(4, heads=1, most=100)._pool(surface, surface).numel() <= 100 + h + w
+        assert Attention(4, 4, heads=1, most=100)._pool(surface, surface).numel() <= 100 + h + w
 
 
 def test_geometry_is_worked_out_once_for_all_light() -> None:
