@@ -54,8 +54,8 @@ def test_together_colours_mix_at_about_the_same_cost() -> None:
     green[:, 1, :, :16] *= 2.0
     change = together(wall(16, 32), green) - together(wall(16, 32), light)
     assert change[:, 0].abs().max() > 1e-3 < change[:, 2].abs().max()
-    products = [net.runs * sum(x.numel() for x in net.shading.parameters() if x.dim() == 4) for net in (together, apart)]
-    assert products[0] == pytest.approx(products[1], rel=0.1)
+    cost, expected = (net.runs * weights_of(net.shading) for net in (together, apart))
+    assert cost == pytest.approx(expected, rel=0.1)
 
 
 @torch.no_grad()
