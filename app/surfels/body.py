@@ -66,6 +66,7 @@ class Body:
         low, high = corners.min(axis=0).astype(np.float64), corners.max(axis=0).astype(np.float64)
         self.centre, self.radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
         self._masked = np.array([m.alpha_cutoff is not None for m in self._materials], bool)
+        self._lamps = np.array([m.analytic for m in self._materials], bool)
 
     def cast(self, origins: F32, directions: F32, most: F32) -> tuple[F32, Ints, F32, F32]:
         """The nearest triangle along each ray.
@@ -115,6 +116,10 @@ class Body:
                 alpha *= texels(m.albedo_map, self._mix(self._uvs, triangle[rows], uv[rows]))[:, 3]
             through[rows] = ~(alpha >= (m.alpha_cutoff or 0.0))
         return through
+
+    def lamp(self, triangle: Ints) -> NDArray[np.bool_]:
+        """Which triangles stand for analytic lights, shape (N,)."""
+        return np.asarray(self._lamps[self._material[triangle]])
 
     def surface(self, triangle: Ints, uv: F32, face: F32, directions: F32) -> Surface:
         """What rays met, all of which met something; see ``cast``."""

@@ -35,6 +35,8 @@ class Hits:
         In lengths of the ray's direction; infinite for the sky.
     body : ndarray of int, shape (N,)
         Index into ``Caster.bodies``; -1 for the sky.
+    lamp : ndarray of bool, shape (N,)
+        Whether it is the mesh of an analytic light.
     """
 
     position: F32
@@ -43,10 +45,11 @@ class Hits:
     emission: F32
     distance: F32
     body: Ints
+    lamp: NDArray[np.bool_]
 
     def arrays(self) -> tuple[NDArray[Any], ...]:
         """All attributes, in order."""
-        return self.position, self.normal, self.albedo, self.emission, self.distance, self.body
+        return self.position, self.normal, self.albedo, self.emission, self.distance, self.body, self.lamp
 
     def rows(self, which: NDArray[np.bool_] | Ints) -> Hits:
         """Some of them."""
@@ -78,10 +81,8 @@ class Caster:
         self.skin = np.float32(SKIN * scene.longest_edge)
         to_local, textures = translation(-self.origin), Prefiltered()
         self._instances = scene.instances
-        solid = [(k, i) for k, i in enumerate(scene.instances)
-                 if not scene.materials[scene.meshes[i.mesh].material].analytic]
-        self.movers = tuple(k for k, i in solid if i.motion is not None)
-        still = Body(scene, [(i, to_local @ i.transform) for _, i in solid if i.motion is None], textures)
+        self.movers = tuple(k for k, i in enumerate(scene.instances) if i.motion is not None)
+        still = Body(scene, [(i, to_local @ i.transform) for i in scene.instances if i.motion is None], textures)
         self.bodies = [still, *(Body(scene, [(scene.instances[k], np.eye(4))], textures) for k in self.movers)]
         self.place(0.0)
 
@@ -105,7 +106,8 @@ class Caster:
         count = len(origins)
         position, normal, albedo, emission = np.zeros((4, count, 3), np.float32)
         distance = np.full(count, np.inf, np.float32) if most is None else most.copy()
-        hits = Hits(position, normal, albedo, emission, distance, np.full(count, -1, np.int64))
+        nothing, no_lamp = np.full(count, -1, np.int64), np.zeros(count, np.bool_)
+        hits = Hits(position, normal, albedo, emission, distance, nothing, no_lamp)
         for index in range(len(self.bodies)) if bodies is None else bodies:
             self._cast_at(index, origins, directions, hits)
         seen = hits.body >= 0
@@ -141,7 +143,7 @@ class Caster:
             to = rows[met]
             hits.normal[to] = turned(surface.normal, matrix) if index != STILL else surface.normal
             hits.albedo[to], hits.emission[to], hits.body[to] = surface.albedo, surface.emission, index
-            hits.distance[to] = passed[met] + distance[met]
+            hits.distance[to], hits.lamp[to] = passed[met] + distance[met], body.lamp(triangle[met])
             if not masked.any():
                 return
             passed = (passed + distance + step)[masked]

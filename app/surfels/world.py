@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -69,6 +70,7 @@ class WorldSurfels:
         chosen = farthest(apart, count)
         self.used = len(chosen)
         self._surfels = Carried(self._caster, found.position[chosen], found.normal[chosen], found.body[chosen])
+        self._lamp = found.lamp[chosen]
         self._fill_surfels()
         reach = neighbour_distance(apart[chosen], NEIGHBOUR)
         self.radius = self._padded(np.minimum(reach, scene.longest_edge), gap)
@@ -111,11 +113,14 @@ class WorldSurfels:
         self.position, self.normal = self._padded(position), self._padded(normal)
 
     def _seat_places(self, found: Hits, chosen: Ints) -> None:
-        """Give each candidate to the surfel that weighs most there, at most ``PLACES`` to one."""
+        """Give each candidate to the surfel that weighs most there, at most ``PLACES`` to one; none on lamps.
+
+        Rounding alone decides on which side of itself a light would shine.
+        """
         surfel = self._nearest(found)
         surfel[chosen] = np.arange(self.used)
         order = np.argsort(surfel, kind="stable")
-        order = order[surfel[order] >= 0]
+        order = order[(surfel[order] >= 0) & ~found.lamp[order]]
         kept = order[np.arange(len(order)) - np.searchsorted(surfel[order], surfel[order]) < PLACES]
         self.place_surfel = surfel[kept]
         self._places = Carried(self._caster, found.position[kept], found.normal[kept], found.body[kept])
@@ -125,6 +130,7 @@ class WorldSurfels:
         moved = self._rays.moved()
         index, albedo = self._still_index.copy(), self._rays.still.albedo.copy()
         index[moved.ray], albedo[moved.ray] = self._nearest(moved.hits)[moved.hit], moved.hits.albedo[moved.hit]
+        albedo[index < 0] = 0.0
         self.index = self._padded(index.reshape(self.used, self.rays), -1)
         self.albedo = self._padded(albedo.reshape(self.used, self.rays, 3))
         if self._glow_rays is not None:
@@ -133,13 +139,17 @@ class WorldSurfels:
             self.glow = self._padded(glow.reshape(self.used, GLOW_RAYS, 3).mean(axis=1))
 
     def _nearest(self, hits: Hits) -> Ints:
-        """The surfel that weighs most at each hit, of the same body if it has any; -1 for the sky."""
+        """The surfel that weighs most at each hit, of the same body if it has any; -1 for the sky.
+
+        What lies close behind a lamp may be very bright, and is not seen: lamps have surfels of their own, or none.
+        """
         found = np.full(len(hits.body), -1, np.int64)
         middle = self.position[:max(self.used, 1)].mean(axis=0)  # for precision where the scene is much larger
-        for body in range(len(self._caster.bodies)):
-            mine, rows = np.flatnonzero(self._surfels.body == body), np.flatnonzero(hits.body == body)
-            if len(mine) == 0:  # too small, or not there when surfels were made
-                mine = np.arange(self.used)
+        for body, lamp in product(range(len(self._caster.bodies)), (False, True)):
+            mine = np.flatnonzero((self._surfels.body == body) & (self._lamp == lamp))
+            rows = np.flatnonzero((hits.body == body) & (hits.lamp == lamp))
+            if len(mine) == 0 and not lamp:  # too small, or not there when surfels were made
+                mine = np.flatnonzero(~self._lamp)
             if len(mine) and len(rows):
                 key = kernel.keys(self.position[mine] - middle, self.normal[mine], self.radius[mine])
                 found[rows] = mine[kernel.nearest(key, hits.position[rows] - middle, hits.normal[rows])]

@@ -18,7 +18,7 @@ from app.settings import Settings
 from app.surfels.world import WorldSurfels
 from tests.conftest import SMALL_EMBER
 from tests.gl.closed_forms import F64, point_irradiance
-from tests.gl.scenes import Images, Point, box, draw, floor, make_scene
+from tests.gl.scenes import Images, Point, box, draw, floor, make_scene, quad
 from tests.gl.test_indirect import mean_over_walls
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
@@ -114,6 +114,20 @@ def test_a_lamp_in_a_closed_box_keeps_its_energy(small: Path, rho: float, lamp: 
     share = mean_over_walls(scene, eye, find_model("ember") if name == "ember" else small) / truth
     print(f"LAMP {name} {rho}: {share - 1:+.2%}")
     assert share == pytest.approx(1, abs=0.01 if name == "ember" else 0.03)
+
+
+def test_what_a_lamp_lights_behind_itself_is_not_seen_through_it(small: Path) -> None:
+    """A lamp that shines upwards, too, lights a ceiling close above; little of that leaves the gap between them."""
+    corner, sides = (15, 39.6, 15), ((10, 0, 0), (0, 0, 10))
+    parts = [box((0, 0, 0), (40, 40, 40), Material(albedo=(0.6,) * 3)),
+             quad(corner, *sides, Material(albedo=(0.6,) * 3, emission=(1.0,) * 3, analytic=True))]
+    camera = Camera((20, 10, 38), (20, 0, 10), fov_y_deg=60)
+
+    def mean(two_sided: bool) -> float:
+        light = RectLight((20, 39.6, 20), *sides, (1.0,) * 3, two_sided)
+        return float(draw(make_scene(parts, [light]), SIZE, ("indirect",), camera, small)["indirect"].mean())
+
+    assert mean(False) < mean(True) < 1.2 * mean(False)
 
 
 def scaled(light: Light, factor: float) -> Light:

@@ -45,6 +45,18 @@ def arrays(world: WorldSurfels) -> dict[str, np.ndarray]:
     return {n: v for n, v in vars(world).items() if isinstance(v, np.ndarray)}
 
 
+def test_lamps_are_met_by_their_own_surfels_alone_and_take_no_direct_light() -> None:
+    lamp = Material(albedo=(0.7,) * 3, emission=(1.0,) * 3, analytic=True)
+    low = 2.999  # nearer to the ceiling than surfels are to each other
+    world = made(make_scene([ROOM, quad((1, low, 1), (2, 0, 0), (0, 0, 2), lamp)]))
+    on_lamp = np.isclose(world.position[:, 1] + world.origin[1], low, atol=2e-4)
+    assert on_lamp.sum() >= 2 and not on_lamp[world.place_surfel].any()
+    met = np.isclose(world.albedo[..., 0], 0.7)  # all else is of 0.5
+    assert met.any()
+    np.testing.assert_array_equal(on_lamp[world.index[met].astype(int)], True)
+    np.testing.assert_array_equal(on_lamp[world.index[~met & (world.index >= 0)].astype(int)], False)
+
+
 def test_walks_stay_on_surfaces_that_light_can_reach() -> None:
     scene = furnished()
     caster = Caster(scene)
