@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from app.channels import HALF_MAX
+from app.infer import FIREFLY
 
-BRIGHTEST = 32.0       # means; a texel beside a lamp counts for no more, here as in ``app.infer``
 DARKEST = 1e-6         # smallest mean that is divided by
 SMALLEST_SHARE = 1e-6  # of the texels; so that a frame of sky gives 0
 
@@ -21,8 +21,8 @@ def in_own_means(light: Tensor, surface: Tensor) -> tuple[Tensor, Tensor]:
     share = surface.mean((2, 3), keepdim=True).clamp(min=SMALLEST_SHARE)
     lit = light.float() * surface
     plain = lit.mean((2, 3), keepdim=True) / share
-    means = torch.minimum(lit, BRIGHTEST * plain).mean((2, 3), keepdim=True) / share
-    return (light.float() / means.clamp(min=DARKEST)).clamp(max=BRIGHTEST).to(light.dtype), means
+    means = torch.minimum(lit, FIREFLY * plain).mean((2, 3), keepdim=True) / share
+    return (light.float() / means.clamp(min=DARKEST)).clamp(max=FIREFLY).to(light.dtype), means
 
 
 def times_means(relative: Tensor, means: Tensor) -> Tensor:

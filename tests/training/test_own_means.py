@@ -4,7 +4,8 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from export.models.own_means import BRIGHTEST, in_own_means, times_means  # noqa: E402
+from app.infer import FIREFLY  # noqa: E402
+from export.models.own_means import in_own_means, times_means  # noqa: E402
 
 H, W = 96, 128
 
@@ -31,7 +32,7 @@ def test_one_bright_texel_hardly_changes_the_rest(value: float) -> None:
     calm, _ = in_own_means(light, surface)
     light[..., 0, 0] = value
     relative, _ = in_own_means(light, surface)
-    assert relative.max() == BRIGHTEST
+    assert relative.max() == FIREFLY
     change = (relative / calm)[..., 1:, : W // 2]
     assert change.min() > 0.9 and change.max() < 1.0
 
