@@ -58,7 +58,7 @@ def with_figures(card: str, network: str, rows: Sequence[Row], spp: int, times: 
     lines = [[scene, str(means[scene, network]["views"]), *(_cell(means[scene, m]) for m in judged)]
              for scene in scenes]
     table = "".join(f"| {' | '.join(line)} |\n" for line in (head, ["---"] * len(head), *lines))
-    section = (f"{HEADING}\n\nPSNR in dB and HDR-FLIP of the final picture, against {spp} paths a pixel:\n\n"
+    section = (f"{HEADING}\n\nPSNR in dB and HDR-FLIP of the final picture, against {spp} denoised paths a pixel:\n\n"
                f"{table}{_latency(network, times)}")
     if SECTION.search(card):
         return SECTION.sub(lambda found: section + ("" if found.end() == len(card) else "\n"), card, count=1)

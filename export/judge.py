@@ -43,12 +43,12 @@ class Row:
 
 
 def truth_of(view: View, spp: int, folder: Path | None) -> Truth:
-    """The path-traced truth, from ``folder`` (or the benchmark's cache) where it was made before."""
+    """The path-traced and denoised truth, from ``folder`` (or the benchmark's cache) where it was made before."""
     still = view.still
-    key = scene_key(still.scene, still.camera, still.size, still.time, spp, exporter_version(),
+    key = scene_key(still.scene, still.camera, still.size, still.time, spp, "denoised", exporter_version(),
                     renderer_version(still.scene))
     return kept_truth((folder or cache_folder()) / f"{view.name}-{key}", lambda fresh: write_reference(
-        fresh, still, spp, 0, MAX_BOUNCES, {"view": view.name}, lambda share: None))
+        fresh, still, spp, 0, MAX_BOUNCES, {"view": view.name}, lambda share: None, denoised=True))
 
 
 def judge(views: Sequence[View], models: Sequence[str], spp: int, truths: Path | None, constant: float | None,

@@ -49,7 +49,7 @@ def mitsuba() -> Any:
     Raises
     ------
     DeviceError
-        When Mitsuba or the LLVM library that it needs is missing.
+        When Mitsuba or the LLVM library that it needs is missing, or the library is none that it can use.
     """
     try:
         import mitsuba as mi
@@ -58,7 +58,11 @@ def mitsuba() -> Any:
     if mi.variant() is None:
         if "DRJIT_LIBLLVM_PATH" not in os.environ:
             os.environ["DRJIT_LIBLLVM_PATH"] = _llvm()
-        mi.set_variant(VARIANT)
+        try:
+            mi.set_variant(VARIANT)
+        except ImportError:  # Dr.Jit has printed what it does not like
+            raise DeviceError("LLVM can't be used", os.environ["DRJIT_LIBLLVM_PATH"],
+                              f"expected a library of version {OLDEST_LLVM} or newer") from None
         mi.set_log_level(mi.LogLevel.Error)
     return mi
 

@@ -18,6 +18,7 @@ from app.math3d import View
 from app.renderer import Renderer
 from app.scene import Camera, Scene
 from app.settings import Settings
+from export.denoise import denoise
 from export.path_tracer import MAX_BOUNCES, PathTracer, Samples
 
 F32 = NDArray[np.float32]
@@ -69,11 +70,12 @@ class Still:
 
 
 def reference(still: Still, spp: int, seed: int = 0, max_bounces: int = MAX_BOUNCES,
-              progress: Callable[[float], object] = lambda share: None) -> Reference:
+              progress: Callable[[float], object] = lambda share: None, denoised: bool = False) -> Reference:
     """Trace ``spp`` paths through each pixel's centre, and as many spread over the pixel for ``final``.
 
     Emission and highlights, which are not traced, are the renderer's own, supersampled. ``progress`` is told the
-    share of the samples that are done.
+    share of the samples that are done. ``denoised``: ``final`` and indirect light go through Open Image Denoise; the
+    noise that is told is that before.
 
     Raises
     ------
@@ -88,11 +90,14 @@ def reference(still: Still, spp: int, seed: int = 0, max_bounces: int = MAX_BOUN
         progress(0.5 * centres.count / spp)
     pixels = _Means()
     for count, samples in _batches(tracer, still, spp, 2 * seed + 1, spread=True):
-        pixels.add({"final": _radiance(samples)}, count)
+        pixels.add({"final": _radiance(samples), "albedo": samples.albedo, "normal": samples.normal}, count)
         progress(0.5 + 0.5 * pixels.count / spp)
     seconds = time.perf_counter() - start
-    layers = centres.means()
-    layers["final"] = pixels.means()["final"] + untraced(still)
+    layers, whole = centres.means(), pixels.means()
+    if denoised:
+        layers |= {name: denoise(layers[name], layers["normal"]) for name in ("indirect", "indirect_single")}
+        whole["final"] = denoise(whole["final"], whole["normal"], whole["albedo"])
+    layers["final"] = whole["final"] + untraced(still)
     noise = {name: (pixels if name == "final" else centres).noise(name) for name in LAYERS}
     return Reference(layers, noise, seconds, tracer.notices)
 
@@ -141,16 +146,17 @@ def untraced(still: Still) -> F32:
 
 
 def write_reference(folder: Path, still: Still, spp: int, seed: int, max_bounces: int, about: dict[str, Any],
-                    progress: Callable[[float], object]) -> Reference:
+                    progress: Callable[[float], object], denoised: bool = False) -> Reference:
     """Write ``truth.exr``, the renderer's own images ``aovs.exr``, and last ``truth.json``."""
     (folder / "truth.json").unlink(missing_ok=True)  # while it is there, the images belong to it
-    found = reference(still, spp, seed, max_bounces, progress)
+    found = reference(still, spp, seed, max_bounces, progress, denoised)
     write_exr(folder / "truth.exr", {"" if name == "final" else name: image for name, image in found.layers.items()})
     with Renderer(still.scene, Settings(still.size, AOVS, taa=False, provider="cpu")) as renderer:
         write_exr(folder / "aovs.exr", renderer.render(still.camera, still.time))
     paths = 2 * spp * still.size[0] * still.size[1]
-    about = {**about, "size": still.size, "spp": spp, "seed": seed, "max_bounces": max_bounces, "noise": found.noise,
-             "seconds": found.seconds, "paths_per_second": paths / found.seconds, "notices": found.notices}
+    about = {**about, "size": still.size, "spp": spp, "seed": seed, "max_bounces": max_bounces, "denoised": denoised,
+             "noise": found.noise, "seconds": found.seconds, "paths_per_second": paths / found.seconds,
+             "notices": found.notices}
     write_text(folder / "truth.json", json.dumps(about, indent=1))
     return found
 

@@ -29,7 +29,8 @@ F32 = NDArray[np.float32]
 
 LAYERS = ("final", "direct", "indirect", "albedo", "depth")
 PLAIN_LAYERS = ("final", "albedo", "normal")
-TRACER = ("mitsuba_scene.py", "path_tracer.py", "reference.py")  # of the package export: what a truth depends on
+# Of the package export: what a truth depends on.
+TRACER = ("denoise.py", "mitsuba_scene.py", "path_tracer.py", "reference.py")
 # What emission and highlights depend on.
 OWN_SHADERS = ("gbuffer.vert", "gbuffer.frag", "shadow.vert", "shadow.frag", "shadow_nearest.frag", "direct.frag")
 LEAST_ALBEDO = 0.01  # where demodulated light counts

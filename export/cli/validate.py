@@ -21,7 +21,7 @@ def validate(
     scenes: Annotated[Path | None, typer.Option(
         help="Folder of the scene files; ../shared/scenes without.", metavar="DIR")] = None,
     only: Annotated[list[str] | None, typer.Option(help="Views of these scenes only.", metavar="SCENE")] = None,
-    spp: Annotated[int, typer.Option(help="Paths per pixel of the truth.", min=8)] = 256,
+    spp: Annotated[int, typer.Option(help="Paths per pixel of the truth, which is denoised.", min=8)] = 128,
     constant: Annotated[float | None, typer.Option(
         help="Also judge radiosity times this factor.", min=0.0, metavar="FACTOR")] = None,
     fit: Annotated[Path | None, typer.Option(

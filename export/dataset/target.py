@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.extras import extra_module
 from export import picks
+from export.denoise import denoise
 from export.path_tracer import PathTracer
 from export.reference import RAYS_AT_ONCE, Still
 
@@ -78,10 +78,3 @@ def picked(size: tuple[int, int]) -> F64:
     """
     y, x = picks.picked(size, (size[0] // 2, size[1] // 2))
     return np.stack(np.meshgrid((x + 0.5) / size[0], (y + 0.5) / size[1]), axis=-1)
-
-
-def denoise(light: F32, normal: F32) -> F32:
-    """Demodulated light without most of its noise; never negative."""
-    run = extra_module("pyoidn", "export").denoise
-    found: F32 = run(np.ascontiguousarray(light), np.ones_like(light), np.ascontiguousarray(normal), hdr=True)
-    return np.maximum(found, 0)

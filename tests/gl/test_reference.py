@@ -220,6 +220,17 @@ def test_the_noise_that_is_stated_is_the_noise(corner: Still) -> None:
         assert stated == pytest.approx(noise, rel=0.15), name
 
 
+def test_a_denoised_reference_is_nearer_to_the_truth(corner: Still) -> None:
+    large = replace(corner, size=SIZE)
+    truth, raw, denoised = reference(large, 512, 1), reference(large, 16), reference(large, 16, denoised=True)
+    for name in ("final", "indirect"):
+        before, after = (np.sqrt(((found.layers[name] - truth.layers[name]) ** 2).mean()) for found in (raw, denoised))
+        assert after < 0.6 * before, name
+        assert denoised.layers[name].mean() == pytest.approx(truth.layers[name].mean(), rel=0.03), name
+    assert np.array_equal(raw.layers["direct"], denoised.layers["direct"])
+    assert denoised.noise == raw.noise  # that before denoising
+
+
 def test_the_same_seed_gives_the_same_picture() -> None:
     """However often the scene is converted: lights keep their order, by which the path tracer chooses among them."""
     lights = [PointLight((-0.8, 2.0, 1.0), WHITE, 0.15),

@@ -52,7 +52,7 @@ def test_models_are_judged_against_truths_that_are_kept(tmp_path: Path) -> None:
 
     card = with_figures("# radiosity\n\n**Made by** us.\n", "radiosity", rows, 8, times)
     lines = card.splitlines()
-    assert lines[:3] == ["# radiosity", "", "**Made by** us."] and "against 8 paths a pixel" in card
+    assert lines[:3] == ["# radiosity", "", "**Made by** us."] and "against 8 denoised paths a pixel" in card
     assert f"| mean | 2 | {psnr['none']:.2f}, " in card and f"{psnr['radiosity']:.2f}, " in card
     assert "`none` | `radiosity` | ambient (oracle) |" in card
     assert lines[-1].startswith(f"A frame of 64×48 takes {taken['mean']['radiosity']:.0f} ms, ") and "cpu" in lines[-1]
