@@ -29,10 +29,11 @@ if TYPE_CHECKING:
 Arrays = dict[str, NDArray[Any]]
 Batch = dict[str, Tensor]
 
-VERSION = 1         # of what is kept
+VERSION = 2         # of what is kept
 TARGET_SCALE = 0.5  # targets lie on the grid of half the image, so that is what inputs are drawn for
 AT_ONCE = 16        # neighbours that one process draws, as they often share a scene
 DONE = "done"
+TARGETS = {"multi": "target", "single": "target_single"}  # by what a contract says of its bounces
 
 
 class Pairs(Protocol):
@@ -48,7 +49,8 @@ class Pairs(Protocol):
 class Examples:
     """What a network is given and what it is to find, for every pair of a dataset.
 
-    They are kept in ``DATASET/drawn/KEY``; the key holds what they depend on.
+    They are kept in ``DATASET/drawn/KEY``; the key holds what they depend on. Networks for one bounce and for all share
+    them.
 
     Attributes
     ----------
@@ -75,14 +77,16 @@ class Examples:
 
     def put(self, index: int, inputs: Inputs, target: Target) -> None:
         """Keep what was drawn and traced for a pair."""
-        for name, value in _values(inputs, target, self.contract).items():
+        for name, value in _values(inputs, target).items():
             self._arrays[name][index] = value
         self._arrays[DONE][index] = 1  # last: a process killed before leaves it to be drawn again
 
     def batch(self, indices: list[int]) -> Batch:
-        """Examples, float32, each tensor with the batch first; see ``_layout`` for what there is."""
-        return {name: torch.from_numpy(np.stack([array[i] for i in indices]).astype(np.float32))
-                for name, array in self._arrays.items() if name != DONE}
+        """Examples, float32, each tensor with the batch first: what ``_layout`` names, with the contract's target."""
+        wanted = {name: name for name in self._arrays if name not in (DONE, *TARGETS.values())}
+        wanted["target"] = TARGETS[self.contract.bounces]
+        return {name: torch.from_numpy(np.stack([self._arrays[kept][i] for i in indices]).astype(np.float32))
+                for name, kept in wanted.items()}
 
 
 def draw_missing(pairs: Pairs, contract: ModelContract, workers: int | None = None) -> Iterator[int]:
@@ -108,28 +112,30 @@ def tensors_of(batch: Mapping[str, Tensor], frame: str) -> dict[str, Tensor]:
 def _layout(contract: ModelContract, size: tuple[int, int]) -> dict[str, tuple[type, tuple[int, ...]]]:
     """What is kept of each pair: type and shape.
 
-    ``current.T`` and ``previous.T`` for each input tensor T, exposed; ``motion`` in texels; ``target``, light / albedo
-    in means of the current frame; ``seen`` and ``visible``, 0 or 1; ``ratio``, the previous frame's exposure over the
-    current one's.
+    ``current.T`` and ``previous.T`` for each input tensor T, exposed; ``motion`` in texels; ``target`` and
+    ``target_single``, light / albedo by all bounces and by one, in means of the current frame; ``seen`` and
+    ``visible``, 0 or 1; ``ratio``, the previous frame's exposure over the current one's.
     """
     grid = contract.screen_size(size)
     h, w = grid[1], grid[0]
     frames = {f"{frame}.{t}": (np.float16, spec.shape(grid))
               for frame in ("current", "previous") for t, spec in contract.inputs.items()}
-    return {**frames, "motion": (np.float16, (2, h, w)), "target": (np.float16, (3, h, w)),
+    targets = dict.fromkeys(TARGETS.values(), (np.float16, (3, h, w)))
+    return {**frames, **targets, "motion": (np.float16, (2, h, w)),
             "seen": (np.uint8, (1, h, w)), "visible": (np.uint8, (1, h, w)), "ratio": (np.float32, (1, 1, 1)),
             DONE: (np.uint8, ())}
 
 
-def _values(inputs: Inputs, target: Target, contract: ModelContract) -> dict[str, Any]:
+def _values(inputs: Inputs, target: Target) -> dict[str, Any]:
     """What is kept of one pair. A frame that is black to the network teaches nothing, so nothing is seen in it."""
     exposure = max(inputs.current.exposure, FLOOR)
-    light = target.indirect if contract.bounces == "multi" else target.indirect_single
     half = np.finfo(np.float16).max
     frames = {f"{name}.{t}": np.clip(x, -half, half)
               for name, frame in (("current", inputs.current), ("previous", inputs.previous))
               for t, x in frame.tensors.items()}
-    return {**frames, "motion": inputs.motion, "target": np.minimum(np.moveaxis(light, -1, 0) / exposure, half),
+    targets = {TARGETS[bounces]: np.minimum(np.moveaxis(light, -1, 0) / exposure, half)
+               for bounces, light in (("multi", target.indirect), ("single", target.indirect_single))}
+    return {**frames, **targets, "motion": inputs.motion,
             "seen": target.seen & (inputs.current.exposure > FLOOR), "visible": inputs.visible,
             "ratio": inputs.previous.exposure / exposure}
 
@@ -138,8 +144,7 @@ def _key(pairs: Pairs, contract: ModelContract) -> str:
     about = pairs.folder / "dataset.json"
     text = about.read_text("utf-8") if about.exists() else ""
     inputs = {t: [spec.channels, spec.grid, spec.size, spec.rays] for t, spec in contract.inputs.items()}
-    parts = [VERSION, len(pairs), text, inputs, contract.exposure, contract.bounces, contract.scene_extent,
-             contract.cube_axes]
+    parts = [VERSION, len(pairs), text, inputs, contract.exposure, contract.scene_extent, contract.cube_axes]
     return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
 
 
