@@ -1,0 +1,83 @@
+"""What do trained networks make of the pairs that none of them was trained on?
+
+    python scripts/held_out.py DATASET CHECKPOINT…
+
+For each checkpoint of `python -m export train`: SSIM and L1 to the target, and L1 to the previous output where it shows
+the same surface, all in the μ-law scale of the losses; the error of the frames' mean light in stops, whose spread is
+printed first; and how the colours' shares of the light go with the target's (correlation).
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))
+
+import torch  # noqa: E402
+from torch import Tensor  # noqa: E402
+
+from export.dataset import Dataset  # noqa: E402
+from export.losses import Views  # noqa: E402
+from export.losses.bcnn import ssim_map  # noqa: E402
+from export.losses.views import mean_where, tone, toned, warp  # noqa: E402
+from export.models import Network  # noqa: E402
+from export.training.examples import Examples, tensors_of  # noqa: E402
+from export.training.state import load  # noqa: E402
+
+SHARE = 10         # one pair in so many is held out, from the end
+LEAST_SEEN = 0.3   # share of texels with a surface
+DARK = 1e-3        # means
+
+
+@torch.no_grad()
+def main(folder: Path, checkpoints: list[Path]) -> None:
+    dataset = Dataset(folder)
+    print(f"{'':24} {'SSIM':>6} {'L1':>6} {'change':>7} {'stops':>6} {'colours':>8}")
+    for path in checkpoints:
+        network = load(path).network()
+        examples = Examples(dataset, network.contract)
+        if examples.missing:
+            sys.exit(f"{len(examples.missing)} pairs are not drawn yet for {path}; train on {folder}, which draws them")
+        held = range(len(examples) - len(examples) // SHARE, len(examples))
+        found = [views for i in held if (views := seen_by(network, examples.batch([i]))) is not None]
+        errors = torch.tensor([judged(views) for views in found]).mean(dim=0).tolist()
+        made, true = (torch.stack([means(light, views.seen) for views, light in sides]) for sides in
+                      ([(v, v.output) for v in found], [(v, v.target) for v in found]))
+        amount, expected = (x.mean(dim=1).clamp(min=DARK).log2() for x in (made, true))
+        colours = torch.corrcoef(torch.stack([(x / x.sum(dim=1, keepdim=True).clamp(min=DARK)).flatten()
+                                              for x in (made, true)]))[0, 1]
+        if path == checkpoints[0]:
+            print(f"{len(found)} frames, spread {expected.std():.2f} stops")
+        print(f"{path.parent.name:24} {errors[0]:6.3f} {errors[1]:6.3f} {errors[2]:7.4f} "
+              f"{(amount - expected).square().mean().sqrt():6.2f} {colours:8.2f}")
+
+
+def seen_by(network: Network, batch: dict[str, Tensor]) -> Views | None:
+    """What the network makes of a pair; None where it shows little, or nothing that is lit."""
+    if batch["seen"].mean() <= LEAST_SEEN or batch["target"].max() <= 0:
+        return None
+    output, previous = (network(**tensors_of(batch, frame)) for frame in ("current", "previous"))
+    warped = warp(previous * batch["ratio"], batch["motion"])
+    return Views(output, batch["target"], warped, batch["seen"], batch["visible"])
+
+
+def judged(views: Views) -> list[float]:
+    """SSIM, L1, change."""
+    assert views.warped is not None
+    a, b = toned(views)
+    terms = ((ssim_map(a, b), views.seen), ((a - b).abs(), views.seen),
+             ((a - tone(views.warped)).abs(), views.seen * views.visible))
+    return [float(mean_where(values, mask)) for values, mask in terms]
+
+
+def means(light: Tensor, seen: Tensor) -> Tensor:
+    """Mean light of each colour, shape (3,)."""
+    return (light * seen).sum(dim=(0, 2, 3)) / seen.sum()
+
+
+if __name__ == "__main__":
+    if len(sys.argv) < 3:
+        sys.exit(__doc__)
+    main(Path(sys.argv[1]), [Path(name) for name in sys.argv[2:]])
