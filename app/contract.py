@@ -246,7 +246,7 @@ _CHOICES: dict[str, tuple[str | None, ...]] = {
 
 def bundled_models() -> dict[str, Path]:
     """Networks that come with the program, name to file, sorted by name."""
-    return {path.stem: path for path in sorted(nets_dir().glob("*.onnx"))}
+    return {path.stem: path for path in sorted(nets_dir().glob("*.onnx"), key=lambda path: path.stem)}
 
 
 def find_model(name: str) -> Model:
