@@ -8,6 +8,7 @@ from pathlib import Path
 from app.contract import ModelContract
 from export.training.state import Checkpoint
 
+COMPARED = "**Files**, compared on the same random, real and extreme inputs (of half files, rounded to half)"
 MADE_BY = "`python -m export train` and `python -m export onnx`; docs/training.md has the commands."
 
 
@@ -54,8 +55,7 @@ def card(checkpoint: Checkpoint, contract: ModelContract, differences: Mapping[P
     files = {f"`{path.name}`": f"{path.stat().st_size / 1e6:.2f} MB, onnxruntime within {difference:.1e} of torch"
              for path, difference in differences.items()}
     return "\n\n".join([f"# {contract.name}", _table(rows), "**Trained on**", _table(training),
-                        "**Files**, compared on random, real and extreme inputs", _table(files),
-                        f"**Made by** {MADE_BY}"]) + "\n"
+                        COMPARED, _table(files), f"**Made by** {MADE_BY}"]) + "\n"
 
 
 def _left_out(loss: str, terms: Mapping[str, float]) -> str:

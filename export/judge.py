@@ -18,6 +18,7 @@ from app.errors import SettingsError
 from app.renderer import Renderer
 from app.settings import Settings
 from export.dataset.key import scene_key
+from export.denoise import denoiser_version
 from export.path_tracer import MAX_BOUNCES
 from export.reference import Still, write_reference
 from export.validation import View
@@ -45,7 +46,7 @@ class Row:
 def truth_of(view: View, spp: int, folder: Path | None) -> Truth:
     """The path-traced and denoised truth, from ``folder`` (or the benchmark's cache) where it was made before."""
     still = view.still
-    key = scene_key(still.scene, still.camera, still.size, still.time, spp, "denoised", exporter_version(),
+    key = scene_key(still.scene, still.camera, still.size, still.time, spp, denoiser_version(), exporter_version(),
                     renderer_version(still.scene))
     return kept_truth((folder or cache_folder()) / f"{view.name}-{key}", lambda fresh: write_reference(
         fresh, still, spp, 0, MAX_BOUNCES, {"view": view.name}, lambda share: None, denoised=True))

@@ -81,6 +81,8 @@ def reference(still: Still, spp: int, seed: int = 0, max_bounces: int = MAX_BOUN
     ------
     DeviceError
         When Mitsuba or EGL is missing.
+    MissingExtraError
+        When there is nothing to denoise with.
     """
     tracer = PathTracer(still.scene, still.time, max_bounces)
     start = time.perf_counter()

@@ -3,8 +3,8 @@
     python scripts/held_out.py DATASET CHECKPOINT…
 
 For each checkpoint of `python -m export train`: SSIM and L1 to the target, and L1 to the previous output where it shows
-the same surface, all in the μ-law scale of the losses; the error of the frames' mean light in stops, whose spread is
-printed first; and how the colours' shares of the light go with the target's (correlation).
+the same surface, all in the μ-law scale of the losses; the spread of the frames' mean light in stops, and the network's
+error of it; and how the colours' shares of the light go with the target's (correlation).
 """
 
 from __future__ import annotations
@@ -26,32 +26,33 @@ from export.models import Network  # noqa: E402
 from export.training.examples import Examples, tensors_of  # noqa: E402
 from export.training.state import load  # noqa: E402
 
-SHARE = 10         # one pair in so many is held out, from the end
 LEAST_SEEN = 0.3   # share of texels with a surface
 DARK = 1e-3        # means
 
 
 @torch.no_grad()
-def main(folder: Path, checkpoints: list[Path]) -> None:
+def main(folder: Path, paths: list[Path]) -> None:
     dataset = Dataset(folder)
-    print(f"{'':24} {'SSIM':>6} {'L1':>6} {'change':>7} {'stops':>6} {'colours':>8}")
-    for path in checkpoints:
-        network = load(path).network()
+    checkpoints = [load(path) for path in paths]
+    held_out = round(min(checkpoint.config.data.validation for checkpoint in checkpoints) * len(dataset))
+    print(f"{'':24} {'frames':>6} {'SSIM':>6} {'L1':>6} {'change':>7} {'spread':>7} {'error':>6} {'colours':>8}")
+    for path, checkpoint in zip(paths, checkpoints, strict=True):
+        network = checkpoint.network()
         examples = Examples(dataset, network.contract)
         if examples.missing:
             sys.exit(f"{len(examples.missing)} pairs are not drawn yet for {path}; train on {folder}, which draws them")
-        held = range(len(examples) - len(examples) // SHARE, len(examples))
+        held = range(len(examples) - held_out, len(examples))
         found = [views for i in held if (views := seen_by(network, examples.batch([i]))) is not None]
+        if len(found) < 2:
+            sys.exit(f"{len(found)} lit frames among {len(held)} held out of {folder}, expected at least two")
         errors = torch.tensor([judged(views) for views in found]).mean(dim=0).tolist()
-        made, true = (torch.stack([means(light, views.seen) for views, light in sides]) for sides in
-                      ([(v, v.output) for v in found], [(v, v.target) for v in found]))
+        made, true = (torch.stack([means(getattr(views, light), views.seen) for views in found])
+                      for light in ("output", "target"))
         amount, expected = (x.mean(dim=1).clamp(min=DARK).log2() for x in (made, true))
         colours = torch.corrcoef(torch.stack([(x / x.sum(dim=1, keepdim=True).clamp(min=DARK)).flatten()
                                               for x in (made, true)]))[0, 1]
-        if path == checkpoints[0]:
-            print(f"{len(found)} frames, spread {expected.std():.2f} stops")
-        print(f"{path.parent.name:24} {errors[0]:6.3f} {errors[1]:6.3f} {errors[2]:7.4f} "
-              f"{(amount - expected).square().mean().sqrt():6.2f} {colours:8.2f}")
+        print(f"{path.parent.name:24} {len(found):6} {errors[0]:6.3f} {errors[1]:6.3f} {errors[2]:7.4f} "
+              f"{expected.std():7.2f} {(amount - expected).square().mean().sqrt():6.2f} {colours:8.2f}")
 
 
 def seen_by(network: Network, batch: dict[str, Tensor]) -> Views | None:

@@ -60,12 +60,11 @@ def trace_target(tracer: PathTracer, still: Still, spp: int, seed: int, denoised
                          for total, found in ((multi, samples.multi), (single, samples.single)))
     seen = samples.depth[:len(points)] > 0
     normal = samples.normal[:len(points)].reshape(height, width, 3)
-    images = [(total / spp).reshape(height, width, 3).astype(np.float32) for total in (multi, single)]
+    indirect, indirect_single = ((total / spp).reshape(height, width, 3).astype(np.float32)
+                                 for total in (multi, single))
     if denoised:
-        images = [denoise(image, normal) for image in images]
-    seen = seen.reshape(height, width)
-    indirect, indirect_single = (np.where(seen[..., None], image, np.float32(0)) for image in images)
-    return Target(indirect, indirect_single, seen)
+        indirect, indirect_single = denoise(indirect, normal), denoise(indirect_single, normal)
+    return Target(indirect, indirect_single, seen.reshape(height, width))
 
 
 def picked(size: tuple[int, int]) -> F64:

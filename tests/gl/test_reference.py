@@ -231,6 +231,18 @@ def test_a_denoised_reference_is_nearer_to_the_truth(corner: Still) -> None:
     assert denoised.noise == raw.noise  # that before denoising
 
 
+def test_denoising_spreads_no_light_into_the_sky() -> None:
+    from export.denoise import denoise
+
+    light = np.random.default_rng(0).gamma(1.0, 1.0, (48, 64, 3)).astype(np.float32)
+    normal = np.zeros_like(light)
+    normal[24:, :, 1] = 1.0
+    light[:24] = 0.0
+    found = denoise(light, normal)
+    assert not found[:24].any() and found[24:].mean() == pytest.approx(1.0, rel=0.1)
+    assert found[26:].std() < 0.2
+
+
 def test_the_same_seed_gives_the_same_picture() -> None:
     """However often the scene is converted: lights keep their order, by which the path tracer chooses among them."""
     lights = [PointLight((-0.8, 2.0, 1.0), WHITE, 0.15),

@@ -120,6 +120,7 @@ def test_a_file_without_contract_names_the_command_that_adds_it(tmp_path: Path) 
 
 
 def test_an_unknown_network_lists_the_known_ones() -> None:
+    assert list(bundled_models()) == sorted(bundled_models())
     known = ", ".join(bundled_models())
     with pytest.raises(ModelError, match=rf"no network 'radiosty'.*'radiosity'\? Known: one of {known}, ssgi"):
         find_model("radiosty")

@@ -265,3 +265,14 @@ def test_a_thousand_pairs_fit_into_sixty_mebibytes() -> None:
     config = replace(read_config(None), paths=16, sources=tuple(Share(s, 1, 1) for s in ("room", "blocks", "hall")))
     sizes = [len(content) for group in plan(config, 3) for content in made(config, 7, group).values()]
     assert np.mean(sizes) * 1000 < 60 * 2**20
+
+
+def test_an_llvm_that_is_none_is_named(tmp_path: Path) -> None:
+    (file := tmp_path / "libLLVM.so").write_bytes(b"no library")
+    run = subprocess.run([sys.executable, "-m", "export", "dataset", "--out", tmp_path / "data", "--frames", "1"],
+                         env={**os.environ, "DRJIT_LIBLLVM_PATH": str(file)}, capture_output=True, text=True,
+                         check=False)
+    assert run.returncode == 2
+    errors = [line for line in run.stderr.splitlines() if line.startswith("error: ")]
+    assert len(errors) == 1 and str(file) in errors[0] and "Traceback" not in run.stderr
+    assert not (tmp_path / "data").exists()
