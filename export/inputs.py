@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -185,5 +185,5 @@ def _black_network(contract: ModelContract) -> bytes:
         nodes.append(helper.make_node("Conv", [screen, f"{t}_none"], [t]))
     graph = helper.make_graph(nodes, "black", values(contract.inputs), values(contract.outputs), constants)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    helper.set_model_props(model, {KEY: contract.to_json()})
+    helper.set_model_props(model, {KEY: replace(contract, kept_from=None).to_json()})  # it has nothing to keep
     return model.SerializeToString()

@@ -116,6 +116,13 @@ def test_a_moved_light_gives_another_previous_frame_and_no_motion() -> None:
     np.testing.assert_array_equal(found.previous.tensors["x"], again.previous.tensors["x"])
 
 
+def test_inputs_of_a_network_that_keeps_geometry_are_drawn_like_others() -> None:
+    pair = pair_of(embedded_scene(), 0.02)
+    expected, found = (draw(pair, c) for c in (contract(), replace(contract(), kept_from="x")))
+    np.testing.assert_array_equal(found.current.tensors["x"], expected.current.tensors["x"])
+    np.testing.assert_array_equal(found.previous.tensors["x"], expected.previous.tensors["x"])
+
+
 def test_picked_texels_are_the_shaders() -> None:
     rows, columns = picked((256, 192), (128, 96))
     assert rows.tolist() == list(range(0, 192, 2)) and columns.tolist() == list(range(1, 256, 2))
