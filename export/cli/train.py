@@ -25,6 +25,7 @@ def train(config: Annotated[Path, typer.Argument(help="What to do; export/config
     from export.dataset import Dataset
     from export.models import make_network
     from export.training.config import read_config
+    from export.training.eligible import eligible
     from export.training.examples import Examples, draw_missing
     from export.training.loop import Run
 
@@ -39,7 +40,7 @@ def train(config: Annotated[Path, typer.Argument(help="What to do; export/config
             task = bar.add_task("drawing", total=len(examples.missing))
             for count in draw_missing(pairs, contract, workers):
                 bar.advance(task, count)
-        run = Run(chosen, examples, out)
+        run = Run(chosen, examples, out, eligible(pairs, chosen.data.most_saturated))
         task = bar.add_task("training", total=run.steps, completed=run.progress.step)
         found = run.train(lambda step, steps, terms: bar.update(
             task, completed=step, description=f"training, loss {terms['loss']:.4f}"))

@@ -47,11 +47,14 @@ class DataConfig:
         Share of the pairs, from the end, that is never trained on. Neighbouring pairs share scenes, so it is one piece.
     pairs : int or None
         Train on so many of the others, from the beginning; on all without.
+    most_saturated : float
+        Leave out pairs with a light of more saturation than this (1 - smallest / largest of its colours).
     """
 
     dataset: Path
     validation: float = Field(0.1, gt=0, lt=1)
     pairs: PositiveInt | None = None
+    most_saturated: float = Field(1.0, ge=0, le=1)
 
 
 @strict

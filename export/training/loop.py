@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,8 @@ class Run:
         All drawn.
     folder : Path
         Gets ``checkpoint.pt``, ``log.jsonl``, ``curve.png`` and ``pictures/``.
+    eligible : sequence of int or None
+        Pairs that may be trained on, if not all; see ``export.training.eligible``. The held-out ones are never.
 
     Raises
     ------
@@ -46,18 +48,21 @@ class Run:
         When the configuration does not fit the network, the examples or the checkpoint.
     """
 
-    def __init__(self, config: Config, examples: Examples, folder: Path) -> None:
+    def __init__(self, config: Config, examples: Examples, folder: Path,
+                 eligible: Sequence[int] | None = None) -> None:
         self.config, self.examples, self.folder = config, examples, folder
         held_out = max(1, round(config.data.validation * len(examples)))
         others = len(examples) - held_out
-        self.trained_on = config.data.pairs or others
-        if self.trained_on > others:
-            raise SettingsError(f"{self.trained_on} pairs to train on", config.data.dataset,
-                                f"expected at most {others}, the rest of {len(examples)} is held out")
         self.held_out = list(range(others, len(examples)))
-        self.epoch_steps = self.trained_on // config.schedule.batch
+        candidates = [i for i in (range(others) if eligible is None else eligible) if i < others]
+        wanted = config.data.pairs or len(candidates)
+        if wanted > len(candidates):
+            raise SettingsError(f"{wanted} pairs to train on", config.data.dataset,
+                                f"expected at most {len(candidates)} of {len(examples)}, {held_out} are held out")
+        self.trained_on = candidates[:wanted]
+        self.epoch_steps = wanted // config.schedule.batch
         if self.epoch_steps < 1:
-            raise SettingsError(f"{self.trained_on} pairs to train on", config.data.dataset,
+            raise SettingsError(f"{wanted} pairs to train on", config.data.dataset,
                                 f"expected at least a batch of {config.schedule.batch}")
         self.steps = config.schedule.epochs * self.epoch_steps
         device = config.device
@@ -131,7 +136,8 @@ class Run:
         for group in self.optimizer.param_groups:
             group["lr"] = learning_rate(schedule, step / self.steps)
         epoch, at = divmod(step, self.epoch_steps)
-        order = torch.randperm(self.trained_on, generator=_random(self.config.seed, epoch)).tolist()
+        order = torch.randperm(len(self.trained_on), generator=_random(self.config.seed, epoch)).tolist()
+        order = [self.trained_on[i] for i in order]
         mine = order[at * schedule.batch:(at + 1) * schedule.batch][self.fabric.global_rank::self.fabric.world_size]
         stream = self.steps + step * self.fabric.world_size + self.fabric.global_rank
         batch = augment(self._batch(mine), self.contract, self.config.augmentation,
@@ -175,7 +181,7 @@ class Run:
 
     def _save(self) -> None:
         if self.fabric.is_global_zero:
-            facts = {"pairs": len(self.examples), "trained_on": self.trained_on, "weights": weights_of(self._bare),
+            facts = {"pairs": len(self.examples), "trained_on": len(self.trained_on), "weights": weights_of(self._bare),
                      "machine": state.machine(self.fabric.device)}
             critic = {} if self.critic is None else self.critic.state
             state.save(self.folder / CHECKPOINT, self.config, self.progress, self._bare, self.ema, self.optimizer,

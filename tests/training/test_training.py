@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,12 @@ pytest.importorskip("lightning_fabric")
 
 from app.contract import ModelContract  # noqa: E402
 from app.errors import ModelError, SettingsError  # noqa: E402
+from app.scene import PointLight  # noqa: E402
 from export.inputs import Frame, Inputs  # noqa: E402
 from export.models import make_network  # noqa: E402
 from export.training.augment import exposed, permuted  # noqa: E402
 from export.training.config import Config, from_table, read_config  # noqa: E402
+from export.training.eligible import eligible, saturation  # noqa: E402
 from export.training.examples import Examples, tensors_of  # noqa: E402
 from export.training.loop import CHECKPOINT, Run, learning_rate  # noqa: E402
 from export.training.state import load  # noqa: E402
@@ -124,13 +127,32 @@ def test_a_part_of_the_pairs_is_held_out_and_a_part_is_enough(tmp_path: Path) ->
     made = examples(tmp_path)
     table = config(tmp_path).to_json()
     run = Run(config(tmp_path), made, tmp_path / "all")
-    assert (run.trained_on, run.held_out) == (8, [8, 9])
+    assert (run.trained_on, run.held_out) == (list(range(8)), [8, 9])
     table["data"]["pairs"] = 4
     run = Run(from_table(table, "test"), made, tmp_path / "half")
-    assert (run.trained_on, run.held_out) == (4, [8, 9])
+    assert (run.trained_on, run.held_out) == ([0, 1, 2, 3], [8, 9])
     table["data"]["pairs"] = 9
     with pytest.raises(SettingsError, match="at most 8"):
         Run(from_table(table, "test"), made, tmp_path / "more")
+
+
+def test_pairs_with_saturated_lights_can_be_left_out(tmp_path: Path) -> None:
+    made = examples(tmp_path)
+    pairs = CornellPairs(tmp_path, 10)
+    white = replace(pairs.scene, materials=(), lights=(PointLight((0.0, 0.0, 0.0), (1.0, 0.9, 0.8)),))
+    assert saturation(white) == pytest.approx(0.2)
+    glow = replace(pairs.scene.materials[0], emission=(0.0, 0.5, 1.0))
+    assert saturation(replace(white, materials=(glow,))) == 1.0
+    assert saturation(replace(white, lights=())) == 0.0
+    assert eligible(pairs, 1.0) is None
+    assert eligible(pairs, saturation(pairs.scene)) == list(range(10))
+    assert eligible(pairs, saturation(pairs.scene) / 2) == []
+    run = Run(config(tmp_path), made, tmp_path / "some", [1, 2, 5, 7, 9])
+    assert (run.trained_on, run.held_out) == ([1, 2, 5, 7], [8, 9])
+    run.train()
+    with pytest.raises(SettingsError, match="at most 3 of 10"):
+        Run(from_table({**config(tmp_path).to_json(), "data": {"dataset": "d", "pairs": 4}}, "test"), made,
+            tmp_path / "few", [1, 2, 5])
 
 
 def test_the_seed_decides_the_run(tmp_path: Path) -> None:
