@@ -1,4 +1,4 @@
-"""GFA's loss (Gai et al. 2025): smooth L1, features of a VGG, and a critic."""
+"""GFA's loss (Gai et al. 2025): smooth L1, features of a VGG, and a critic; or SSIM where no VGG is at hand."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 from torch import Tensor
 from torch.nn import functional
 
+from export.losses.bcnn import ssim_map
 from export.losses.critic import PatchCritic
 from export.losses.perceptual import Perceptual
 from export.losses.views import Views, mean_where, toned
@@ -19,8 +20,9 @@ class GfaLoss:
 
     Parameters
     ----------
-    smooth_l1, perceptual, adversarial : float
-        Weights; of the others' terms nothing is worked out where theirs is 0.
+    smooth_l1, perceptual, adversarial, ssim : float
+        Weights; of the others' terms nothing is worked out where theirs is 0. SSIM is not the paper's: it compares
+        structure in the place of the perceptual term.
     features : str or None
         File of the network whose features the perceptual term compares. Without one that term is left out.
 
@@ -32,16 +34,16 @@ class GfaLoss:
     Raises
     ------
     ValueError
-        For a weight that is not above 0, or below it for the last two.
+        For a weight that is not above 0, or below it for the others than the first.
     """
 
     uses_previous = False
 
     def __init__(self, smooth_l1: float = 0.7, perceptual: float = 0.28, adversarial: float = 0.02,
-                 features: str | None = None) -> None:
-        if not (float(smooth_l1) > 0 and float(perceptual) >= 0 and float(adversarial) >= 0):
-            raise ValueError(f"weights {smooth_l1}, {perceptual}, {adversarial}")
-        self.smooth_l1, self.perceptual, self.adversarial = smooth_l1, perceptual, adversarial
+                 ssim: float = 0.0, features: str | None = None) -> None:
+        if not (float(smooth_l1) > 0 and all(float(x) >= 0 for x in (perceptual, adversarial, ssim))):
+            raise ValueError(f"weights {smooth_l1}, {perceptual}, {adversarial}, {ssim}")
+        self.smooth_l1, self.perceptual, self.adversarial, self.ssim = smooth_l1, perceptual, adversarial, ssim
         self.network = Perceptual(Path(features)) if features is not None and perceptual > 0 else None
         self.critic = PatchCritic() if adversarial > 0 else None
 
@@ -49,6 +51,8 @@ class GfaLoss:
         a, b = toned(views)
         terms = {"smooth_l1": self.smooth_l1 * mean_where(
             functional.smooth_l1_loss(a, b, reduction="none", beta=BETA), views.seen)}
+        if self.ssim > 0:
+            terms["ssim"] = self.ssim * (1 - mean_where(ssim_map(a, b), views.seen))
         if self.network is not None:
             terms["perceptual"] = self.perceptual * self.network(a, b)
         if self.critic is not None:

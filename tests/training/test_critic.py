@@ -14,6 +14,7 @@ from lightning_fabric import Fabric  # noqa: E402
 
 from app.errors import SettingsError  # noqa: E402
 from export.losses import Views, make_loss  # noqa: E402
+from export.losses.bcnn import ssim_map  # noqa: E402
 from export.losses.critic import PatchCritic  # noqa: E402
 from export.losses.perceptual import MEAN, Perceptual  # noqa: E402
 from export.losses.views import tone  # noqa: E402
@@ -109,6 +110,8 @@ def test_gfas_loss_is_its_weighted_terms(features: tuple[Path, torch.nn.Module])
     assert set(make_loss("gfa", {})(shown)) == {"smooth_l1", "adversarial"}
     plain = make_loss("gfa", {"adversarial": 0.0})
     assert plain.critic is None and set(plain(shown)) == {"smooth_l1"}
+    structure = make_loss("gfa", {"adversarial": 0.0, "ssim": 0.5})(shown)["ssim"]
+    torch.testing.assert_close(structure, 0.5 * (1 - ssim_map(a, b).mean()))
 
 
 @pytest.mark.parametrize("content", [
@@ -127,7 +130,8 @@ def test_a_file_without_features_is_one_line(tmp_path: Path, content: bytes | di
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("options", [{"smooth_l1": 0.0}, {"adversarial": -1.0}, {"smooth_l1": "much"}])
+@pytest.mark.parametrize("options", [{"smooth_l1": 0.0}, {"adversarial": -1.0}, {"smooth_l1": "much"},
+                                     {"ssim": float("nan")}])
 def test_bad_weights_are_one_line(options: dict[str, Any]) -> None:
     with pytest.raises(SettingsError, match="bad options"):
         make_loss("gfa", options)
