@@ -12,6 +12,7 @@ from app.gl.lights import LightSet
 from app.graph import Pass, Plan, compile_graph
 from app.passes import (
     accumulate,
+    background,
     composite,
     direct,
     downsample,
@@ -46,11 +47,12 @@ AOVS: dict[str, str] = {
     "specular": "highlights of direct light, W/(sr m²)",
     "indirect": "indirect radiance divided by albedo, W/(sr m²)",
     "emission": "emitted radiance, W/(sr m²)",
+    "background": "radiance of the environment where nothing is seen, W/(sr m²)",
     "lit": "the composite before temporal anti-aliasing, W/(sr m²)",
 }
 NETWORK_PASSES = ("surround", "surround_direct", "surfel_light", "surfels", "downsample", "network")
 # On the GPU these are multiplied by LightSet.scale.
-RADIANCE = frozenset({"final", "direct", "specular", "indirect", "emission", "lit"})
+RADIANCE = frozenset({"final", "direct", "specular", "indirect", "emission", "background", "lit"})
 
 
 @dataclass(frozen=True)
@@ -100,6 +102,10 @@ def build_frame(scene: Scene, settings: Settings, lights: LightSet,
     else:
         absent["shadow"] = "the scene has no light that casts"
     passes += [gbuffer.declare(scene), position.declare(), direct.declare(lights, shiny)]
+    if scene.environment is not None:
+        passes.append(background.declare(scene.environment))
+    else:
+        absent["background"] = "the scene has no environment, or a black one"
     if model is not None:
         passes += _indirect(scene, settings, lights, model, absent)
     else:
@@ -107,7 +113,7 @@ def build_frame(scene: Scene, settings: Settings, lights: LightSet,
                                 "no model was chosen")
     passes.append(composite.declare(has_indirect=model is not None))
     if settings.taa:
-        passes.append(taa.declare())
+        passes.append(taa.declare(scene.environment is not None))
     else:
         absent |= dict.fromkeys(("accumulate", "taa"), "switched off by --no-taa")
     finished = "taa" if settings.taa else "lit"

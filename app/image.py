@@ -17,6 +17,7 @@ F32 = NDArray[np.float32]
 Image = NDArray[np.float16] | F32
 
 COMPONENTS = "RGBA"
+COLORS = COMPONENTS[:3]
 
 
 def srgb_encode(linear: NDArray[np.floating[Any]]) -> F32:
@@ -95,6 +96,20 @@ def read_exr(path: Path) -> dict[str, F32]:
             for layer, parts in found.items()}
 
 
+def read_radiance(path: Path) -> F32:
+    """The picture in an HDR or EXR file, float32, shape (H, W, 3); a grey one in all three colours, without alpha.
+
+    Raises
+    ------
+    SceneError
+        When the file can't be read.
+    """
+    pixels, names = _read(path, oiio.FLOAT, "HDR or EXR")
+    of = {name: index for index, name in reversed(list(enumerate(names)))}
+    rgb = [of.get(name, 0 if len(names) < len(COLORS) else index) for index, name in enumerate(COLORS)]
+    return np.ascontiguousarray(pixels[..., rgb])
+
+
 def read_png(path: Path) -> NDArray[np.uint8]:
     """Read the stored 8-bit values, shape (H, W, C).
 
@@ -121,20 +136,20 @@ def _write(path: Path, spec: Any, pixels: NDArray[Any]) -> None:
                               "expected a writable place with room for it")
 
 
-def _read(path: Path, kind: Any) -> tuple[Any, tuple[str, ...]]:
+def _read(path: Path, kind: Any, expected: str = "EXR or PNG") -> tuple[Any, tuple[str, ...]]:
     try:
         source = oiio.ImageInput.open(str(path))
         if source is None:
-            raise _unreadable(oiio.geterror(), path)
+            raise _unreadable(oiio.geterror(), path, expected)
         pixels, names = source.read_image(0, 0, 0, source.spec().nchannels, kind), source.spec().channelnames
         reason = source.geterror()
         source.close()
     except UnicodeDecodeError:
-        raise _unreadable("its text is no UTF-8", path) from None
+        raise _unreadable("its text is no UTF-8", path, expected) from None
     if pixels is None or reason:
-        raise _unreadable(reason, path)
+        raise _unreadable(reason, path, expected)
     return pixels, names
 
 
-def _unreadable(reason: str, path: Path) -> SceneError:
-    return SceneError(f"can't read the image ({' '.join(reason.split())})", path, "expected a whole EXR or PNG file")
+def _unreadable(reason: str, path: Path, expected: str) -> SceneError:
+    return SceneError(f"can't read the image ({' '.join(reason.split())})", path, f"expected a whole {expected} file")

@@ -184,6 +184,23 @@ class RectLight:
 Light = PointLight | SpotLight | DirectionalLight | RectLight
 
 
+@dataclass(frozen=True, eq=False)
+class Environment:
+    """Light from infinitely far away, seen where no surface is.
+
+    Attributes
+    ----------
+    radiance : ndarray, float32, shape (H, W, 3)
+        W/(sr m²), at least 0, latitude-longitude: rows of equal height from straight up (+y) to straight down, columns
+        of equal azimuth all around, -z in the middle and +x right of it.
+    rotation_deg : float
+        How far it is turned about +y, counter-clockwise seen from above.
+    """
+
+    radiance: F32
+    rotation_deg: float = 0.0
+
+
 @dataclass(frozen=True)
 class Camera:
     """A pinhole camera. Vertical field of view in degrees."""
@@ -236,6 +253,8 @@ class Scene:
         What the loader guessed, skipped or approximated; the command line prints them.
     bounds : ndarray, float64, shape (2, 3)
         World-space box around all instances at time 0, smallest and largest corner.
+    environment : Environment or None
+        None where it is black.
     """
 
     name: str
@@ -248,6 +267,7 @@ class Scene:
     bounds: F64
     lighting: str = ""
     notices: tuple[str, ...] = ()
+    environment: Environment | None = None
 
     @property
     def triangles(self) -> int:

@@ -16,12 +16,14 @@ from typing import Any
 
 import numpy as np
 
+from app.environment import centres, radiance_along
 from app.errors import DeviceError
 from app.math3d import look_rotation, normal_matrix, normalize
 from app.scene import (
     F32,
     F64,
     DirectionalLight,
+    Environment,
     Instance,
     Light,
     Material,
@@ -38,6 +40,7 @@ OLDEST_LLVM = 16       # older ones fail on processors with AVX-512
 EXTENT = 40.0          # longest edge of the scaled scene
 SUN_DISTANCE = 4e4     # scaled: where parallel light comes from, and the sphere stands that has its angular radius
 SPOT_POINTS = 64       # point spots that stand for one with a radius
+SKY_ROWS = 256
 SEAM = 1e-4            # scaled: between the two sides of a two-sided emitter
 
 _LLVM_FOLDERS = ("/usr/lib", "/usr/lib64", "/usr/local/lib", "/opt/homebrew/opt/llvm/lib")
@@ -93,7 +96,8 @@ class MitsubaScene:
     solid : mitsuba.Scene or None
         Those that cast shadows: all but the ones that stand for an analytic light.
     lights, glow : mitsuba.Scene or None
-        ``Scene.lights``, and the emissive meshes that none of them stands for; None where there is none.
+        ``Scene.lights``; the emissive meshes that none of them stands for, and the environment. None where there is
+        none.
     whole : dict
         All of it as one scene for Mitsuba's own integrators, where lights have bodies.
     masked : bool
@@ -142,14 +146,18 @@ def convert(scene: Scene, time: float = 0.0) -> MitsubaScene:
         for part, emitter in enumerate(_emitters(light, origin, scale)):
             lights[f"light{index}part{part}"] = emitter
 
+    if scene.environment is not None:
+        glow["environment"] = _sky(scene.environment)
+
     def load(part: dict[str, Any]) -> Any:
         # Merging and loading in parallel shuffle the emitters, and so the picture, from run to run.
         return mi.load_dict(part, parallel=False, optimize=False) if len(part) > 1 else None
 
-    # Mitsuba lets parallel light begin at the bounds of the scene that it is in.
-    bounds = {"bounds": {"type": "sphere", "radius": SUN_DISTANCE}} if len(lights) > 1 else {}
+    # Mitsuba lets parallel light, and that of an environment, begin at the bounds of the scene that it is in.
+    bounds = {"bounds": {"type": "sphere", "radius": SUN_DISTANCE}}
     masked = any(m.alpha_cutoff is not None for m in scene.materials)
-    return MitsubaScene(load(seen), load(solid), load(lights | bounds), load(glow), seen | lights | glow, masked,
+    return MitsubaScene(load(seen), load(solid), load(lights | bounds) if len(lights) > 1 else None,
+                        load(glow | bounds if scene.environment is not None else glow), seen | lights | glow, masked,
                         origin, scale, tuple(dict.fromkeys(builder.notices)))
 
 
@@ -294,6 +302,16 @@ def _emitters(light: Light, origin: F64, scale: float) -> Iterator[dict[str, Any
         case RectLight():
             for sign in (1.0, -1.0) if light.two_sided else (1.0,):
                 yield _glowing_rectangle(light, place(light.center), scale, sign)
+
+
+def _sky(environment: Environment) -> dict[str, Any]:
+    """Mitsuba's map begins at -z, and has its first and last row straight up and down: where rows are few, more."""
+    h, w = environment.radiance.shape[:2]
+    finer = -(-SKY_ROWS // h)
+    h, w = finer * h, finer * w * (1 + finer * w % 2)
+    radiance = radiance_along(Environment(environment.radiance), np.roll(centres(h, w), w // 2, 1).reshape(-1, 3))
+    turn = mitsuba().ScalarTransform4f().rotate([0, 1, 0], environment.rotation_deg)
+    return {"type": "envmap", "bitmap": mitsuba().Bitmap(radiance.reshape(h, w, 3)), "to_world": turn}
 
 
 def _rgb(color: tuple[float, float, float], factor: float = 1.0) -> dict[str, Any]:

@@ -28,6 +28,7 @@ RAYS_AT_ONCE = 2**20
 LEAST_BATCHES = 8   # whose spread tells the noise
 SUPERSAMPLING = 4   # samples along a pixel's edge, of what is not traced
 LAYERS = ("final", "direct", "indirect", "indirect_single")
+UNTRACED = ("emission", "specular", "background")
 AOVS = ("albedo", "normal", "depth", "position", "direct", "specular", "emission")
 
 
@@ -73,9 +74,9 @@ def reference(still: Still, spp: int, seed: int = 0, max_bounces: int = MAX_BOUN
               progress: Callable[[float], object] = lambda share: None, denoised: bool = False) -> Reference:
     """Trace ``spp`` paths through each pixel's centre, and as many spread over the pixel for ``final``.
 
-    Emission and highlights, which are not traced, are the renderer's own, supersampled. ``progress`` is told the
-    share of the samples that are done. ``denoised``: ``final`` and indirect light go through Open Image Denoise; the
-    noise that is told is that before.
+    Emission, highlights and background, which are not traced, are the renderer's own, supersampled. ``progress`` is
+    told the share of the samples that are done. ``denoised``: ``final`` and indirect light go through Open Image
+    Denoise; the noise that is told is that before.
 
     Raises
     ------
@@ -138,12 +139,12 @@ def plain(still: Still, counts: Sequence[int], seed: int = 0,
 
 
 def untraced(still: Still) -> F32:
-    """Emission and highlights as the renderer draws them, float32 [H, W, 3], averaged over each pixel."""
+    """Emission, highlights and background as the renderer draws them, float32 [H, W, 3], averaged over each pixel."""
     (w, h), n = still.size, SUPERSAMPLING
-    settings = Settings((n * w, n * h), ("emission", "specular"), taa=False, provider="cpu")
+    settings = Settings((n * w, n * h), UNTRACED, taa=False, provider="cpu")
     with Renderer(still.scene, settings) as renderer:
         images = renderer.render(still.camera, still.time)
-    total = images["emission"] + images["specular"]
+    total = np.sum([images[name] for name in UNTRACED], axis=0)
     return total.reshape(h, n, w, n, 3).mean(axis=(1, 3), dtype=np.float64).astype(np.float32)
 
 

@@ -1,4 +1,4 @@
-// Everything that reaches the camera: direct + albedo * indirect + emission + highlights.
+// Everything that reaches the camera: direct + albedo * indirect + emission + highlights, and the background.
 #include "numbers.glsl"
 
 uniform sampler2D direct;
@@ -11,6 +11,9 @@ uniform sampler2D emission;
 #endif
 #ifdef HAS_SPECULAR
 uniform sampler2D specular;
+#endif
+#ifdef HAS_BACKGROUND
+uniform sampler2D background;
 #endif
 
 layout(location = 0) out vec4 out_lit;
@@ -27,6 +30,9 @@ void main()
 #endif
 #ifdef HAS_SPECULAR
     sum += sanitize_radiance(texelFetch(specular, texel, 0).rgb);
+#endif
+#ifdef HAS_BACKGROUND
+    sum += sanitize_radiance(texelFetch(background, texel, 0).rgb);
 #endif
     out_lit = vec4(min(sum, HALF_MAX), 1.0);
 }

@@ -18,6 +18,10 @@ uniform sampler2D taa_prev;    // rgb: history, a: frames gathered
 uniform sampler2D depth_prev;
 uniform float near;            // distance of the near plane in scene units
 uniform bool history_valid;
+#ifdef SKY
+uniform mat3 before_from_view;  // from this frame's camera space to the last one's
+uniform vec2 lens_before;       // tangents of half its field of view
+#endif
 
 layout(location = 0) out vec4 out_taa;
 
@@ -82,6 +86,17 @@ void neighbourhood(ivec2 t, ivec2 outward, vec3 own, out vec3 mean, out vec3 squ
     square /= 9.0;
 }
 
+#ifdef SKY
+// Pixels that the sky moved by, y up: the camera turned, and the sky is infinitely far away.
+vec2 sky_motion()
+{
+    vec3 before = before_from_view * view_ray(gl_FragCoord.xy + 0.5 * lens.zw * image.xy);
+    if (before.z >= 0.0) return vec2(1e9);  // was behind the camera
+    vec2 at = (before.xy / (-before.z * lens_before) * 0.5 + 0.5) * image.xy;
+    return gl_FragCoord.xy - at;
+}
+#endif
+
 // Motion of the nearest surface in and around the quad (z: nearness one frame ago), so that edges move with what is
 // before them.
 vec3 nearest_motion(ivec2 t, ivec2 outward)
@@ -92,6 +107,9 @@ vec3 nearest_motion(ivec2 t, ivec2 outward)
     best = other.w > best.w ? other : best;
     other = quad_swap_y(best);
     best = other.w > best.w ? other : best;
+#ifdef SKY
+    if (best.w <= 0.0) return vec3(sky_motion(), 0.0);
+#endif
     return vec3(best.xy * vec2(1.0, -1.0), best.z > 0.0 ? best.w / best.z : 0.0);
 }
 

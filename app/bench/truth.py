@@ -183,11 +183,11 @@ def exporter_version() -> str:
 
 
 def renderer_version(scene: Scene) -> str:
-    """Changes when the shaders of highlights and emission do, if the renderer adds such to the truth."""
+    """Changes when the shaders of highlights, emission and background do, if the renderer adds such to the truth."""
     digest = hashlib.sha256()
-    if any(material.emits or material.shiny for material in scene.materials):
-        for file in OWN_SHADERS:
-            digest.update(resolve(shader_dir() / file, {}, []).encode())
+    own = any(material.emits or material.shiny for material in scene.materials)
+    for file in (*(OWN_SHADERS if own else ()), *(("background.frag",) if scene.environment is not None else ())):
+        digest.update(resolve(shader_dir() / file, {}, []).encode())
     return digest.hexdigest()
 
 

@@ -132,11 +132,14 @@ def render(
     with Renderer(loaded, settings, network) as renderer:
         for name in renderer.missing:
             _note(f"{name} is all zero, nothing in this scene writes it")
+        running = {p.name for p in renderer.plan.passes}
+        if "background" in running and "surfels" not in running:
+            _note("the environment is shown and lights nothing: of the bundled models, only ember takes light from it")
         if verbose:
             _describe(renderer)
         prepare_folders(out, *([timing.parent] if timing is not None else []))
         if settle is None:
-            settle = SETTLE_STILL if frames == 1 and any(p.name == "taa" for p in renderer.plan.passes) else 0
+            settle = SETTLE_STILL if frames == 1 and "taa" in running else 0
         images = _draw(renderer, path, settings, frames, settle, out, kinds)
         report = {
             **renderer.timing(), "culled": dict(renderer.plan.culled), "device": renderer.device,

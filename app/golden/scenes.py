@@ -15,6 +15,7 @@ from app.scene import (
     Camera,
     CameraPath,
     DirectionalLight,
+    Environment,
     Instance,
     Light,
     Material,
@@ -87,6 +88,22 @@ def outdoor() -> Scene:
     first = Camera((0.5, 1.1, 3.4), (0.0, 0.45, 0.0), fov_y_deg=45.0)
     path = _move(first, replace(first, eye=(0.45, 1.12, 3.4)), 4)
     return _scene("outdoor", meshes, {2: turned(0.2, (0.9, 0.3, 0.5))}, materials, lights, {"path": path}, motions)
+
+
+def dusk() -> Scene:
+    """Two blocks under a sky of bands, chequers and a small bright patch; a camera that turns, quickly at first."""
+    rows, columns = 24, 48
+    y, x = np.mgrid[:rows, :columns]
+    bands = np.linspace([0.2, 0.4, 1.0], [1.0, 0.7, 0.4], rows)[:, None]
+    radiance = np.where(y[..., None] < rows // 2, bands, 0.3) * (0.7 + 0.3 * ((x // 3 + y // 3) % 2))[..., None]
+    radiance[7, 21] = (30.0, 25.0, 20.0)
+    meshes = (quads("ground", 0, ((-2, 0, 2), (4, 0, 0), (0, 0, -4))), block("block", 1, (0.6, 1.4, 0.6)))
+    materials = Material("ground", albedo=(0.6, 0.6, 0.6)), Material("block", albedo=(0.7, 0.3, 0.2))
+    first = Camera((0.2, 0.9, 3.2), (-0.4, 1.0, 0.0), fov_y_deg=55.0)
+    path = CameraPath((0.0, 2 * FRAME_SECONDS, 6 * FRAME_SECONDS),
+                      (first, replace(first, target=(0.1, 1.1, 0.0)), replace(first, target=(0.12, 1.1, 0.0))))
+    scene = _scene("dusk", meshes, {1: turned(0.4, (0.4, 0.7, -0.3))}, materials, (), {"path": path}, {})
+    return replace(scene, environment=Environment(radiance.astype(np.float32), 25.0))
 
 
 def hard() -> Scene:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from app.errors import SceneError
 from app.load.geometry import Surface, clean
-from app.scene import F64, CameraPath, Instance, Light, Material, Mesh
+from app.scene import F64, CameraPath, Environment, Instance, Light, Material, Mesh
 
 LARGEST, BRIGHTEST = 1e15, 1e30  # coordinates and light, as in scene.schema.json
 
@@ -38,6 +38,7 @@ class Draft:
     cameras: dict[str, CameraPath] = field(default_factory=dict)
     groups: dict[str, list[int]] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
+    environment: Environment | None = None
     dropped: int = 0
     flattened: int = 0
     _offsets: dict[int, F64] = field(default_factory=dict)

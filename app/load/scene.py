@@ -13,6 +13,7 @@ from app.errors import SceneError
 from app.load.checked_json import at, did_you_mean
 from app.load.draft import LARGEST, Draft
 from app.load.emitters import find_emitters
+from app.load.environment import environment
 from app.load.gltf import read_gltf
 from app.load.motion import build_motion
 from app.load.obj import read_obj
@@ -20,7 +21,7 @@ from app.load.ply import read_ply
 from app.load.sidecar import Sidecar, read_sidecar
 from app.load.survey import Survey
 from app.load.views import AUTO, automatic_camera, automatic_light
-from app.scene import CameraPath, Scene, bounds_of
+from app.scene import CameraPath, Environment, Scene, bounds_of
 
 READERS: dict[str, Callable[[Path, Draft], None]] = {
     ".obj": read_obj, ".gltf": read_gltf, ".glb": read_gltf, ".ply": read_ply,
@@ -54,6 +55,7 @@ def load_scene(path: str | Path, *, lighting: str | None = None, scene_json: str
     if name is not None:
         draft.lights = list(sidecar.lightings[name].lights)
         draft.scale_emission(sidecar.lightings[name].emission)
+        draft.environment = _environment(sidecar, name, draft.notice)
     find_emitters(draft)
     draft.drop_unused()
     return _finish(draft, path, sidecar, name)
@@ -115,6 +117,11 @@ def _choose(asked: str | None, default: str | None, known: list[str], what: str,
     return asked or default or next(iter(known), None)
 
 
+def _environment(sidecar: Sidecar, lighting: str, notice: Callable[[str], object]) -> Environment | None:
+    spec = sidecar.lightings[lighting].environment
+    return environment(spec, (sidecar.path or Path()).parent, notice) if spec is not None else None
+
+
 def _add_motions(draft: Draft, sidecar: Sidecar) -> None:
     where = sidecar.path or Path()
     for name, keys in sidecar.objects.items():
@@ -151,5 +158,5 @@ def _finish(draft: Draft, path: Path, sidecar: Sidecar, lighting: str | None) ->
     return Scene(
         name=path.stem, meshes=meshes, instances=instances, materials=tuple(draft.materials),
         lights=tuple(draft.lights), cameras=draft.cameras, default_camera=default, bounds=bounds,
-        lighting=lighting or "", notices=tuple(draft.notices),
+        lighting=lighting or "", notices=tuple(draft.notices), environment=draft.environment,
     )

@@ -20,10 +20,11 @@ _SQUARE_WITHIN = 1e-3
 
 @dataclass(frozen=True)
 class Lighting:
-    """One alternative: lights, and a factor on the emissive surfaces of the file."""
+    """One alternative: lights, a factor on the emissive surfaces of the file, and what the JSON says of the sky."""
 
     lights: tuple[Light, ...]
     emission: float = 1.0
+    environment: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,7 @@ def _camera(spec: dict[str, Any], path: Path, *keys: object) -> Camera:
 
 def _lighting(spec: dict[str, Any], path: Path, name: str) -> Lighting:
     lights = tuple(_light(light, path, "lightings", name, "lights", i) for i, light in enumerate(spec["lights"]))
-    return Lighting(lights, spec.get("emission", 1.0))
+    return Lighting(lights, spec.get("emission", 1.0), spec.get("environment"))
 
 
 def _light(spec: dict[str, Any], path: Path, *keys: object) -> Light:

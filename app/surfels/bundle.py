@@ -38,12 +38,17 @@ class Moved:
 
 
 class Bundle:
-    """As many rays from each surfel, spread as the cosine to its normal.
+    """As many rays from each surfel.
 
     Parameters
     ----------
-    rays : int
-        Of a surfel, K; a square number.
+    directions : ndarray, float32, shape (N, K, 3)
+        Local space, of unit length.
+    turning : bool
+        Whether a surfel's rays turn with its body.
+    traced : int or None
+        Where a surfel rides on a moving body, so many of its first rays are traced and stand for the others; all of
+        them without.
 
     Attributes
     ----------
@@ -51,24 +56,25 @@ class Bundle:
         Where the rays, N · K sorted by surfel, end on what stands still.
     """
 
-    def __init__(self, caster: Caster, surfels: Carried, rays: int, rng: np.random.Generator) -> None:
-        self._caster, self._surfels, self._rays = caster, surfels, rays
-        self._traced = rays // SHARE if math.isqrt(rays) % SHARE == 0 else rays  # see _squares
+    def __init__(self, caster: Caster, surfels: Carried, directions: F32, turning: bool = True,
+                 traced: int | None = None) -> None:
+        rays = directions.shape[1]
+        self._caster, self._surfels, self._rays, self._traced = caster, surfels, rays, traced or rays
         position, normal = surfels.now()
-        origins, directions = position + normal * caster.skin, hemisphere(normal, _squares(rng, len(normal), rays))
+        origins = position + normal * caster.skin
         self.still = caster.cast(np.repeat(origins, rays, axis=0), directions.reshape(-1, 3), (STILL,))
         self._standing, self._riding = np.flatnonzero(surfels.body == STILL), np.flatnonzero(surfels.body != STILL)
         self._origins, self._directions = origins[self._standing], directions[self._standing]
-        turning = directions[self._riding, :self._traced].reshape(-1, 3)
-        body = np.repeat(surfels.body[self._riding], self._traced)
-        self._turning = Carried(caster, np.zeros_like(turning), turning, body)
+        riding = directions[self._riding, :self._traced].reshape(-1, 3)
+        body = np.repeat(surfels.body[self._riding] if turning else np.full(len(self._riding), STILL), self._traced)
+        self._carried = Carried(caster, np.zeros_like(riding), riding, body)
 
     def moved(self) -> Moved:
         """Rays whose ends depend on what moves, while the bodies are where they are now."""
         standing, before = self._before()
         position, normal = self._surfels.now()
         origins = (position + normal * self._caster.skin)[self._riding]
-        ends = self._caster.cast(np.repeat(origins, self._traced, axis=0), self._turning.now()[1])
+        ends = self._caster.cast(np.repeat(origins, self._traced, axis=0), self._carried.now()[1])
         ray = np.arange(self._rays)
         riding = (self._riding[:, None] * self._rays + ray).ravel()
         hit = (np.arange(len(self._riding))[:, None] * self._traced + ray % self._traced).ravel()
@@ -94,6 +100,13 @@ class Bundle:
         off = (to**2).sum(axis=1, keepdims=True) - along**2
         least = radius**2 + ROUNDING * (to**2).sum(axis=1, keepdims=True)
         return np.asarray((off <= least) & (along > -radius) & (along - radius <= distance))
+
+
+def cosine_rays(caster: Caster, surfels: Carried, rays: int, rng: np.random.Generator) -> Bundle:
+    """``rays`` of each surfel, a square number, spread as the cosine to its normal."""
+    normal = surfels.now()[1]
+    traced = rays // SHARE if math.isqrt(rays) % SHARE == 0 else rays  # see _squares
+    return Bundle(caster, surfels, hemisphere(normal, _squares(rng, len(normal), rays)), traced=traced)
 
 
 def _squares(rng: np.random.Generator, count: int, rays: int) -> NDArray[np.float64]:

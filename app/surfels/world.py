@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.environment import sky_light
 from app.math3d import View
 from app.scene import Scene
 from app.surfels import kernel
-from app.surfels.bundle import Bundle
+from app.surfels.bundle import Bundle, cosine_rays
 from app.surfels.carried import Carried
 from app.surfels.caster import Caster, Hits
 from app.surfels.spread import farthest, neighbour_distance
@@ -27,6 +28,7 @@ TURN = 4.0      # a unit of normal counts like this many distances between surfe
 NEIGHBOUR = 8   # a surfel's radius reaches to this neighbour
 COVERAGE_RAYS, FAR, MOST_BARE = 64, 2.0, 0.25  # rays from the eye; in radii; share that may end far from surfels
 GLOW_RAYS = 144  # of a surfel towards what glows, which may be small
+SKY_RAYS = 144   # of a surfel towards the environment, the same for all: most go where its light is
 
 
 class WorldSurfels:
@@ -52,7 +54,7 @@ class WorldSurfels:
     albedo : ndarray, float32, shape (S, K, 3)
         At the end of each ray; 0 where it meets nothing.
     glow : ndarray, float32, shape (S, 3)
-        Mean radiance of what glows along the rays, W/(sr m²).
+        Mean radiance of what glows along the rays, and irradiance / π by the environment; W/(sr m²).
     place_position, place_normal : ndarray, float32, shape (P, 3)
         Local space, sorted by surfel.
     place_surfel : ndarray of int, shape (P,)
@@ -75,13 +77,17 @@ class WorldSurfels:
         reach = neighbour_distance(apart[chosen], NEIGHBOUR)
         self.radius = self._padded(np.minimum(reach, scene.longest_edge), gap)
         self._seat_places(found, chosen)
-        self._rays = Bundle(self._caster, self._surfels, rays, rng)
+        self._rays = cosine_rays(self._caster, self._surfels, rays, rng)
         self._still_index = self._nearest(self._rays.still)
         middle = np.median(self._rays.still.distance.reshape(self.used, rays), axis=1)
         self.weight = self._padded(np.minimum(middle / self.radius[:self.used], 1.0))
-        self.glow = np.zeros((count, 3), np.float32)
         glows = any(m.emits and not m.analytic for m in scene.materials)
-        self._glow_rays = Bundle(self._caster, self._surfels, GLOW_RAYS, rng) if glows else None
+        self._glow_rays = cosine_rays(self._caster, self._surfels, GLOW_RAYS, rng) if glows else None
+        self._sky = None
+        if scene.environment is not None:
+            self._sky = sky_light(scene.environment, SKY_RAYS)
+            directions = np.broadcast_to(self._sky.direction, (self.used, SKY_RAYS, 3))
+            self._sky_rays = Bundle(self._caster, self._surfels, directions, turning=False)
         self._trace()
 
     def place(self, time: float) -> bool:
@@ -133,10 +139,23 @@ class WorldSurfels:
         albedo[index < 0] = 0.0
         self.index = self._padded(index.reshape(self.used, self.rays), -1)
         self.albedo = self._padded(albedo.reshape(self.used, self.rays, 3))
-        if self._glow_rays is not None:
-            moved, glow = self._glow_rays.moved(), self._glow_rays.still.emission.copy()
-            glow[moved.ray] = moved.hits.emission[moved.hit]
-            self.glow = self._padded(glow.reshape(self.used, GLOW_RAYS, 3).mean(axis=1))
+        self.glow = self._padded(self._glow_of_meshes() + self._light_of_sky())
+
+    def _glow_of_meshes(self) -> F32:
+        """Shape (used, 3)."""
+        if self._glow_rays is None:
+            return np.zeros((self.used, 3), np.float32)
+        moved, glow = self._glow_rays.moved(), self._glow_rays.still.emission.copy()
+        glow[moved.ray] = moved.hits.emission[moved.hit]
+        return np.asarray(glow.reshape(self.used, GLOW_RAYS, 3).mean(axis=1))
+
+    def _light_of_sky(self) -> F32:
+        """Irradiance / π, shape (used, 3)."""
+        if self._sky is None:
+            return np.zeros((self.used, 3), np.float32)
+        moved, free = self._sky_rays.moved(), self._sky_rays.still.body < 0
+        free[moved.ray] = moved.hits.body[moved.hit] < 0
+        return self._sky.irradiance(self._surfels.now()[1], free.reshape(self.used, SKY_RAYS))
 
     def _nearest(self, hits: Hits) -> Ints:
         """The surfel that weighs most at each hit, of the same body if it has any; -1 for the sky.

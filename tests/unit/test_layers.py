@@ -13,8 +13,9 @@ ROOT = Path(__file__).parents[2]
 LAYERS = {
     "errors": 0, "channels": 0, "paths": 0, "scene": 0, "data": 0,
     "atomic": 1, "settings": 1, "math3d": 1, "contract": 1, "graph": 1, "extras": 1,
-    "image": 2, "load": 2, "gl": 2, "infer": 2, "kept": 1,
-    "surfels": 3,
+    "environment": 1,
+    "image": 2, "gl": 2, "infer": 2, "kept": 1,
+    "load": 3, "surfels": 3,
     "passes": 4, "metrics": 4,
     "frame": 5,
     "renderer": 6,

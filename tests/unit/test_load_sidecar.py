@@ -4,9 +4,12 @@ import json
 
 import jsonschema
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 
+from app.environment import radiance_along
 from app.errors import SceneError
+from app.image import write_exr
 from app.load import load_camera, load_scene
 from app.load.checked_json import SCHEMA
 from app.scene import DirectionalLight, PointLight, RectLight, SpotLight
@@ -232,3 +235,63 @@ def test_a_name_in_the_hierarchy_moves_all_below_it(tmp_path):
     still = world(scene, left).reshape(-1, 3)
     moved = still @ left.motion.transforms[0][:3, :3].T + left.motion.transforms[0][:3, 3]
     assert still[:, 0].max() < 0 < moved[:, 0].min()
+
+
+def sky(**spec):
+    return lit(POINT, environment=spec)
+
+
+def test_constant_and_gradient_environments(load):
+    even = load(sky(type="constant", radiance=[1, 2, 3])).environment
+    np.testing.assert_array_equal(radiance_along(even, np.eye(3)), [[1, 2, 3]] * 3)
+    found = load(sky(type="gradient", zenith=[0, 0, 4], horizon=[0, 2, 0], ground=[1, 0, 0])).environment
+    angle = np.radians([90, 45, 1, -1, -90])
+    along = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    np.testing.assert_allclose(radiance_along(found, along), [
+        [0, 0, 4], [0, 1, 2], [0, 2 * 89 / 90, 4 / 90], [1, 0, 0], [1, 0, 0]], atol=0.01)
+
+
+def test_an_image_environment(load, tmp_path):
+    pixels = np.random.default_rng(0).random((4, 8, 3), np.float32)
+    write_exr(tmp_path / "sky.exr", {"": pixels})
+    found = load(sky(type="image", file="sky.exr", scale=[1, 2, 0.5], rotation_deg=30)).environment
+    np.testing.assert_allclose(found.radiance, pixels * np.float32([1, 2, 0.5]))
+    assert found.rotation_deg == 30
+
+
+def test_an_hdr_and_a_grey_image(load, tmp_path):
+    spec = oiio.ImageSpec(8, 4, 3, oiio.FLOAT)
+    output = oiio.ImageOutput.create(str(tmp_path / "sky.hdr"))
+    output.open(str(tmp_path / "sky.hdr"), spec)
+    output.write_image(np.full((4, 8, 3), [1000.0, 250.0, 0.5], np.float32))
+    output.close()
+    found = load(sky(type="image", file="sky.hdr")).environment
+    np.testing.assert_allclose(found.radiance, np.broadcast_to([1000.0, 250.0, 0.5], (4, 8, 3)), atol=4)
+    write_exr(tmp_path / "grey.exr", {"": np.full((2, 4, 1), 3.0, np.float32)})
+    assert (load(sky(type="image", file="grey.exr")).environment.radiance == 3).all()
+
+
+def test_what_is_no_light_in_an_image_is_black_and_said(load, tmp_path):
+    pixels = np.ones((4, 8, 3), np.float32)
+    pixels[0, :3, 0] = np.nan, np.inf, -1
+    write_exr(tmp_path / "sky.exr", {"": pixels})
+    scene = load(sky(type="image", file="sky.exr"))
+    np.testing.assert_array_equal(scene.environment.radiance[0, :4, 0], np.float32([0, 1e30, 0, 1]))
+    assert any("sky.exr: 2 values" in notice for notice in scene.notices)
+
+
+def test_a_black_environment_is_none(load):
+    assert load(sky(type="constant", radiance=[0, 0, 0])).environment is None
+    assert load(lit(POINT)).environment is None
+
+
+@pytest.mark.parametrize(("spec", "message"), [
+    ({"type": "dome"}, "environment"), ({"type": "constant"}, "radiance"),
+    ({"type": "constant", "radiance": [1, -1, 1]}, "radiance"), ({"type": "image", "file": "no.exr"}, r"no\.exr"),
+    ({"type": "gradient", "zenith": [1, 1, 1], "horizon": [1, 1, 1]}, "ground"),
+    ({"type": "constant", "radiance": [1, 1, 1], "file": "x"}, "file"),
+])
+def test_a_bad_environment_is_one_line(load, spec, message):
+    with pytest.raises(SceneError, match=message) as error:
+        load(sky(**spec))
+    assert "\n" not in str(error.value)

@@ -9,7 +9,7 @@ import pytest
 
 from app.math3d import View
 from app.scene import Camera, Material, Motion, Scene
-from app.surfels.bundle import Bundle
+from app.surfels.bundle import cosine_rays
 from app.surfels.carried import Carried
 from app.surfels.caster import STILL, Caster
 from app.surfels.spread import farthest, neighbour_distance
@@ -140,7 +140,7 @@ def test_every_quarter_of_the_rays_is_spread_as_the_cosine(rays: int) -> None:
     count = 400
     normal = np.tile(np.array([0, 1, 0], np.float32), (count, 1))
     surfels = Carried(caster, np.zeros((count, 3), np.float32), normal, np.full(count, STILL))
-    bundle = Bundle(caster, surfels, rays, np.random.default_rng(0))
+    bundle = cosine_rays(caster, surfels, rays, np.random.default_rng(0))
     for quarter in np.split(bundle._directions, 4, axis=1):
         squared = quarter[..., 1] ** 2
         assert squared.mean() == pytest.approx(0.5, abs=0.012)
@@ -231,7 +231,7 @@ def directions_now(world: WorldSurfels) -> np.ndarray:
     bundle, rides = world._rays, world._surfels.body != STILL
     found = np.empty((world.used, world.rays, 3), np.float32)
     found[~rides] = bundle._directions
-    found[rides] = np.tile(bundle._turning.now()[1].reshape(rides.sum(), -1, 3), (1, 4, 1))
+    found[rides] = np.tile(bundle._carried.now()[1].reshape(rides.sum(), -1, 3), (1, 4, 1))
     return found.reshape(-1, 3)
 
 

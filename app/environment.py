@@ -1,0 +1,107 @@
+"""What an environment sends: its radiance in any direction, and directions that stand for all of its light."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.scene import Environment
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+COARSE = (32, 64)  # rows and columns of the map that light is sampled from, at most
+FINE = 4           # texels along a cell, at least
+EVENLY = 0.2       # share of the directions that are spread over all cells alike; the others go where the light is
+
+
+@dataclass(frozen=True, eq=False)
+class SkyLight:
+    """An environment as light: coarse cells, and directions chosen among them.
+
+    Attributes
+    ----------
+    direction : ndarray, float32, shape (K, 3)
+        World space, unit length.
+    power : ndarray, float32, shape (K, 3)
+        Radiance times the solid angle that each stands for, W/m².
+    """
+
+    direction: F32
+    power: F32
+    _cell: F32
+    _cell_power: F32
+
+    def irradiance(self, normal: F32, open_to: NDArray[np.bool_]) -> F32:
+        """Irradiance / π of points, shape (N, 3), that see the environment along some of the directions.
+
+        Without anything in the way it is exact for the coarse cells; what is hidden is told by the directions alone.
+
+        Parameters
+        ----------
+        normal : ndarray, float32, shape (N, 3)
+        open_to : ndarray of bool, shape (N, K)
+        """
+        whole = np.maximum(normal @ self._cell.T, 0) @ self._cell_power
+        cosine = np.maximum(normal @ self.direction.T, 0)
+        chosen, seen = cosine @ self.power, (cosine * open_to) @ self.power
+        share = np.divide(seen, chosen, out=np.zeros_like(seen), where=chosen > 0)
+        return np.asarray(whole * share / math.pi, np.float32)
+
+
+def radiance_along(environment: Environment, direction: F64) -> F32:
+    """Radiance, shape (N, 3), from unit directions in world space, shape (N, 3); bilinear, as the shader reads it."""
+    h, w = environment.radiance.shape[:2]
+    x, y, z = np.asarray(direction, np.float64).T
+    u = (np.arctan2(x, -z) / (2 * math.pi) + 0.5 + environment.rotation_deg / 360) * w - 0.5
+    v = np.arccos(np.clip(y, -1, 1)) / math.pi * h - 0.5
+    left, top = np.floor(u), np.floor(v)
+    across, down = (u - left)[:, None], (v - top)[:, None]
+    columns = np.stack([left, left + 1]).astype(np.int64) % w
+    rows = np.clip(np.stack([top, top + 1]).astype(np.int64), 0, h - 1)
+    above, below = (environment.radiance[row[None], columns] for row in rows)
+    return np.asarray((1 - down) * ((1 - across) * above[0] + across * above[1])
+                      + down * ((1 - across) * below[0] + across * below[1]), np.float32)
+
+
+def centres(rows: int, columns: int) -> F64:
+    """Directions of the texels' centres of a map that is not turned, shape (rows, columns, 3)."""
+    polar = (np.arange(rows) + 0.5) * math.pi / rows
+    azimuth = ((np.arange(columns) + 0.5) / columns - 0.5) * 2 * math.pi
+    sine = np.sin(polar)[:, None]
+    return np.stack([sine * np.sin(azimuth), np.broadcast_to(np.cos(polar)[:, None], (rows, columns)),
+                     -sine * np.cos(azimuth)], axis=-1)
+
+
+def sky_light(environment: Environment, count: int) -> SkyLight:
+    """``count`` directions, evenly spread among the coarse cells, most of them to where the light comes from."""
+    cell, power = _cells(environment)
+    chance = EVENLY / len(cell) + (1 - EVENLY) * power.mean(axis=1) / max(float(power.mean(axis=1).sum()), 1e-300)
+    ends = np.cumsum(chance)
+    chosen = np.searchsorted(ends, (np.arange(count) + 0.5) / count * ends[-1]).clip(max=len(cell) - 1)
+    share = power[chosen] / (count * chance[chosen, None])
+    return SkyLight(*(np.asarray(x, np.float32) for x in (cell[chosen], share, cell, power)))
+
+
+def _cells(environment: Environment) -> tuple[F64, F64]:
+    """Directions of the coarse cells in world space, and radiance times solid angle of each; both (cells, 3).
+
+    Neighbours follow each other, along each row and back along the next.
+    """
+    radiance, (rows, columns) = environment.radiance, COARSE
+    h, w = (size * -(-FINE * coarse // size) if size < FINE * coarse else size  # by a whole number, or light is lost
+            for coarse, size in zip(COARSE, radiance.shape[:2], strict=True))
+    if (h, w) != radiance.shape[:2]:
+        radiance = radiance_along(Environment(radiance), centres(h, w).reshape(-1, 3)).reshape(h, w, 3)
+    edges = np.cos(np.arange(h + 1) * math.pi / h)
+    power = radiance * ((edges[:-1] - edges[1:]) * 2 * math.pi / w)[:, None, None]
+    for axis, (size, coarse) in enumerate(((h, rows), (w, columns))):
+        power = np.add.reduceat(power, np.arange(coarse) * size // coarse, axis=axis)
+    direction = centres(rows, columns)
+    direction[1::2], power[1::2] = direction[1::2, ::-1].copy(), power[1::2, ::-1].copy()
+    turn = math.radians(environment.rotation_deg)
+    about_y = np.array([[math.cos(turn), 0, math.sin(turn)], [0, 1, 0], [-math.sin(turn), 0, math.cos(turn)]])
+    return direction.reshape(-1, 3) @ about_y.T, power.reshape(-1, 3)

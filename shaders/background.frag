@@ -1,0 +1,21 @@
+// The environment where no surface is seen: a latitude-longitude map, -z in the middle, +x right of it.
+#include "numbers.glsl"
+#include "camera.glsl"
+
+uniform sampler2D depth;
+uniform sampler2D environment;  // top row straight up
+uniform float turn;             // counter-clockwise about +y seen from above, of a full circle
+uniform float level;            // of detail: its texels are as large as pixels
+
+layout(location = 0) out vec4 out_background;
+
+void main()
+{
+    if (is_surface(texelFetch(depth, ivec2(gl_FragCoord.xy), 0).r)) {
+        out_background = vec4(0.0);
+        return;
+    }
+    vec3 d = normalize(relative_from_view(view_ray(gl_FragCoord.xy)));
+    vec2 at = vec2(atan(d.x, -d.z) / (2.0 * PI) + 0.5 + turn, acos(clamp(d.y, -1.0, 1.0)) / PI);
+    out_background = vec4(sanitize_radiance(textureLod(environment, at, level).rgb), 1.0);
+}

@@ -1,0 +1,148 @@
+"""Environments through the whole renderer: as background, as light by ember, and as the path tracer has them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.environment import radiance_along, sky_light
+from app.math3d import View
+from app.renderer import Renderer
+from app.scene import Camera, Environment, Material, Scene
+from app.settings import Settings
+from tests.gl.scenes import F32, F64, box, draw, floor, make_scene, quad, slide
+from tests.unit.test_environment import compass
+
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+
+SIZE = (64, 48)
+LEVEL = Camera((0.0, 1.0, 4.0), (0.0, 1.0, 0.0), fov_y_deg=70.0)
+DUSK = Environment(np.linspace([0.3, 0.5, 1.0], [1.2, 0.8, 0.5], 64, dtype=np.float32)[:, None])
+
+
+def under(environment: Environment | None, *parts: object, camera: Camera = LEVEL) -> Scene:
+    return replace(make_scene(parts or (floor(1.0),), camera=camera), environment=environment)  # type: ignore[arg-type]
+
+
+def rays(camera: Camera) -> F64:
+    """Directions in world space through the pixels' centres, shape (h, w, 3)."""
+    w, h = SIZE
+    view = View.of(camera, SIZE, 1e-3)
+    x, y = np.meshgrid((np.arange(w) + 0.5) / w * 2 - 1, 1 - (np.arange(h) + 0.5) / h * 2)
+    towards = np.stack([x * view.tan_half[0], y * view.tan_half[1], -np.ones_like(x)], axis=-1) @ view.rotation
+    return np.asarray(towards / np.linalg.norm(towards, axis=-1, keepdims=True))
+
+
+@pytest.mark.parametrize("rotation", [0.0, 40.0, -400.0])
+@pytest.mark.parametrize("target", [(0, 1, 0), (3, 2, 4), (-2, 9, 4.1), (0.1, 1, 9)], ids=str)
+def test_the_background_is_the_environment_along_each_ray(target: tuple[float, float, float], rotation: float) -> None:
+    environment = replace(compass(16, rotation), radiance=compass(16).radiance + np.float32(0.25))
+    camera = replace(LEVEL, target=target)
+    found = draw(under(environment), SIZE, ("background", "depth", "final"), camera)
+    sky = found["depth"][..., 0] == 0
+    expected = radiance_along(environment, rays(camera)[sky])
+    np.testing.assert_allclose(found["background"][sky], expected, atol=2e-3)
+    np.testing.assert_array_equal(found["final"][sky], found["background"][sky])
+    assert not found["background"][~sky].any() and sky.mean() > 0.3
+
+
+def test_a_scene_without_one_has_no_background_pass() -> None:
+    for environment, there in ((None, False), (DUSK, True)):
+        with Renderer(under(environment), Settings(SIZE, ("final",))) as renderer:
+            assert ("background" in {p.name for p in renderer.plan.passes}) == there
+    with Renderer(under(DUSK), Settings(SIZE, ("albedo",))) as renderer:
+        assert [p.name for p in renderer.plan.passes] == ["gbuffer"]
+
+
+def test_a_turning_camera_leaves_no_ghost_of_the_sky() -> None:
+    """A sharp edge in the sky is where it is now, not where it was, and a still camera's sky settles."""
+    scene = under(replace(compass(32), radiance=np.float32(0.2) + compass(32).radiance))
+    with Renderer(scene, Settings(SIZE, ("final", "depth"), taa=True)) as renderer:
+        for k in range(12):
+            turn = np.radians(4.0 * k)
+            camera = replace(LEVEL, target=(4 * np.sin(turn), 1.5, 4 - 4 * np.cos(turn)))
+            images = renderer.render(camera)
+    plain = draw(scene, SIZE, ("final",), camera)["final"]
+    sky = images["depth"][..., 0] == 0
+    away = np.abs(images["final"] - plain)[sky].max(axis=1)
+    assert np.percentile(away, 99) < 0.12 and away.mean() < 0.01  # 0.5 and 0.02 where the sky is taken to stand still
+
+
+def test_a_large_map_is_averaged_over_pixels() -> None:
+    """Stripes much finer than a pixel are grey, not noise."""
+    stripes = np.zeros((2048, 4096, 3), np.float32)
+    stripes[:, ::2] = 1.0
+    found = draw(under(Environment(stripes)), SIZE, ("background", "depth"))
+    sky = found["depth"][..., 0] == 0
+    np.testing.assert_allclose(found["background"][sky], 0.5, atol=0.01)
+
+
+def traced(scene: Scene, spp: int, bounces: int = 8) -> dict[str, F32]:
+    pytest.importorskip("mitsuba", reason="the path tracer needs mitsuba")
+    from export.path_tracer import PathTracer
+    from export.reference import Still, mean_samples
+
+    return mean_samples(PathTracer(scene, max_bounces=bounces), Still(scene, scene.cameras["main"].at(0.0), SIZE), spp)
+
+
+@pytest.mark.parametrize("rotation", [0.0, 65.0])
+@pytest.mark.parametrize("size", [(1, 4), (8, 32), (300, 75)])
+def test_the_path_tracers_sky_is_ours(size: tuple[int, int], rotation: float) -> None:
+    """Walls that face each way get what the cells of the map send there; nothing is in between."""
+    radiance = np.random.default_rng(1).random((*size, 3), np.float32)
+    environment = Environment(radiance ** 4, rotation)
+    cells = sky_light(environment, 1)
+    for normal in np.array([(0, 0, 1), (0.8, 0, 0.6), (-1, 0, 0.01), (0, 1, 0.01), (0, -1, 0.01)], np.float64):
+        normal /= np.linalg.norm(normal)
+        side = np.cross([0.2, 0.9, 0.4], normal)
+        side /= np.linalg.norm(side)
+        up = np.cross(normal, side)
+        wall = quad(tuple(-side - up), tuple(2 * side), tuple(2 * up))
+        scene = under(environment, wall, camera=Camera(tuple(2 * normal), (0, 0, 0), tuple(up), 30.0))
+        found = traced(scene, 256)["indirect"].mean(axis=(0, 1))
+        expected = np.maximum(normal @ cells._cell.T, 0) @ cells._cell_power / np.pi
+        np.testing.assert_allclose(found, expected, rtol=0.02)
+
+
+def relative_error(found: F32, truth: F32, where: np.ndarray) -> float:
+    """Root mean square over texels, relative to the truth's mean."""
+    return float(np.sqrt(np.square(found - truth)[where].mean()) / truth[where].mean())
+
+
+@pytest.fixture(scope="module")
+def small(small_ember: Path) -> Path:
+    return small_ember
+
+
+@pytest.mark.parametrize("sun", [False, True])
+def test_ember_lights_by_the_environment(small: Path, sun: bool) -> None:
+    """A block in a courtyard, under a sky of colours and under a small bright patch; light and its shadows."""
+    radiance = np.broadcast_to(DUSK.radiance, (64, 128, 3)).copy()
+    if sun:
+        radiance[14:17, 38:41] = 400.0
+    walls = [quad((-3, 0, -3), (6, 0, 0), (0, 2, 0)), quad((-3, 0, 3), (0, 0, -6), (0, 2, 0))]
+    camera = Camera((3.5, 3.0, 4.5), (-0.5, 0.5, -0.5), fov_y_deg=50.0)
+    block = box((-0.6, 0.0, -0.6), (1.2, 1.2, 1.2), Material(albedo=(0.6, 0.3, 0.2)))
+    scene = under(Environment(radiance, 20.0), floor(3.0), *walls, block, camera=camera)
+    truth = traced(scene, 512)
+    found = draw(scene, SIZE, ("indirect",), model=small)["indirect"]
+    seen = truth["depth"][..., 0] > 0
+    assert found[seen].mean() == pytest.approx(truth["indirect"][seen].mean(), rel=0.05)
+    assert relative_error(found, truth["indirect"], seen) < (0.35 if sun else 0.15)
+
+
+def test_what_moves_hides_the_sky(small: Path) -> None:
+    """A lid comes over a floor: the floor darkens, and brightens again when it goes."""
+    lid = replace(quad((-1, 0.3, 1), (2, 0, 0), (0, 0, -2)), motion=slide([0, 1, 2], [(9, 0, 0), (0, 0, 0), (9, 0, 0)]))
+    scene = under(DUSK, floor(1.0), lid, camera=Camera((0, 0.9, 2.2), (0, 0, 0), fov_y_deg=40.0))
+    with Renderer(scene, Settings(SIZE, ("indirect", "position"), taa=False, provider="cpu"), small) as renderer:
+        light = []
+        for time in (0.0, 1.0, 2.0):
+            images = renderer.render(scene.cameras["main"].at(0.0), time)
+            at = np.abs(images["position"])
+            on_floor = (at[..., 1] < 0.01) & (at[..., ::2].max(axis=-1) < 0.5)
+            light.append(images["indirect"][on_floor].mean())
+    assert light[1] < 0.4 * light[0] and light[2] == pytest.approx(light[0], rel=0.02)
