@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-SCREEN, CUBE, SURFELS, RAYS = "screen", "cube", "surfels", "rays"
-SEEN = (SCREEN, CUBE)  # grids of texels, drawn from the camera; the others are points on surfaces and their rays
+SCREEN, CUBE, PANORAMA, SURFELS, RAYS = "screen", "cube", "panorama", "surfels", "rays"
+SEEN = (SCREEN, CUBE, PANORAMA)  # texels, drawn from the camera; the others are points on surfaces, and their rays
 
 
 @dataclass(frozen=True)
@@ -70,9 +70,9 @@ CHANNELS: dict[str, Channel] = {
         Channel("position.view.xyz", 3, "extent", (-HALF_MAX, HALF_MAX), 0.0, _EVERYWHERE,
                 "surface point, camera space"),
         Channel("depth", 1, "extent", (0.0, HALF_MAX), 0.0, SEEN,
-                "distance along the main camera's -z (screen) or along the ray (cube)"),
+                "distance along the main camera's -z (screen) or along the ray (cube, panorama)"),
         Channel("roughness", 1, "1", (0.0, 1.0), 1.0, SEEN, "perceptual GGX roughness"),
-        Channel("solid_angle", 1, "sr", (0.0, 13.0), 0.0, SEEN,
+        Channel("solid_angle", 1, "sr", (0.0, 13.0), 0.0, (SCREEN, CUBE),
                 "solid angle of the texel as seen from the camera; 0 where no surface is seen"),
         Channel("on_screen", 1, "1", (0.0, 1.0), 0.0, (CUBE,),
                 "1 where the direction of the texel lies inside the main camera's image"),

@@ -13,7 +13,7 @@ from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from app.channels import CHANNELS, CUBE, RAYS, SCREEN, SEEN, SURFELS
+from app.channels import CHANNELS, CUBE, PANORAMA, RAYS, SCREEN, SEEN, SURFELS
 from app.errors import ModelError
 from app.paths import nets_dir
 
@@ -40,9 +40,10 @@ class TensorSpec:
         Names from the channel table, in tensor order.
     grid : str
         ``screen`` [1, C, h, w] or ``cube`` [1, C, 6, n, n] (front, back, left, right, up, down), top row first;
+        ``panorama`` [1, C, h, 2h], a cube of faces h / 2 merged as in ``shaders/include/panorama.glsl``;
         ``surfels`` [1, C, S], points on the scene's surfaces, or ``rays`` [1, C, S, K], which go out from them.
     size : int or None
-        Texels along the edge of a cube face; number of surfels; None on the screen.
+        Texels along the edge of a cube face; height of a panorama; number of surfels; None on the screen.
     rays : int or None
         Of each surfel: a square number, the same in all tensors on the rays.
     """
@@ -53,6 +54,11 @@ class TensorSpec:
     rays: int | None = None
 
     @property
+    def face(self) -> int | None:
+        """Texels along the edge of the cube's faces that it is made from; None where it is from no cube."""
+        return {CUBE: self.size, PANORAMA: (self.size or 0) // 2}.get(self.grid)
+
+    @property
     def components(self) -> int:
         """Number of tensor channels, C."""
         return sum(CHANNELS[name].components for name in self.channels)
@@ -60,7 +66,8 @@ class TensorSpec:
     def extent(self, screen: tuple[Any, ...]) -> tuple[Any, ...]:
         """Everything behind the channels in the tensor's shape, ``screen`` being what stands for [h, w]."""
         size = self.size or 0
-        return {SCREEN: screen, CUBE: (6, size, size), SURFELS: (size,), RAYS: (size, self.rays or 0)}[self.grid]
+        return {SCREEN: screen, CUBE: (6, size, size), PANORAMA: (size, 2 * size), SURFELS: (size,),
+                RAYS: (size, self.rays or 0)}[self.grid]
 
     def shape(self, screen: tuple[int, int]) -> tuple[int, ...]:
         """The tensor's shape without the batch, for a screen grid of the given width and height."""
@@ -143,11 +150,14 @@ class ModelContract:
         tensors = {**self.inputs, **self.outputs}
         for tensor, spec in tensors.items():
             need(spec.grid in GRIDS, f"bad grid {spec.grid!r} of tensor {tensor!r}", _one_of(GRIDS))
-            most = MOST_TEXELS if spec.grid == CUBE else MOST_SURFELS
+            most = {CUBE: MOST_TEXELS, PANORAMA: 2 * MOST_TEXELS}.get(spec.grid, MOST_SURFELS)
             need(spec.size is None if spec.grid == SCREEN else _whole(spec.size, most),
                  f"bad size {spec.size!r} of tensor {tensor!r}",
-                 f"texels along the edge of a face on the cube, 1 to {MOST_TEXELS}, the number of surfels on surfels "
-                 f"and rays, 1 to {MOST_SURFELS}, and no size on the screen")
+                 f"texels along the edge of a face on the cube, 1 to {MOST_TEXELS}, the height of a panorama, up to "
+                 f"{2 * MOST_TEXELS}, the number of surfels on surfels and rays, 1 to {MOST_SURFELS}, and no size on "
+                 "the screen")
+            need(spec.grid != PANORAMA or (spec.size or 0) % 4 == 0, f"a panorama {spec.size} high, tensor {tensor!r}",
+                 "a multiple of 4, since views are halved and quartered")
             need(_square(spec.rays) if spec.grid == RAYS else spec.rays is None,
                  f"bad rays {spec.rays!r} of tensor {tensor!r}", "a square number of rays a surfel on rays, else none")
             need((spec.size or 0) * (spec.rays or 0) <= MOST_RAYS,
@@ -164,9 +174,11 @@ class ModelContract:
             for name in dict.fromkeys(spec.channels):
                 need(not CHANNELS[name].output, f"channel {name!r} of input {tensor!r} can't be read",
                      "a channel that the renderer makes")
-        for grids, what in (((CUBE,), "cube"), ((SURFELS, RAYS), "surfel")):
-            sizes = {spec.size for spec in tensors.values() if spec.grid in grids}
-            need(len(sizes) <= 1, f"{what} tensors of different sizes {sorted(sizes, key=str)}", "one size for all")
+        faces = {spec.face for spec in tensors.values()} - {None}
+        need(len(faces) <= 1, f"cubes and panoramas with different faces {sorted(filter(None, faces))}",
+             "one size for all")
+        counts = {spec.size for spec in tensors.values() if spec.grid in (SURFELS, RAYS)}
+        need(len(counts) <= 1, f"surfel tensors of different sizes {sorted(counts, key=str)}", "one size for all")
         counts = {spec.rays for spec in tensors.values() if spec.grid == RAYS}
         need(len(counts) <= 1, f"different numbers of rays {sorted(counts, key=str)}", "one for all tensors")
         writable = [name for name, channel in CHANNELS.items() if channel.output]
@@ -175,8 +187,12 @@ class ModelContract:
                 need(CHANNELS[name].output, f"channel {name!r} of output {tensor!r} can't be written",
                      _one_of(writable))
         need(self.kept_from in (None, *self.inputs), f"bad kept_from {self.kept_from!r}", _one_of(self.inputs))
-        on_cube = any(spec.grid == CUBE for spec in tensors.values())
-        need(not on_cube or self.cube_axes is not None, "no cube_axes", "'world' or 'camera', since a tensor is a cube")
+        need(not faces or self.cube_axes is not None, "no cube_axes", "'world' or 'camera', since a tensor is a cube")
+
+    @property
+    def face(self) -> int | None:
+        """Texels along the edge of the faces of the cube around the camera; None for no cube."""
+        return next((spec.face for spec in self.inputs.values() if spec.face), None)
 
     @property
     def surfels(self) -> tuple[int, int] | None:

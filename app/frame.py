@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from app.channels import CUBE
 from app.errors import SettingsError
 from app.gl.lights import LightSet
 from app.graph import Pass, Plan, compile_graph
@@ -143,12 +142,11 @@ def _network(scene: Scene, settings: Settings, lights: LightSet, model: Network,
     """A network that writes ``target``, and the passes that make what it reads, for the grids that it asks for."""
     contract = model.contract
     passes: list[Pass] = []
-    faces = {spec.size for spec in contract.inputs.values() if spec.grid == CUBE and spec.size}
     camera_axes = contract.cube_axes == "camera"
-    for face in faces:
-        passes += [gbuffer.declare_surround(scene, face, camera_axes),
-                   direct.declare_surround(lights, face, camera_axes)]
-    if not faces:
+    if contract.face is not None:
+        passes += [gbuffer.declare_surround(scene, contract.face, camera_axes),
+                   direct.declare_surround(lights, contract.face, camera_axes)]
+    else:
         absent |= dict.fromkeys(("surround", "surround_direct"), "the network reads no cube")
     tensors = {t: downsample.tensor_name(t) for t in contract.inputs}
     if contract.surfels is not None:

@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 
 from app.atomic import replacing, write_text
-from app.channels import CHANNELS, SCREEN, SEEN
+from app.channels import CHANNELS, CUBE, PANORAMA, SCREEN, SEEN
 from app.contract import HALF, KEY, ModelContract, TensorSpec
 from app.errors import ModelError
 from app.golden.scenes import outdoor, room
@@ -24,6 +24,7 @@ from export.card import card, summary
 from export.graphs import graph_of
 from export.inputs import Drawer
 from export.models import UNTRAINED, Network
+from export.panorama import merged
 from export.reference import Still
 from export.training.state import Checkpoint
 
@@ -200,11 +201,13 @@ def _room(spec: TensorSpec, grid: tuple[int, ...], rng: np.random.Generator) -> 
     """A sphere seen from 3 off its middle: what a network may meet, without a renderer."""
     if spec.grid not in SEEN:
         return _room_surfels(spec.size or 0, spec.rays or 0, rng)
-    x, y = np.meshgrid(*((2 * np.arange(n) + 1) / n - 1 for n in (grid[-1], grid[-2])))
+    view = (spec.face, spec.face) if spec.face else (grid[-1], grid[-2])
+    x, y = np.meshgrid(*((2 * np.arange(n) + 1) / n - 1 for n in view))
     front = np.stack([x, -y, -np.ones_like(x)])
     turned = [front[[0, 1, 2]], front * [[[-1]], [[1]], [[-1]]], front[[2, 1, 0]], front[[2, 1, 0]] * -1,
               front[[0, 2, 1]] * -1, front[[0, 2, 1]]]
-    rays = front if spec.grid == SCREEN else np.stack(turned, axis=1)
+    around = np.stack(turned, axis=1)
+    rays = {SCREEN: front, CUBE: around, PANORAMA: merged(around)}[spec.grid]
     length = np.linalg.norm(rays, axis=0)
     rays = rays / length
     middle = np.array([1.0, 2.0, 2.0]).reshape(3, *[1] * (rays.ndim - 1))

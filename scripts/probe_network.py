@@ -16,7 +16,7 @@ sys.path.insert(0, str(ROOT))
 import onnx  # noqa: E402
 from onnx import TensorProto, helper  # noqa: E402
 
-from app.channels import CHANNELS, CUBE, RAYS, SCREEN, SURFELS  # noqa: E402
+from app.channels import CHANNELS, CUBE, PANORAMA, RAYS, SCREEN, SURFELS  # noqa: E402
 from app.contract import KEY, ModelContract, TensorSpec  # noqa: E402
 
 FACE = 16
@@ -30,6 +30,7 @@ def contract() -> ModelContract:
 
     return ModelContract(
         name="probe", inputs={"screen": TensorSpec(channels(SCREEN)), "cube": TensorSpec(channels(CUBE), CUBE, FACE),
+                              "panorama": TensorSpec(channels(PANORAMA), PANORAMA, 2 * FACE),
                               "surfels": TensorSpec(channels(SURFELS), SURFELS, COUNT),
                               "rays": TensorSpec(channels(RAYS), RAYS, COUNT, K)},
         outputs={"indirect": TensorSpec(("indirect.rgb",))}, scale=1 / 8, multiple_of=4, cube_axes="camera",
@@ -50,7 +51,7 @@ def model(spec: ModelContract) -> onnx.ModelProto:
         helper.make_node("Abs", ["sum"], ["grey"]),
         helper.make_node("Concat", ["grey", "grey", "grey"], ["indirect"], axis=1),
     ]
-    shares = [helper.make_tensor(f"share of {t}", TensorProto.FLOAT, [], [float(spec.inputs[t].grid == CUBE)])
+    shares = [helper.make_tensor(f"share of {t}", TensorProto.FLOAT, [], [float(spec.inputs[t].face is not None)])
               for t in others]
     graph = helper.make_graph(nodes, "probe", inputs, [output], shares)
     made = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)

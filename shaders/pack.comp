@@ -4,6 +4,9 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 #include "channels.glsl"
 #include "pick.glsl"
+#ifdef PANORAMA
+#include "panorama.glsl"
+#endif
 
 layout(std430, binding = 0) writeonly buffer Tensor { float tensor[]; };
 uniform ivec2 grid;  // width and height of one image of the tensor
@@ -28,7 +31,9 @@ void main()
     int area = grid.x * grid.y;
     plane = area * int(gl_NumWorkGroups.z);
     offset = at.z * area + (grid.y - 1 - at.y) * grid.x + at.x;
-#ifdef GRID_CUBE
+#if defined(PANORAMA)
+    ivec2 t = panorama_texel(at.xy);
+#elif defined(GRID_CUBE)
     ivec2 t = ivec2(at.x + at.z * CUBE_SIZE, at.y);
 #else
     ivec2 t = representative(at.xy, texel_span);

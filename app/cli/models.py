@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from app.channels import CUBE, RAYS, SURFELS
+from app.channels import CUBE, PANORAMA, RAYS, SURFELS
 from app.contract import SSGI, ModelContract, TensorSpec, bundled_models, read_contract
 
 CLASSICAL = {
@@ -72,6 +72,7 @@ def _rows(contract: ModelContract) -> list[tuple[str, str]]:
 
 
 def _tensor(spec: TensorSpec) -> str:
-    sizes = {CUBE: f" 6x{spec.size}x{spec.size}", SURFELS: f" {spec.size}", RAYS: f" {spec.size}x{spec.rays}"}
+    sizes = {CUBE: f" 6x{spec.size}x{spec.size}", PANORAMA: f" {spec.size}x{2 * (spec.size or 0)}",
+             SURFELS: f" {spec.size}", RAYS: f" {spec.size}x{spec.rays}"}
     size = sizes.get(spec.grid, "")
     return f"{spec.grid}{size}: {', '.join(spec.channels)} ({spec.components} components)"

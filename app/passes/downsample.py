@@ -1,10 +1,10 @@
-"""Packs a network's input tensors on screen and cube on the GPU, from the texels that stand for each grid's texels."""
+"""Packs a network's input tensors of what is seen on the GPU, from the texels that stand for each grid's texels."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from app.channels import CHANNELS, CUBE, SEEN
+from app.channels import CHANNELS, PANORAMA, SCREEN, SEEN
 from app.contract import ModelContract, TensorSpec
 from app.gl.context import Device
 from app.gl.frame_state import FrameState
@@ -35,7 +35,7 @@ def tensor_name(tensor: str) -> str:
 
 
 def declare(contract: ModelContract, size: tuple[int, int], extent: float) -> Pass:
-    """Packs a network's inputs on screen and cube; ``extent`` is the scene's longest edge in scene units."""
+    """Packs a network's inputs on screen, cube and panorama; ``extent`` is the scene's longest edge in scene units."""
     grid = contract.screen_size(size)
     specs = {t: spec for t, spec in contract.inputs.items() if spec.grid in SEEN}
     names = dict.fromkeys(name for spec in specs.values() for name in _sources(spec))
@@ -61,23 +61,25 @@ def make(device: Device, bound: BoundPass, contract: ModelContract, grid: tuple[
 def _packer(device: Device, bound: BoundPass, contract: ModelContract, tensor: str, grid: tuple[int, int],
             extent: float) -> Callable[[FrameState, Resources], None]:
     spec = contract.inputs[tensor]
-    cube = spec.grid == CUBE
+    around = spec.grid != SCREEN
     sources = [name.removesuffix("?") for name in _sources(spec)]
     reads = tuple(r for r in bound.reads if r in sources)
     defines: dict[str, object] = {"HAS_" + r.removeprefix(SURROUND).upper(): 1 for r in reads}
     defines["PACK_CHANNELS"] = _stores(spec)
-    if cube:
-        defines |= {"GRID_CUBE": 1, "CUBE_SIZE": spec.size}
+    if around:
+        defines |= {"GRID_CUBE": 1, "CUBE_SIZE": spec.face}
         if contract.cube_axes == "camera":
             defines["CUBE_CAMERA_AXES"] = 1
+    if spec.grid == PANORAMA:
+        defines["PANORAMA"] = 1
     program = device.program("pack.comp", defines=defines)
-    width, height = (spec.size or 0, spec.size or 0) if cube else grid
-    groups = (-(-width // GROUP), -(-height // GROUP), 6 if cube else 1)
+    *images, height, width = spec.shape(grid)[1:]
+    groups = (-(-width // GROUP), -(-height // GROUP), *(images or [1]))
 
     def pack(frame: FrameState, resources: Resources) -> None:
         resources.bind(program, strip=SURROUND, reads=reads)
         resources.buffer(tensor_name(tensor)).bind_to_storage_buffer(0)
-        span = (1.0, 1.0) if cube else (frame.size[0] / grid[0], frame.size[1] / grid[1])
+        span = (1.0, 1.0) if around else (frame.size[0] / grid[0], frame.size[1] / grid[1])
         program.set(extent=contract.scene_extent / extent, texel_span=span, grid=(width, height))
         program.raw.run(*groups)
 
@@ -86,7 +88,7 @@ def _packer(device: Device, bound: BoundPass, contract: ModelContract, tensor: s
 
 def _sources(spec: TensorSpec) -> tuple[str, ...]:
     """The targets that a tensor is made from, as in ``SOURCES``."""
-    prefix = SURROUND if spec.grid == CUBE else ""
+    prefix = SURROUND if spec.grid != SCREEN else ""
     return tuple(dict.fromkeys(prefix + source for channel in spec.channels for source in SOURCES[channel]))
 
 

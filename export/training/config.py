@@ -86,6 +86,8 @@ class ScheduleConfig:
         Adam's, at the beginning and, after half a cosine, at the end.
     ema : float
         Decay of the moving average of the weights, which is what is validated and exported.
+    largest_gradient : float or None
+        Norm that the gradient of all weights is scaled down to where it is longer.
     """
 
     epochs: PositiveInt
@@ -93,6 +95,7 @@ class ScheduleConfig:
     learning_rate: PositiveFloat = 1e-4
     final_learning_rate: NonNegativeFloat = 1e-4
     ema: float = Field(0.999, ge=0, lt=1)
+    largest_gradient: PositiveFloat | None = None
 
 
 @strict

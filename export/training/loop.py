@@ -146,6 +146,8 @@ class Run:
         views = self._views(self.network, batch)
         terms = summed(self.loss(views))
         self.fabric.backward(terms["loss"])
+        if schedule.largest_gradient is not None:
+            self.fabric.clip_gradients(self.network, self.optimizer, max_norm=schedule.largest_gradient)
         self.optimizer.step()
         self.optimizer.zero_grad(set_to_none=True)
         self.ema.update_parameters(self._bare)

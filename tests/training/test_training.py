@@ -155,6 +155,17 @@ def test_pairs_with_saturated_lights_can_be_left_out(tmp_path: Path) -> None:
             tmp_path / "few", [1, 2, 5])
 
 
+def test_gradients_are_limited(tmp_path: Path) -> None:
+    """Adam divides a gradient by its own size, but for one as small as its ε: then hardly anything is learned."""
+    made, found = examples(tmp_path), []
+    for limit in (None, 1e-12):
+        run = Run(config(tmp_path, epochs=2, ema=0.0, largest_gradient=limit), made, tmp_path / f"{limit}")
+        before = [p.detach().clone() for p in run._bare.parameters()]
+        run.train()
+        found.append(max(float((p - b).abs().max()) for p, b in zip(run._bare.parameters(), before, strict=True)))
+    assert found[0] > 1e-3 and found[1] < 1e-6
+
+
 def test_the_seed_decides_the_run(tmp_path: Path) -> None:
     made = examples(tmp_path)
     for name in ("one", "two"):

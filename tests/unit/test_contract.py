@@ -75,6 +75,11 @@ def test_the_screen_grid_is_never_empty() -> None:
     (with_tensor("inputs", gird="cube"), "unknown key 'gird' in tensor 'x', here, expected 'grid'?"),
     (with_tensor("inputs", grid="cube"), "bad size None"),
     (with_tensor("inputs", grid="cube", size=8), "no cube_axes"),
+    (with_tensor("inputs", grid="panorama", size=18), "a panorama 18 high"),
+    (with_tensor("inputs", grid="panorama", size=16), "no cube_axes"),
+    (changed(cube_axes="world", inputs={
+        "x": {"channels": ["depth"]}, "c": {"channels": ["depth"], "grid": "cube", "size": 16},
+        "p": {"channels": ["depth"], "grid": "panorama", "size": 16}}), "different faces [8, 16]"),
     (with_tensor("inputs", channels=["on_screen"]), "channel 'on_screen' is not provided on the screen grid"),
     (with_tensor("outputs", channels=["albedo.rgb"]), "can't be written, here, expected one of indirect.rgb"),
 ])

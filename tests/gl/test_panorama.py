@@ -1,0 +1,73 @@
+"""Six views as one picture: what the renderer packs is what ``export.panorama`` merges, and neighbours fit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("onnx")
+from onnx import TensorProto, helper, save
+
+from app.contract import KEY, ModelContract, TensorSpec
+from app.golden import scenes
+from app.passes.downsample import tensor_name
+from app.renderer import Renderer
+from app.settings import Settings
+from export.panorama import merged
+
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+
+FACE = 32
+CHANNELS = ("direct.rgb", "albedo.rgb", "normal.view.xyz", "position.view.xyz", "depth", "emission.rgb", "roughness")
+
+
+def network(path: Path, axes: str) -> Path:
+    """Reads the same channels as a cube and as a panorama, and gives no light."""
+    contract = ModelContract(
+        name="around", inputs={"screen": TensorSpec(("direct.rgb",)), "cube": TensorSpec(CHANNELS, "cube", FACE),
+                               "panorama": TensorSpec(CHANNELS, "panorama", 2 * FACE)},
+        outputs={"y": TensorSpec(("indirect.rgb",))}, scale=0.25, exposure="none", bounces="multi", scene_extent=40.0,
+        cube_axes=axes)
+    inputs = [helper.make_tensor_value_info(t, TensorProto.FLOAT, [1, s.components, *s.extent(("h", "w"))])
+              for t, s in contract.inputs.items()]
+    output = helper.make_tensor_value_info("y", TensorProto.FLOAT, [1, 3, "h", "w"])
+    none = helper.make_tensor("none", TensorProto.FLOAT, [], [0.0])
+    made = helper.make_model(
+        helper.make_graph([helper.make_node("Mul", ["screen", "none"], ["y"])], "around", inputs, [output], [none]),
+        opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    helper.set_model_props(made, {KEY: contract.to_json()})
+    save(made, path)
+    return path
+
+
+@pytest.fixture(scope="module", params=["camera", "world"])
+def packed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
+    """Cube and panorama of a room."""
+    model = network(tmp_path_factory.mktemp("nets") / "around.onnx", request.param)
+    scene = scenes.room()
+    with Renderer(scene, Settings((64, 48), ("indirect",), taa=False, provider="cpu"), model) as renderer:
+        renderer.render(scene.cameras[scene.default_camera].at(0.5))
+        return {t: renderer.resource(tensor_name(t)) for t in ("cube", "panorama")}
+
+
+def test_the_panorama_is_the_merged_cube(packed: dict[str, np.ndarray]) -> None:
+    assert packed["panorama"].shape == (17, 2 * FACE, 4 * FACE)
+    np.testing.assert_array_equal(packed["panorama"], merged(packed["cube"]))
+
+
+def test_neighbours_show_what_lies_side_by_side(packed: dict[str, np.ndarray]) -> None:
+    """Directions hardly turn from a column of the middle to the next, all around; nor from the front to the caps."""
+    position = packed["panorama"][9:12]
+    towards = position / np.maximum(np.linalg.norm(position, axis=0), 1e-9)
+    seen = np.linalg.norm(position, axis=0) > 0
+    middle, both = towards[:, FACE], seen[FACE] & np.roll(seen[FACE], -1)
+    turn = (middle * np.roll(middle, -1, axis=1)).sum(axis=0)[both]
+    assert both.sum() > FACE and turn.min() > np.cos(3 / FACE)
+    front = slice(FACE * 3 // 2, FACE * 5 // 2)
+    for edge in (FACE // 2, 3 * FACE // 2):  # the caps' columns are spread over the whole width
+        inner, outer = (edge, edge - 1) if edge == FACE // 2 else (edge - 1, edge)
+        here, cap = towards[:, inner, front], towards[:, outer, ::4]
+        both = seen[inner, front] & seen[outer, ::4]
+        assert not both.any() or (here * cap).sum(axis=0)[both].min() > np.cos(6 / FACE)
