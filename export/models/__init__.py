@@ -6,20 +6,25 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
+from torch import nn
+
 from app.errors import ModelError
-from export.models import bcnn, gfa
+from export.models import bcnn, gfa, surround
 from export.models.ember import Ember
 from export.models.network import Network
 from export.models.surfels import Gather, Radiosity
+from export.models.surround import Discriminator, Surround
 
-__all__ = ["PRESETS", "UNTRAINED", "Network", "make_network", "weights_of"]
+__all__ = ["DISCRIMINATORS", "PRESETS", "UNTRAINED", "Network", "make_network", "weights_of"]
 
 UNTRAINED: Mapping[str, type[Network]] = {"ember": Ember, "gather": Gather, "radiosity": Radiosity}
 PRESETS: Mapping[str, Callable[..., Network]] = {
     **UNTRAINED,
     **{name: partial(bcnn.Bcnn, name) for name in bcnn.PRESETS},
     **{name: partial(gfa.Gfa, name) for name in gfa.PRESETS},
+    **{name: partial(Surround, name) for name in surround.PRESETS},
 }
+DISCRIMINATORS: Mapping[str, Callable[[], nn.Module]] = {"surround-discriminator": Discriminator}
 
 
 def make_network(preset: str, options: Mapping[str, Any] | None = None) -> Network:
@@ -38,6 +43,6 @@ def make_network(preset: str, options: Mapping[str, Any] | None = None) -> Netwo
         raise ModelError(f"bad options ({error})", f"network {preset!r}", "expected what its class takes") from None
 
 
-def weights_of(network: Network) -> int:
+def weights_of(network: nn.Module) -> int:
     """Number of trained numbers."""
     return sum(p.numel() for p in network.parameters())

@@ -1,0 +1,205 @@
+"""Surrounding-aware light: a U-Net that sees six views around the camera as one picture.
+
+Mahmud et al. 2022, "Surrounding-aware screen-space-global-illumination using generative adversarial networks", whose
+networks are those of pix2pix (Isola et al. 2017). Where the text is silent the choice is named here.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from app.channels import PANORAMA
+from app.contract import ModelContract, TensorSpec
+from export.models.finite import finite
+from export.models.network import Network
+
+EXTENT = 40.0
+FARTHEST = 2.0   # extents
+SLOPE = 0.2      # of LeakyReLU below 0, as in pix2pix
+AROUND = ("albedo.rgb", "normal.view.xyz", "depth", "radiance.rgb")
+SCREEN = ("position.view.xyz", "direct.rgb", "albedo.rgb")
+SEEN, COLORS = 12, 3    # channels: those of AROUND with azimuth and height; a light map's
+DROPPED = 3             # decoder blocks with dropout
+DARKEST = 0.02          # albedo that direct light is divided by, at least
+MU, BRIGHTEST = 16.0, 64.0  # of the μ-law between Tanh and light in means of the frame, and where it ends
+EPSILON = 1e-5
+
+
+@dataclass(frozen=True)
+class Preset:
+    """Channels of each halving, and the height of the panorama."""
+
+    widths: tuple[int, ...]
+    height: int
+
+
+PRESETS = {
+    "surround-paper": Preset((64, 128, 256, 512, 512, 512, 512, 512), 512),
+    "surround-16": Preset((16, 32, 64, 128, 128, 128), 128),
+}
+
+
+class Surround(Network):
+    """A light map of all that surrounds the camera, of which the screen takes its part.
+
+    The map is of direct and indirect light together, without albedo; direct light / albedo is taken off again on the
+    screen, where the albedo is at least ``DARKEST``.
+
+    Attributes
+    ----------
+    contract : ModelContract
+    front_alone : bool
+        Shows it nothing but the front view, for comparison: then it is DeepIllumination (Thomas and Forbes 2017).
+    """
+
+    def __init__(self, name: str, front_alone: bool = False, dropout: float = 0.5) -> None:
+        super().__init__()
+        preset = PRESETS[name]
+        self.front_alone = front_alone
+        self.contract = ModelContract(
+            name=name, paper="Mahmud et al. 2022, Surrounding-Aware Screen-Space Global Illumination",
+            inputs={"around": TensorSpec(AROUND, PANORAMA, preset.height), "screen": TensorSpec(SCREEN)},
+            outputs={"y": TensorSpec(("indirect.rgb",))}, scale=1 / 4, exposure="mean-radiance", bounces="multi",
+            scene_extent=EXTENT, cube_axes="camera", licence="MIT")
+        self.generator = Generator(preset.widths, dropout)
+        h, w = preset.height, 2 * preset.height
+        down, right = torch.meshgrid(torch.linspace(-1, 1, h), torch.linspace(-1, 1, w), indexing="ij")
+        self.register_buffer("angles", torch.stack([right, down])[None], persistent=False)
+        front = torch.zeros(1, 1, h, w)
+        front[..., h // 4:3 * h // 4, 3 * w // 8:5 * w // 8] = 1.0
+        self.register_buffer("front", front, persistent=False)
+
+    def forward(self, around: Tensor, screen: Tensor) -> Tensor:
+        """Infer one batch of frames.
+
+        Parameters
+        ----------
+        around : Tensor, shape (B, 10, H, 2 H)
+        screen : Tensor, shape (B, 9, h, w)
+
+        Returns
+        -------
+        Tensor, shape (B, 3, h, w)
+            Indirect radiance / albedo, at least 0; 0 in the sky.
+        """
+        position, direct, albedo = torch.split(finite(screen, self.contract.inputs["screen"]), 3, dim=1)
+        light = functional.grid_sample(self.light_map(around), places(position), align_corners=False,
+                                       padding_mode="border")
+        surface = (position.abs().sum(1, keepdim=True) > 0).to(position.dtype)
+        return (light - direct / albedo.clamp(min=DARKEST)).clamp(min=0) * surface
+
+    def light_map(self, around: Tensor) -> Tensor:
+        """Direct and indirect light [B, 3, H, 2 H] in means of the frame, without albedo."""
+        seen = self.seen(around)
+        return from_tanh(self.generator(seen))
+
+    def seen(self, around: Tensor) -> Tensor:
+        """What generator and discriminator look at, [B, 12, H, 2 H], each channel of about unit size."""
+        around = finite(around, self.contract.inputs["around"])
+        albedo, normal, depth, light = torch.split(around, [3, 3, 1, 3], dim=1)
+        depth = (depth / EXTENT).clamp(max=FARTHEST)
+        found = torch.cat([albedo, normal, depth, to_tanh(light)], 1)
+        found = found * self.get_buffer("front").to(found) if self.front_alone else found
+        angles = self.get_buffer("angles").to(found).expand(len(found), -1, -1, -1)
+        return torch.cat([found, angles], 1)
+
+
+class Generator(nn.Module):
+    """pix2pix's U-Net: 4×4 convolutions that halve, then double, with skips; Tanh at the end.
+
+    Layers of one width share one batch norm, as the thesis's counts of weights tell, and so no running statistics: a
+    picture is always normed by its own.
+    """
+
+    def __init__(self, widths: tuple[int, ...], dropout: float) -> None:
+        super().__init__()
+        self.down = nn.ModuleList(nn.Conv2d(i, o, 4, 2, 1) for i, o in zip((SEEN, *widths[:-1]), widths, strict=True))
+        ups = (*widths[-2::-1], COLORS)
+        skips = (0, *widths[-2::-1])
+        self.up = nn.ModuleList(nn.ConvTranspose2d(before + skip, o, 4, 2, 1) for before, skip, o in
+                                zip((widths[-1], *ups[:-1]), skips, ups, strict=True))
+        self.norms = nn.ModuleDict({str(width): Norm(width) for width in dict.fromkeys((*widths[1:-1], *ups[:-1]))})
+        self.dropout = nn.Dropout(dropout)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """A picture [B, 3, H, W] of values in (-1, 1), of [B, 12, H, W]."""
+        skips: list[Tensor] = []
+        for number, convolve in enumerate(self.down):
+            x = convolve(x if number == 0 else functional.leaky_relu(x, SLOPE))
+            if 0 < number < len(self.down) - 1:
+                x = self.norms[str(convolve.out_channels)](x)
+            skips.append(x)
+        for number, convolve in enumerate(self.up):
+            joined = x if number == 0 else torch.cat([x, skips[-1 - number]], 1)
+            x = convolve(functional.relu(joined))
+            if number < len(self.up) - 1:
+                x = self.norms[str(convolve.out_channels)](x)
+            if 0 < number <= DROPPED:
+                x = self.dropout(x)
+        return torch.tanh(x)
+
+
+class Discriminator(nn.Module):
+    """pix2pix's PatchGAN on what the generator saw and a light map; each output looks at 70×70 texels."""
+
+    def __init__(self, widths: tuple[int, ...] = (64, 128, 256, 512)) -> None:
+        super().__init__()
+        strides = (*[2] * (len(widths) - 1), 1)
+        self.layers = nn.ModuleList(nn.Conv2d(i, o, 4, s, 1) for i, o, s in
+                                    zip((SEEN + COLORS, *widths[:-1]), widths, strides, strict=True))
+        self.norms = nn.ModuleList(Norm(width) for width in widths[1:])
+        self.last = nn.Conv2d(widths[-1], 1, 4, 1, 1)
+
+    def forward(self, seen: Tensor, light: Tensor) -> Tensor:
+        """Logits of how true each patch looks; ``seen`` [B, 12, h, w], ``light`` [B, 3, h, w] as Tanh has it."""
+        x = torch.cat([seen, light], 1)
+        for number, convolve in enumerate(self.layers):
+            x = convolve(x)
+            x = functional.leaky_relu(self.norms[number - 1](x) if number else x, SLOPE)
+        return torch.as_tensor(self.last(x))
+
+
+class Norm(nn.Module):
+    """Batch norm of a batch of one: each picture by its own mean and variance, in training as later."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.weight, self.bias = nn.Parameter(torch.ones(width)), nn.Parameter(torch.zeros(width))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """[B, C, h, w]."""
+        off = x.float() - x.float().mean((2, 3), keepdim=True)
+        relative = off * torch.rsqrt(off.square().mean((2, 3), keepdim=True) + EPSILON)
+        return relative.to(x.dtype) * self.weight.reshape(1, -1, 1, 1) + self.bias.reshape(1, -1, 1, 1)
+
+
+def places(position: Tensor) -> Tensor:
+    """Where the panorama shows points, [B, h, w, 2] for ``grid_sample``; position [B, 3, h, w] in camera space.
+
+    See ``shaders/include/panorama.glsl``. All views are looked into, so that no field of view is too wide.
+    """
+    x, y, z = position.unbind(1)
+    largest = position.abs().amax(1).clamp(min=1e-12)
+    x, y, z = x / largest, y / largest, z / largest
+    level = torch.maximum(x.abs(), z.abs()) >= y.abs()
+    aside, ahead, side = x.abs() > z.abs(), z < 0, x.sign()
+    # Units: half the edge of a view. The middle of the front is the origin; the whole is 8 wide and 4 high.
+    across = torch.where(aside, side * (2 + z), torch.where(ahead, x, side * (4 - x.abs())))
+    turned = torch.where(level, across, 4 * x)
+    down = torch.where(level, -y, torch.where(y > 0, -1.5 - z / 2, 1.5 + z / 2))
+    return torch.stack([turned / 4, down / 2], -1)
+
+
+def to_tanh(light: Tensor) -> Tensor:
+    """Light in means of the frame on Tanh's scale: logarithmic, -1 is black."""
+    return 2 * torch.log1p(MU * light.clamp(0, BRIGHTEST)) / math.log1p(MU * BRIGHTEST) - 1
+
+
+def from_tanh(value: Tensor) -> Tensor:
+    """What ``to_tanh`` made of light."""
+    return (((value + 1) / 2 * math.log1p(MU * BRIGHTEST)).exp() - 1) / MU

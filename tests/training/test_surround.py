@@ -1,0 +1,95 @@
+"""The surrounding-aware network: the thesis's counts of weights, where it looks, and what it knows of."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from typer.testing import CliRunner  # noqa: E402
+
+from app.math3d import cube_rotations  # noqa: E402
+from export.models import make_network  # noqa: E402
+from export.models.surround import Discriminator, from_tanh, places, to_tanh  # noqa: E402
+from export.panorama import merged  # noqa: E402
+from export.to_onnx import cases, write_network  # noqa: E402
+
+
+def network(**options: object) -> torch.nn.Module:
+    torch.manual_seed(0)
+    return make_network("surround-16", options).eval()
+
+
+def room() -> dict[str, torch.Tensor]:
+    """Inputs like those of a room, on the largest grid that there are any for."""
+    found = [tensors for label, tensors in cases(network().contract) if label == "room"]
+    return {t: torch.from_numpy(x) for t, x in max(found, key=lambda tensors: tensors["screen"].size).items()}
+
+
+def test_weights_are_those_of_the_thesis() -> None:
+    from export.__main__ import cli
+
+    rows = json.loads(CliRunner().invoke(cli, ["models", "--json"]).stdout)
+    weights = {row["preset"]: row["weights"] for row in rows}
+    assert weights["surround-paper"] == 54_420_739 and weights["surround-discriminator"] == 2_778_817
+
+
+def test_points_are_looked_up_where_the_panorama_shows_them() -> None:
+    """Of every texel: through its middle in the row of level views, within its stretched texel above and below."""
+    n = 16
+    at = (2 * np.arange(n) + 1) / n - 1
+    x, y = np.meshgrid(at, -at)
+    views = [np.stack([x, y, -np.ones_like(x)], -1) @ rotation for rotation in cube_rotations()]
+    towards = merged(np.stack([np.moveaxis(view, -1, 0) for view in views], axis=1))
+    found = places(torch.tensor(7.0 * towards)[None])[0].numpy()
+    right, down = np.meshgrid((2 * np.arange(4 * n) + 1) / (4 * n) - 1, (2 * np.arange(2 * n) + 1) / (2 * n) - 1)
+    level = slice(n // 2, n // 2 + n)
+    np.testing.assert_allclose(found[level, :, 0], right[level], atol=1e-6)
+    np.testing.assert_allclose(found[level, :, 1], down[level], atol=1e-6)
+    assert np.abs(found[..., 0] - right).max() <= 4 / (4 * n) and np.abs(found[..., 1] - down).max() <= 1 / (2 * n)
+
+
+def test_light_on_tanhs_scale_comes_back() -> None:
+    light = torch.tensor([0.0, 1e-3, 0.3, 1.0, 20.0, 64.0])
+    assert to_tanh(light).min() == -1 and to_tanh(light).max() == pytest.approx(1.0)
+    torch.testing.assert_close(from_tanh(to_tanh(light)), light, rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("front_alone", [False, True])
+@torch.no_grad()
+def test_only_the_one_that_looks_around_sees_what_is_behind(front_alone: bool) -> None:
+    net = network(front_alone=front_alone)
+    around, screen = room().values()
+    other = around.clone()
+    other[..., :16] += 0.5
+    other[..., -16:] += 0.5
+    changed = (net(around, screen) - net(other, screen)).abs().max()
+    assert (changed == 0) == front_alone
+
+
+@torch.no_grad()
+def test_direct_light_is_taken_off_and_the_sky_is_black() -> None:
+    net = network()
+    inputs = room()
+    screen = inputs["screen"]
+    screen[..., :4, :] = 0.0
+    screen[:, 3:6] = 0.0
+    screen[:, 6:] = 0.5
+    whole = net(**inputs)
+    assert not whole[..., :4, :].any() and whole[..., 4:, :].min() > 0
+    screen[:, 3:6, 4:] = 0.1
+    torch.testing.assert_close(net(**inputs)[..., 4:, :], (whole - 0.2).clamp(min=0)[..., 4:, :])
+
+
+def test_discriminator_judges_patches() -> None:
+    found = Discriminator()(torch.rand(1, 12, 128, 128), torch.rand(1, 3, 128, 128))
+    assert found.shape == (1, 1, 14, 14)
+
+
+def test_it_is_the_same_in_onnx(tmp_path: Path) -> None:
+    files = write_network(network(), tmp_path, cases(network().contract), {"room": 1e-4, "random": 2e-2})
+    assert files[0].stat().st_size < 8e6
