@@ -9,8 +9,8 @@ from torch import Tensor
 
 from app.errors import SettingsError
 from export.losses.bcnn import BcnnLoss
-from export.losses.critic import PatchCritic
 from export.losses.gfa import GfaLoss
+from export.losses.surround import SurroundLoss
 from export.losses.views import Views
 
 __all__ = ["LOSSES", "Loss", "Views", "make_loss"]
@@ -24,13 +24,17 @@ class Loss(Protocol):
         """Whether it looks at ``Views.warped``."""
 
     @property
-    def critic(self) -> PatchCritic | None:
-        """What is trained along, against the network."""
+    def uses_condition(self) -> bool:
+        """Whether it looks at ``Views.condition``."""
+
+    @property
+    def critic(self) -> Any:
+        """What is trained along, against the network: a module that is an ``export.losses.critic.Critic``, or None."""
 
     def __call__(self, views: Views) -> dict[str, Tensor]: ...
 
 
-LOSSES: Mapping[str, Callable[..., Loss]] = {"bcnn": BcnnLoss, "gfa": GfaLoss}
+LOSSES: Mapping[str, Callable[..., Loss]] = {"bcnn": BcnnLoss, "gfa": GfaLoss, "surround": SurroundLoss}
 
 
 def make_loss(kind: str, options: Mapping[str, Any]) -> Loss:

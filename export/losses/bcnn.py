@@ -31,6 +31,7 @@ class BcnnLoss:
     l1: float = 0.0
 
     critic = None
+    uses_condition = False
 
     @property
     def uses_previous(self) -> bool:

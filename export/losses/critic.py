@@ -3,12 +3,25 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Protocol
 
 import torch
 from torch import Tensor, nn
 from torch.nn.utils.parametrizations import spectral_norm
 
+from export.losses.views import Views, toned
+
 SLOPE = 0.2
+
+
+class Critic(Protocol):
+    """A ``torch.nn.Module`` that is trained against a network."""
+
+    def fooled(self, views: Views) -> Tensor:
+        """What the network is to lessen."""
+
+    def mistaken(self, views: Views) -> Tensor:
+        """What the critic itself is to lessen."""
 
 
 class PatchCritic(nn.Module):
@@ -31,10 +44,11 @@ class PatchCritic(nn.Module):
         """How true each patch of toned ``light`` [B, 3, h, w] looks, near 1 or 0; [B × 3, 1, h / 4 − 2, w / 4 − 2]."""
         return torch.as_tensor(self.layers(light.flatten(0, 1).unsqueeze(1)))
 
-    def fooled(self, output: Tensor) -> Tensor:
-        """What the network is to lessen; toned light [B, 3, h, w]."""
-        return (self(output) - 1).square().mean()
+    def fooled(self, views: Views) -> Tensor:
+        """What the network is to lessen."""
+        return (self(toned(views)[0]) - 1).square().mean()
 
-    def mistaken(self, output: Tensor, target: Tensor) -> Tensor:
-        """What the critic itself is to lessen; toned light [B, 3, h, w]."""
+    def mistaken(self, views: Views) -> Tensor:
+        """What the critic itself is to lessen."""
+        output, target = toned(views)
         return 0.5 * ((self(target) - 1).square().mean() + self(output).square().mean())

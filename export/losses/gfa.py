@@ -37,7 +37,7 @@ class GfaLoss:
         For a weight that is not above 0, or below it for the others than the first.
     """
 
-    uses_previous = False
+    uses_previous = uses_condition = False
 
     def __init__(self, smooth_l1: float = 0.7, perceptual: float = 0.28, adversarial: float = 0.02,
                  ssim: float = 0.0, features: str | None = None) -> None:
@@ -56,5 +56,5 @@ class GfaLoss:
         if self.network is not None:
             terms["perceptual"] = self.perceptual * self.network(a, b)
         if self.critic is not None:
-            terms["adversarial"] = self.adversarial * self.critic.fooled(a)
+            terms["adversarial"] = self.adversarial * self.critic.fooled(views)
         return terms

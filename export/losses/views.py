@@ -30,6 +30,8 @@ class Views:
         1 where there is a surface, 0 in the sky.
     visible : Tensor, shape (B, 1, h, w)
         1 where the previous frame shows the same surface.
+    condition : Tensor or None, shape (B, K, h, w)
+        What the network's ``condition`` gives for its inputs; for losses that ask for it.
     """
 
     output: Tensor
@@ -37,6 +39,7 @@ class Views:
     warped: Tensor | None
     seen: Tensor
     visible: Tensor
+    condition: Tensor | None = None
 
 
 def tone(light: Tensor) -> Tensor:

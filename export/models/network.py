@@ -20,6 +20,13 @@ class Network(nn.Module):
     contract: ModelContract
 
 
+class Conditioned(Protocol):
+    """What a network has whose loss looks at ``Views.condition``."""
+
+    def condition(self, **inputs: Tensor) -> Tensor:
+        """[B, K, h, w], of the contract's inputs."""
+
+
 class Splits(Protocol):
     """What a network has whose contract names an input that work is ``kept_from``."""
 

@@ -62,7 +62,8 @@ class Surround(Network):
         preset = PRESETS[name]
         self.front_alone = front_alone
         self.contract = ModelContract(
-            name=name, paper="Mahmud et al. 2022, Surrounding-Aware Screen-Space Global Illumination",
+            name=name + "-front" * front_alone,
+            paper="Mahmud et al. 2022, Surrounding-Aware Screen-Space Global Illumination",
             inputs={"around": TensorSpec(AROUND, PANORAMA, preset.height), "screen": TensorSpec(SCREEN)},
             outputs={"y": TensorSpec(("indirect.rgb",))}, scale=1 / 4, exposure="mean-radiance", bounces="multi",
             scene_extent=EXTENT, cube_axes="camera", licence="MIT")
@@ -92,6 +93,13 @@ class Surround(Network):
                                        padding_mode="border")
         surface = (position.abs().sum(1, keepdim=True) > 0).to(position.dtype)
         return (light - direct / albedo.clamp(min=DARKEST)).clamp(min=0) * surface
+
+    def condition(self, around: Tensor, screen: Tensor) -> Tensor:
+        """What the discriminator looks at beside light maps, [B, 15, h, w]: ``seen`` on the screen, direct light."""
+        position, direct, albedo = torch.split(finite(screen, self.contract.inputs["screen"]), 3, dim=1)
+        seen = functional.grid_sample(self.seen(around), places(position), mode="nearest", align_corners=False,
+                                      padding_mode="border")
+        return torch.cat([seen, direct / albedo.clamp(min=DARKEST)], 1)
 
     def light_map(self, around: Tensor) -> Tensor:
         """Direct and indirect light [B, 3, H, 2 H] in means of the frame, without albedo."""

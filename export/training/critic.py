@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import torch
 from lightning_fabric import Fabric
 
-from export.losses.critic import PatchCritic
-from export.losses.views import Views, toned
+from export.losses.views import Views
 
 BETAS = (0.5, 0.999)  # Adam's, of Radford et al. 2016, "Unsupervised Representation Learning with DCGANs"
 
@@ -18,11 +18,13 @@ class CriticTraining:
 
     Parameters
     ----------
+    critic : torch.nn.Module
+        An ``export.losses.critic.Critic``.
     state : dict
         What ``state`` gave in an earlier run; empty for a fresh start.
     """
 
-    def __init__(self, critic: PatchCritic, rate: float, fabric: Fabric, state: dict[str, Any]) -> None:
+    def __init__(self, critic: Any, rate: float, fabric: Fabric, state: dict[str, Any]) -> None:
         self._bare = critic
         if state:
             critic.load_state_dict(state["model"])
@@ -36,8 +38,7 @@ class CriticTraining:
     def learn(self, views: Views) -> float:
         """One step on what the network made; returns the critic's own loss."""
         self._bare.requires_grad_(True)
-        output, target = toned(views)
-        term = self._critic.mistaken(output.detach(), target)
+        term = self._critic.mistaken(replace(views, output=views.output.detach()))
         self._fabric.backward(term)
         self._optimizer.step()
         self._optimizer.zero_grad(set_to_none=True)

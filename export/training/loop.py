@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
 from lightning_fabric import Fabric, seed_everything
@@ -18,6 +18,7 @@ from app.errors import SettingsError
 from export.losses import Views, make_loss
 from export.losses.views import warp
 from export.models import make_network, weights_of
+from export.models.network import Conditioned
 from export.training import state
 from export.training.augment import augment
 from export.training.config import Config, ScheduleConfig
@@ -162,7 +163,11 @@ class Run:
                 previous = network(**tensors_of(batch, "previous")) * batch["ratio"]
                 warped = warp(previous.float(), batch["motion"])
         output = network(**tensors_of(batch, "current"))
-        return Views(output, batch["target"], warped, batch["seen"], batch["visible"])
+        condition = None
+        if self.loss.uses_condition:
+            with torch.no_grad():
+                condition = cast(Conditioned, self._bare).condition(**tensors_of(batch, "current"))
+        return Views(output, batch["target"], warped, batch["seen"], batch["visible"], condition)
 
     def _batch(self, indices: list[int]) -> Batch:
         return {name: x.to(self.fabric.device) for name, x in self.examples.batch(indices).items()}

@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch")
+pytest.importorskip("lightning_fabric")
 
 from typer.testing import CliRunner  # noqa: E402
 
 from app.math3d import cube_rotations  # noqa: E402
+from export.losses.surround import SurroundLoss  # noqa: E402
 from export.models import make_network  # noqa: E402
 from export.models.surround import Discriminator, from_tanh, places, to_tanh  # noqa: E402
 from export.panorama import merged  # noqa: E402
 from export.to_onnx import cases, write_network  # noqa: E402
+from export.training.config import from_table  # noqa: E402
+from export.training.examples import Examples, draw_missing  # noqa: E402
+from export.training.loop import CHECKPOINT, Run  # noqa: E402
+from export.training.state import load  # noqa: E402
+from tests.training.pairs import CornellPairs  # noqa: E402
+from tests.training.test_training import config  # noqa: E402
 
 
 def network(**options: object) -> torch.nn.Module:
@@ -88,6 +97,27 @@ def test_direct_light_is_taken_off_and_the_sky_is_black() -> None:
 def test_discriminator_judges_patches() -> None:
     found = Discriminator()(torch.rand(1, 12, 128, 128), torch.rand(1, 3, 128, 128))
     assert found.shape == (1, 1, 14, 14)
+
+
+def test_its_loss_compares_light_maps_and_its_critic_learns(tmp_path: Path) -> None:
+    """Two epochs on a room, as a configuration says: L1 falls, and the critic takes part and is kept."""
+    options = {"widths": [4, 8, 8, 8]}
+    table = config(tmp_path, epochs=2, learning_rate=2e-3, ema=0.5).to_json() | {
+        "network": {"preset": "surround-16"}, "loss": {"kind": "surround", "options": options}}
+    pairs = CornellPairs(tmp_path, 10)
+    made = Examples(pairs, network().contract)
+    assert sum(draw_missing(pairs, network().contract, workers=1)) == 10
+    run = Run(from_table(table, "test"), made, tmp_path / "run")
+    before = run.validate()
+    after = run.train()
+    assert set(after) == {"l1", "adversarial", "loss"} and after["l1"] < 0.9 * before["l1"]
+    assert load(tmp_path / "run" / CHECKPOINT).critic["model"]
+    views = run._views(run.ema, run._batch([0]))
+    assert views.condition is not None and views.condition.shape[1] == 15
+    right = replace(views, output=views.target)
+    assert SurroundLoss(adversarial=0.0)(right)["l1"] == 0
+    expected = 100 * (to_tanh(views.output + views.condition[:, 12:]) - to_tanh(views.target + views.condition[:, 12:]))
+    torch.testing.assert_close(SurroundLoss(adversarial=0.0)(views)["l1"], expected.abs().mean())
 
 
 def test_it_is_the_same_in_onnx(tmp_path: Path) -> None:

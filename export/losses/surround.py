@@ -1,0 +1,82 @@
+"""The surrounding-aware network's loss (Mahmud et al. 2022), as pix2pix's: L1, and a critic that sees the inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from export.losses.views import Views, mean_where
+from export.models.surround import COLORS, Discriminator, to_tanh
+
+
+class SurroundLoss:
+    """100 × L1 between light maps on Tanh's scale + what a critic makes of them, by binary cross-entropy.
+
+    Both look at what the screen shows of the light map, since the truth is known there alone.
+
+    Parameters
+    ----------
+    l1, adversarial : float
+        Weights; there is no critic where the second is 0.
+    widths : sequence of int
+        The critic's channels.
+
+    Attributes
+    ----------
+    critic : ConditionalCritic or None
+        To be trained along.
+
+    Raises
+    ------
+    ValueError
+        For a weight that is not above 0, or below it for the second.
+    """
+
+    uses_previous = False
+    uses_condition = True
+
+    def __init__(self, l1: float = 100.0, adversarial: float = 1.0,
+                 widths: Sequence[int] = (64, 128, 256, 512)) -> None:
+        if not (float(l1) > 0 and float(adversarial) >= 0):
+            raise ValueError(f"weights {l1}, {adversarial}")
+        self.l1, self.adversarial = l1, adversarial
+        self.critic = ConditionalCritic(widths) if adversarial > 0 else None
+
+    def __call__(self, views: Views) -> dict[str, Tensor]:
+        output, target = light_maps(views)
+        terms = {"l1": self.l1 * mean_where((output - target).abs(), views.seen)}
+        if self.critic is not None:
+            terms["adversarial"] = self.adversarial * self.critic.fooled(views)
+        return terms
+
+
+class ConditionalCritic(nn.Module):
+    """The thesis's discriminator of what the network saw with a light map."""
+
+    def __init__(self, widths: Sequence[int]) -> None:
+        super().__init__()
+        self.discriminator = Discriminator(tuple(widths))
+
+    def fooled(self, views: Views) -> Tensor:
+        """What the network is to lessen."""
+        return self._told(views, light_maps(views)[0], 1.0)
+
+    def mistaken(self, views: Views) -> Tensor:
+        """What the critic itself is to lessen."""
+        output, target = light_maps(views)
+        return 0.5 * (self._told(views, target, 1.0) + self._told(views, output, 0.0))
+
+    def _told(self, views: Views, light: Tensor, truth: float) -> Tensor:
+        assert views.condition is not None
+        logits = self.discriminator(views.condition[:, :-COLORS], light)
+        return functional.binary_cross_entropy_with_logits(logits, torch.full_like(logits, truth))
+
+
+def light_maps(views: Views) -> tuple[Tensor, Tensor]:
+    """Direct and indirect light without albedo, the network's and the truth's, on Tanh's scale; -1 in the sky."""
+    assert views.condition is not None
+    direct = views.condition[:, -COLORS:]
+    return to_tanh((views.output + direct) * views.seen), to_tanh((views.target + direct) * views.seen)
