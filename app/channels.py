@@ -32,6 +32,8 @@ class Channel:
         Grids on which the renderer provides it.
     radiance : bool
         True where the frame's exposure scalar applies.
+    sky : bool
+        True where it has a meaning in directions without a surface, too; otherwise it is masked there.
     output : bool
         True for what a network may write; such a channel is an input only if another network wrote it.
     meaning : str
@@ -46,6 +48,7 @@ class Channel:
     grids: tuple[str, ...]
     meaning: str
     radiance: bool = False
+    sky: bool = False
     output: bool = False
 
 
@@ -62,6 +65,8 @@ CHANNELS: dict[str, Channel] = {
                 "radiance that the surface emits itself", radiance=True),
         Channel("radiance.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, SEEN,
                 "direct + emission, without emitters that are analytic lights already", radiance=True),
+        Channel("lumination.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, SEEN,
+                "direct + emission, and the environment where no surface is", radiance=True, sky=True),
         Channel("albedo.rgb", 3, "1", (0.0, 1.0), 0.0, SEEN, "diffuse reflectance"),
         Channel("normal.view.xyz", 3, "1", (-1.0, 1.0), 0.0, _EVERYWHERE,
                 "unit shading normal towards the viewer, camera space (x right, y up, z back)"),

@@ -146,6 +146,8 @@ def _network(scene: Scene, settings: Settings, lights: LightSet, model: Network,
     if contract.face is not None:
         passes += [gbuffer.declare_surround(scene, contract.face, camera_axes),
                    direct.declare_surround(lights, contract.face, camera_axes)]
+        if scene.environment is not None:
+            passes.append(background.declare_surround(scene.environment, contract.face, camera_axes))
     else:
         absent |= dict.fromkeys(("surround", "surround_direct"), "the network reads no cube")
     tensors = {t: downsample.tensor_name(t) for t in contract.inputs}

@@ -216,7 +216,7 @@ def _room(spec: TensorSpec, grid: tuple[int, ...], rng: np.random.Generator) -> 
     normals = (middle - points) / ROOM
     return {"position.view.xyz": points, "normal.view.xyz": normals, "normal.world.xyz": normals,
             "depth": -points[2:], "solid_angle": (4 / (grid[-1] * grid[-2]) / length ** 3)[None],
-            "radiance.rgb": 1 + normals, "direct.rgb": 1 + normals}
+            "radiance.rgb": 1 + normals, "lumination.rgb": 1 + normals, "direct.rgb": 1 + normals}
 
 
 def _room_surfels(count: int, rays: int, rng: np.random.Generator) -> Channels:

@@ -1,6 +1,7 @@
-// The environment where no surface is seen: a latitude-longitude map, -z in the middle, +x right of it.
+// The environment where no surface is seen, on the screen or around the camera (GRID_CUBE): a latitude-longitude map, -z
+// in the middle, +x right of it.
 #include "numbers.glsl"
-#include "camera.glsl"
+#include "grid.glsl"
 
 uniform sampler2D depth;
 uniform sampler2D environment;  // top row straight up
@@ -15,7 +16,7 @@ void main()
         out_background = vec4(0.0);
         return;
     }
-    vec3 d = normalize(relative_from_view(view_ray(gl_FragCoord.xy)));
+    vec3 d = normalize(surface_ray(gl_FragCoord.xy));
     vec2 at = vec2(atan(d.x, -d.z) / (2.0 * PI) + 0.5 + turn, acos(clamp(d.y, -1.0, 1.0)) / PI);
     out_background = vec4(sanitize_radiance(textureLod(environment, at, level).rgb), 1.0);
 }

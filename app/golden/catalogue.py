@@ -15,6 +15,7 @@ from app.golden.scene_case import SceneCase, Shot
 from app.scene import Scene
 
 PROBE = Path(__file__).with_name("probe.onnx")  # reads every channel, with a cube that turns with the camera
+SKY_STAGES = ("surround_background", "background", "downsample", "composite", "taa")
 SSGI_STAGES = ("pick", "ssgi_pick", "ssgi", "ssgi_filter_near", "ssgi_filter_far", "accumulate", "fill", "upsample")
 SETTLING = 3                                     # frames after which accumulation and TAA have a history to show
 
@@ -32,7 +33,7 @@ def catalogue() -> dict[str, Case]:
         _single("stage", scenes.stage(), None),
         _single("terrace", scenes.terrace(), PROBE),
         _single("glow", scenes.glow(), radiosity),
-        SceneCase("dusk", scenes.dusk(), None, (Shot("path", 5),), (2, 5), stages=("background", "composite", "taa")),
+        SceneCase("dusk", scenes.dusk(), PROBE, (Shot("path", 5),), (2, 5), stages=SKY_STAGES),
         replace(_settled("ssgi", scenes.room(), SSGI), stages=SSGI_STAGES),
         replace(_settled("ember", scenes.room(), ember), stages=("surfel_light", "surfels")),
     ]

@@ -17,27 +17,40 @@ from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
 from app.scene import Environment
 
+SURROUND = "surround_"
 UNIT = 8  # of the environment's texture, beyond those of what the pass reads
 
 
 def declare(environment: Environment) -> Pass:
-    """Its texture has the scene's scale."""
+    """On the screen."""
     return Pass("background", reads=("depth",), writes={"background": Tex("f2", 4)},
-                make=lambda device, bound: _make(device, bound, environment))
+                make=lambda device, bound: _make(device, bound, environment, {}, None))
 
 
-def _make(device: Device, bound: BoundPass, environment: Environment) -> Callable[[FrameState, Resources], None]:
+def declare_surround(environment: Environment, face: int, camera_axes: bool) -> Pass:
+    """On the six views around the camera, an atlas row of faces with ``face`` texels a side."""
+    grid: dict[str, object] = {"GRID_CUBE": 1, "CUBE_SIZE": face}
+    if camera_axes:
+        grid["CUBE_CAMERA_AXES"] = 1
+    return Pass("surround_background", reads=("surround_depth",),
+                writes={"surround_background": Tex("f2", 4, size=(6 * face, face))},
+                make=lambda device, bound: _make(device, bound, environment, grid, face))
+
+
+def _make(device: Device, bound: BoundPass, environment: Environment, grid: Mapping[str, object],
+          face: int | None) -> Callable[[FrameState, Resources], None]:
+    """``face`` texels show 90°; without, the screen's rows show the camera's field of view."""
     texture: list[moderngl.Texture] = []
 
     def uniforms(frame: FrameState) -> Mapping[str, Any]:
-        if not texture:
+        if not texture:  # the scene's scale is known now
             texture.append(_upload(device, environment, frame.lights.scale))
         texture[0].use(UNIT)
-        texels = 2 * frame.view.tan_half[1] / frame.size[1] * texture[0].height / math.pi  # to a pixel in the middle
-        return {"environment": UNIT, "turn": environment.rotation_deg / 360 % 1.0,
-                "level": max(0.0, math.log2(max(texels, 1e-30)))}
+        pixel = 2 / face if face else 2 * frame.view.tan_half[1] / frame.size[1]  # radians, in the middle of the view
+        texels = max(pixel * texture[0].height / math.pi, 1.0)
+        return {"environment": UNIT, "turn": environment.rotation_deg / 360 % 1.0, "level": math.log2(texels)}
 
-    return make_fullscreen(device, bound, "background.frag", uniforms)
+    return make_fullscreen(device, bound, "background.frag", uniforms, grid, SURROUND)
 
 
 def _upload(device: Device, environment: Environment, scale: float) -> moderngl.Texture:

@@ -16,6 +16,7 @@ SOURCES: dict[str, tuple[str, ...]] = {
     "direct.rgb": ("direct",),
     "emission.rgb": ("emission?",),
     "radiance.rgb": ("direct", "emission?"),
+    "lumination.rgb": ("direct", "emission?", "background?"),
     "albedo.rgb": ("albedo",),
     "normal.view.xyz": ("normal", "depth"),
     "normal.world.xyz": ("normal", "depth"),

@@ -21,7 +21,7 @@ from export.models.network import Network
 EXTENT = 40.0
 FARTHEST = 2.0   # extents
 SLOPE = 0.2      # of LeakyReLU below 0, as in pix2pix
-AROUND = ("albedo.rgb", "normal.view.xyz", "depth", "radiance.rgb")
+AROUND = ("albedo.rgb", "normal.view.xyz", "depth", "lumination.rgb")
 SCREEN = ("position.view.xyz", "direct.rgb", "albedo.rgb")
 SEEN, COLORS = 12, 3    # channels: those of AROUND with azimuth and height; a light map's
 DROPPED = 3             # decoder blocks with dropout

@@ -20,6 +20,9 @@ uniform sampler2D emission;
 #ifdef HAS_GLOSS
 uniform sampler2D gloss;
 #endif
+#ifdef HAS_BACKGROUND
+uniform sampler2D background;
+#endif
 uniform float extent;     // extent units per scene unit
 uniform vec2 texel_span;  // size of one texel of the tensor, in texels of the G-buffer
 
@@ -111,6 +114,17 @@ vec3 channel_radiance_rgb(ivec2 t)
     if (texelFetch(emission, t, 0).a > 0.5) sum += channel_emission_rgb(t);
 #endif
     return sum;
+}
+#endif
+
+#ifdef HAS_DIRECT
+vec3 channel_lumination_rgb(ivec2 t)
+{
+    vec3 sum = channel_direct_rgb(t) + channel_emission_rgb(t);
+#ifdef HAS_BACKGROUND
+    sum += sanitize_radiance(texelFetch(background, t, 0).rgb);
+#endif
+    return min(sum, HALF_MAX);
 }
 #endif
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,11 @@ pytest.importorskip("onnx")
 from onnx import TensorProto, helper, save
 
 from app.contract import KEY, ModelContract, TensorSpec
+from app.environment import radiance_along
+from app.gl.lights import radiance_scale
 from app.golden import scenes
+from app.infer import feed
+from app.math3d import View, cube_rotations
 from app.passes.downsample import tensor_name
 from app.renderer import Renderer
 from app.settings import Settings
@@ -20,7 +25,8 @@ from export.panorama import merged
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
 FACE = 32
-CHANNELS = ("direct.rgb", "albedo.rgb", "normal.view.xyz", "position.view.xyz", "depth", "emission.rgb", "roughness")
+CHANNELS = ("direct.rgb", "albedo.rgb", "normal.view.xyz", "position.view.xyz", "depth", "emission.rgb", "roughness",
+            "lumination.rgb")
 
 
 def network(path: Path, axes: str) -> Path:
@@ -53,8 +59,47 @@ def packed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 
 
 def test_the_panorama_is_the_merged_cube(packed: dict[str, np.ndarray]) -> None:
-    assert packed["panorama"].shape == (17, 2 * FACE, 4 * FACE)
+    assert packed["panorama"].shape == (20, 2 * FACE, 4 * FACE)
     np.testing.assert_array_equal(packed["panorama"], merged(packed["cube"]))
+
+
+@pytest.mark.parametrize("axes", ["camera", "world"])
+def test_lumination_shows_the_environment_all_around(axes: str, tmp_path: Path) -> None:
+    """Where a surface is, it is direct light and emission; elsewhere the environment along the texel's direction."""
+    scene = scenes.dusk()
+    assert scene.environment is not None
+    camera = replace(scene.cameras[scene.default_camera].at(0.0), target=(-2.0, 1.6, 0.0))
+    with Renderer(scene, Settings((64, 48), ("indirect",), taa=False, provider="cpu"),
+                  network(tmp_path / "around.onnx", axes)) as renderer:
+        renderer.render(camera)
+        assert "surround_background" in {p.name for p in renderer.plan.passes}
+        cube, scale = renderer.resource(tensor_name("cube")), radiance_scale(scene)
+    at = (2 * np.arange(FACE) + 1) / FACE - 1
+    x, y = np.meshgrid(at, -at)
+    rotations = cube_rotations() @ (View.of(camera, (64, 48), 0.01).rotation if axes == "camera" else np.eye(3))
+    towards = np.stack([np.stack([x, y, -np.ones_like(x)], -1) @ rotation for rotation in rotations])
+    towards /= np.linalg.norm(towards, axis=-1, keepdims=True)
+    sky = cube[12] == 0
+    expected = scale * radiance_along(scene.environment, towards[sky])
+    assert 0.3 < sky.mean() < 0.99
+    found = np.moveaxis(cube[17:20], 0, -1)
+    off = np.abs(found[sky] - expected).max(axis=1)
+    assert np.median(off) < 0.01 and np.percentile(off, 90) < 0.05  # but for texels larger than the map's
+    np.testing.assert_allclose(found[~sky], np.moveaxis(cube[0:3] + cube[13:16], 0, -1)[~sky], atol=1e-3)
+
+
+def test_what_a_network_is_given_keeps_the_sky_of_lumination_alone() -> None:
+    """Exposed by the mean over surfaces; other radiance is masked there."""
+    contract = ModelContract(
+        name="x", inputs={"x": TensorSpec(("direct.rgb", "lumination.rgb", "depth"))},
+        outputs={"y": TensorSpec(("indirect.rgb",))}, scale=1.0, exposure="mean-radiance", bounces="multi",
+        scene_extent=40.0)
+    given = np.full((7, 4, 4), 2.0, np.float32)
+    given[6, :2] = 0.0
+    given[3:6, :2] = 10.0
+    out = {"x": np.empty_like(given)}
+    assert feed(contract, {"x": given}, out) == 2.0
+    assert not out["x"][:3, :2].any() and (out["x"][3:6, :2] == 5.0).all() and (out["x"][:6, 2:] == 1.0).all()
 
 
 def test_neighbours_show_what_lies_side_by_side(packed: dict[str, np.ndarray]) -> None:
