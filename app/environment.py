@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +49,9 @@ class SkyLight:
         whole = np.maximum(normal @ self._cell.T, 0) @ self._cell_power
         cosine = np.maximum(normal @ self.direction.T, 0)
         chosen, seen = cosine @ self.power, (cosine * open_to) @ self.power
-        share = np.divide(seen, chosen, out=np.zeros_like(seen), where=chosen > 0)
+        facing = cosine > 0  # where none of those that face a point has light, any of them tells
+        plain = (facing & open_to).sum(axis=1, keepdims=True) / np.maximum(facing.sum(axis=1, keepdims=True), 1)
+        share = np.divide(seen, chosen, out=np.broadcast_to(plain, seen.shape).astype(np.float32), where=chosen > 0)
         return np.asarray(whole * share / math.pi, np.float32)
 
 
@@ -76,6 +79,7 @@ def centres(rows: int, columns: int) -> F64:
                      -sine * np.cos(azimuth)], axis=-1)
 
 
+@lru_cache(maxsize=4)
 def sky_light(environment: Environment, count: int) -> SkyLight:
     """``count`` directions, evenly spread among the coarse cells, most of them to where the light comes from."""
     cell, power = _cells(environment)

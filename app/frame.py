@@ -49,7 +49,8 @@ AOVS: dict[str, str] = {
     "background": "radiance of the environment where nothing is seen, W/(sr m²)",
     "lit": "the composite before temporal anti-aliasing, W/(sr m²)",
 }
-NETWORK_PASSES = ("surround", "surround_direct", "surfel_light", "surfels", "downsample", "network")
+AROUND = ("surround", "surround_direct", "surround_background")
+NETWORK_PASSES = (*AROUND, "surfel_light", "surfels", "downsample", "network")
 # On the GPU these are multiplied by LightSet.scale.
 RADIANCE = frozenset({"final", "direct", "specular", "indirect", "emission", "background", "lit"})
 
@@ -102,9 +103,9 @@ def build_frame(scene: Scene, settings: Settings, lights: LightSet,
         absent["shadow"] = "the scene has no light that casts"
     passes += [gbuffer.declare(scene), position.declare(), direct.declare(lights, shiny)]
     if scene.environment is not None:
-        passes.append(background.declare(scene.environment))
+        passes.append(background.declare(scene.environment, lights.scale))
     else:
-        absent["background"] = "the scene has no environment, or a black one"
+        absent |= dict.fromkeys(("background", "surround_background"), "the scene has no environment, or a black one")
     if model is not None:
         passes += _indirect(scene, settings, lights, model, absent)
     else:
@@ -147,9 +148,9 @@ def _network(scene: Scene, settings: Settings, lights: LightSet, model: Network,
         passes += [gbuffer.declare_surround(scene, contract.face, camera_axes),
                    direct.declare_surround(lights, contract.face, camera_axes)]
         if scene.environment is not None:
-            passes.append(background.declare_surround(scene.environment, contract.face, camera_axes))
+            passes.append(background.declare_surround(scene.environment, lights.scale, contract.face, camera_axes))
     else:
-        absent |= dict.fromkeys(("surround", "surround_direct"), "the network reads no cube")
+        absent |= dict.fromkeys(AROUND, "the network reads no cube")
     tensors = {t: downsample.tensor_name(t) for t in contract.inputs}
     if contract.surfels is not None:
         world = TrackedSurfels(scene, *contract.surfels)

@@ -18,6 +18,7 @@ Image = NDArray[np.float16] | F32
 
 COMPONENTS = "RGBA"
 COLORS = COMPONENTS[:3]
+RADIANCE_FILES = (".exr", ".hdr")  # that hold linear values
 
 
 def srgb_encode(linear: NDArray[np.floating[Any]]) -> F32:
@@ -102,8 +103,10 @@ def read_radiance(path: Path) -> F32:
     Raises
     ------
     SceneError
-        When the file can't be read.
+        When the file can't be read or is of another kind.
     """
+    if path.suffix.lower() not in RADIANCE_FILES:
+        raise SceneError(f"an image of the kind {path.suffix!r}", path, f"expected one of {', '.join(RADIANCE_FILES)}")
     pixels, names = _read(path, oiio.FLOAT, "HDR or EXR")
     of = {name: index for index, name in reversed(list(enumerate(names)))}
     rgb = [of.get(name, 0 if len(names) < len(COLORS) else index) for index, name in enumerate(COLORS)]
@@ -144,7 +147,7 @@ def _read(path: Path, kind: Any, expected: str = "EXR or PNG") -> tuple[Any, tup
         pixels, names = source.read_image(0, 0, 0, source.spec().nchannels, kind), source.spec().channelnames
         reason = source.geterror()
         source.close()
-    except UnicodeDecodeError:
+    except (UnicodeDecodeError, TypeError):  # of what the file says, or of its name
         raise _unreadable("its text is no UTF-8", path, expected) from None
     if pixels is None or reason:
         raise _unreadable(reason, path, expected)

@@ -173,18 +173,20 @@ def feed(contract: ModelContract, tensors: Mapping[str, F32], out: Mapping[str, 
         _sanitise(tensors[t], *_bounds(spec), out=out[t])
     if contract.exposure == "none":
         return 1.0
-    radiance, on_surfaces, texels, surfaces = [], [], 0, _surfaces(contract, out)
+    radiance, texels, surfaces = [], 0, _surfaces(contract, out)
     for t, spec in contract.inputs.items():
         surface = surfaces.get(spec.grid, np.ones(out[t].shape[1:], bool))
         for name, rows in spec.rows():
             if not CHANNELS[name].radiance:
                 continue
             r = out[t][rows]
-            masked = np.multiply(r, surface, out=None if CHANNELS[name].sky else r)
-            texels += int(np.count_nonzero(surface)) * len(r)
+            if CHANNELS[name].sky:
+                texels += r.size
+            else:
+                np.multiply(r, surface, out=r)
+                texels += int(np.count_nonzero(surface)) * len(r)
             radiance.append(r)
-            on_surfaces.append(masked)
-    mean = _robust_mean(on_surfaces, texels) if radiance else 1.0
+    mean = _robust_mean(radiance, texels) if radiance else 1.0
     for r in radiance:
         np.multiply(r, np.float32(1.0 / max(mean, FLOOR)), out=r)
         np.minimum(r, CHANNELS["radiance.rgb"].range[1], out=r)

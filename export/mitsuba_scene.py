@@ -95,8 +95,8 @@ class MitsubaScene:
         All meshes.
     solid : mitsuba.Scene or None
         Those that cast shadows: all but the ones that stand for an analytic light.
-    lights, glow : mitsuba.Scene or None
-        ``Scene.lights``; the emissive meshes that none of them stands for, and the environment. None where there is
+    lights, glow, sky : mitsuba.Scene or None
+        ``Scene.lights``, the emissive meshes that none of them stands for, and the environment; None where there is
         none.
     whole : dict
         All of it as one scene for Mitsuba's own integrators, where lights have bodies.
@@ -110,6 +110,7 @@ class MitsubaScene:
     solid: Any
     lights: Any
     glow: Any
+    sky: Any
     whole: dict[str, Any]
     masked: bool
     origin: F64
@@ -146,8 +147,7 @@ def convert(scene: Scene, time: float = 0.0) -> MitsubaScene:
         for part, emitter in enumerate(_emitters(light, origin, scale)):
             lights[f"light{index}part{part}"] = emitter
 
-    if scene.environment is not None:
-        glow["environment"] = _sky(scene.environment)
+    sky = {"type": "scene", "environment": _sky(scene.environment)} if scene.environment is not None else {}
 
     def load(part: dict[str, Any]) -> Any:
         # Merging and loading in parallel shuffle the emitters, and so the picture, from run to run.
@@ -157,7 +157,7 @@ def convert(scene: Scene, time: float = 0.0) -> MitsubaScene:
     bounds = {"bounds": {"type": "sphere", "radius": SUN_DISTANCE}}
     masked = any(m.alpha_cutoff is not None for m in scene.materials)
     return MitsubaScene(load(seen), load(solid), load(lights | bounds) if len(lights) > 1 else None,
-                        load(glow | bounds if scene.environment is not None else glow), seen | lights | glow, masked,
+                        load(glow), load(sky | bounds) if sky else None, seen | lights | glow | sky, masked,
                         origin, scale, tuple(dict.fromkeys(builder.notices)))
 
 
@@ -309,9 +309,12 @@ def _sky(environment: Environment) -> dict[str, Any]:
     h, w = environment.radiance.shape[:2]
     finer = -(-SKY_ROWS // h)
     h, w = finer * h, finer * w * (1 + finer * w % 2)
-    radiance = radiance_along(Environment(environment.radiance), np.roll(centres(h, w), w // 2, 1).reshape(-1, 3))
+    radiance = environment.radiance
+    if (h, w) != radiance.shape[:2]:
+        radiance = radiance_along(Environment(radiance), centres(h, w).reshape(-1, 3)).reshape(h, w, 3)
+    bitmap = mitsuba().Bitmap(np.ascontiguousarray(np.roll(radiance, w // 2, axis=1)))
     turn = mitsuba().ScalarTransform4f().rotate([0, 1, 0], environment.rotation_deg)
-    return {"type": "envmap", "bitmap": mitsuba().Bitmap(radiance.reshape(h, w, 3)), "to_world": turn}
+    return {"type": "envmap", "bitmap": bitmap, "to_world": turn}
 
 
 def _rgb(color: tuple[float, float, float], factor: float = 1.0) -> dict[str, Any]:

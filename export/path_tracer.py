@@ -37,7 +37,7 @@ class Samples:
     ----------
     direct, single, multi : ndarray, float32, shape (N, 3)
         Radiance / albedo in W/(sr m²): by the scene's lights, by one bounce, by all bounces. What comes straight from
-        glowing meshes that are no lights counts as bounced once.
+        the environment, and from glowing meshes that are no lights, counts as bounced once.
     albedo : ndarray, float32, shape (N, 3)
     normal : ndarray, float32, shape (N, 3)
         Shading normal in world space on the camera's side of the surface.
@@ -136,7 +136,7 @@ class PathTracer:
     def _indirect(self, si: Any, normal: Any, sampler: Any, active: Any) -> Any:
         """Light by one bounce and by all bounces that reaches a white surface."""
         mi = self._mi
-        glow = self._light_from(self._scene.glow, si, normal, sampler, active)
+        glow = self._glow(si, normal, sampler, active)
         single, multi = mi.Color3f(glow), mi.Color3f(glow)
         throughput, bounce = mi.Color3f(1.0), mi.UInt32(0)
         si, normal, active = type(si)(si), mi.Normal3f(normal), mi.Bool(active)
@@ -147,7 +147,7 @@ class PathTracer:
             normal = _facing_normal(si)
             throughput *= _albedo(si, active)
             light = throughput * self._light_from(self._scene.lights, si, normal, sampler, active)
-            glow = throughput * self._light_from(self._scene.glow, si, normal, sampler, active)
+            glow = throughput * self._glow(si, normal, sampler, active)
             multi += dr.select(active, light + glow, 0.0)
             single += dr.select(active & (bounce == 0), light, 0.0)
             bounce += 1
@@ -156,21 +156,29 @@ class PathTracer:
             throughput /= dr.maximum(survival, 1e-6)
         return single, multi
 
-    def _light_from(self, emitters: Any, si: Any, normal: Any, sampler: Any, active: Any) -> Any:
-        """One sample of the light that a white surface reflects straight from ``emitters``."""
+    def _glow(self, si: Any, normal: Any, sampler: Any, active: Any) -> Any:
+        """Samples of what glows and of the environment, which all meshes hide."""
+        scene = self._scene
+        return (self._light_from(scene.glow, si, normal, sampler, active)
+                + self._light_from(scene.sky, si, normal, sampler, active, scene.seen))
+
+    def _light_from(self, emitters: Any, si: Any, normal: Any, sampler: Any, active: Any, hidden_by: Any = None) -> Any:
+        """One sample of the light that a white surface reflects straight from ``emitters``.
+
+        ``hidden_by``: the meshes that cast shadows, or others than those.
+        """
         if emitters is None:
             return self._mi.Color3f(0.0)
         sample, weight = emitters.sample_emitter_direction(si, sampler.next_2d(active), False, active)
         cosine = dr.dot(normal, sample.d)
         lit = active & (cosine > 0) & (dr.dot(_facing(si), sample.d) > 0) & (sample.pdf != 0)
-        lit &= ~self._blocked(si.spawn_ray_to(sample.p), lit)
+        lit &= ~self._blocked(si.spawn_ray_to(sample.p), lit, self._scene.solid if hidden_by is None else hidden_by)
         return dr.select(lit, weight * cosine / dr.pi, 0.0)
 
-    def _blocked(self, ray: Any, active: Any) -> Any:
-        solid = self._scene.solid
-        if solid is None:
+    def _blocked(self, ray: Any, active: Any, meshes: Any) -> Any:
+        if meshes is None:
             return self._mi.Bool(False)
-        return self._intersect(solid, ray, active).is_valid() if self._scene.masked else solid.ray_test(ray, active)
+        return self._intersect(meshes, ray, active).is_valid() if self._scene.masked else meshes.ray_test(ray, active)
 
     @dr.syntax
     def _intersect(self, meshes: Any, ray: Any, active: Any = True) -> Any:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app import environment
 from app.atomic import replacing_folder
 from app.bench.content import content_key
 from app.bench.exporter import run_export
@@ -33,6 +34,7 @@ PLAIN_LAYERS = ("final", "albedo", "normal")
 TRACER = ("denoise.py", "mitsuba_scene.py", "path_tracer.py", "reference.py")
 # What emission and highlights depend on.
 OWN_SHADERS = ("gbuffer.vert", "gbuffer.frag", "shadow.vert", "shadow.frag", "shadow_nearest.frag", "direct.frag")
+SKY_SHADERS = ("gbuffer.vert", "gbuffer.frag", "background.frag")  # the same, of the background
 LEAST_ALBEDO = 0.01  # where demodulated light counts
 
 
@@ -177,6 +179,7 @@ def exporter_version() -> str:
         raise MissingExtraError("no path tracer to make the truth with", "--reference auto",
                                 "expected pip install 'afterglow[export]', or --reference DIR")
     digest = hashlib.sha256(tracer.encode())
+    digest.update(Path(environment.__file__).read_bytes())
     for file in TRACER:
         digest.update((Path(found.submodule_search_locations[0]) / file).read_bytes())
     return digest.hexdigest()
@@ -186,7 +189,8 @@ def renderer_version(scene: Scene) -> str:
     """Changes when the shaders of highlights, emission and background do, if the renderer adds such to the truth."""
     digest = hashlib.sha256()
     own = any(material.emits or material.shiny for material in scene.materials)
-    for file in (*(OWN_SHADERS if own else ()), *(("background.frag",) if scene.environment is not None else ())):
+    sky = scene.environment is not None
+    for file in (*(OWN_SHADERS if own else ()), *(SKY_SHADERS if sky else ())):
         digest.update(resolve(shader_dir() / file, {}, []).encode())
     return digest.hexdigest()
 

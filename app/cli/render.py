@@ -133,7 +133,7 @@ def render(
         for name in renderer.missing:
             _note(f"{name} is all zero, nothing in this scene writes it")
         running = {p.name for p in renderer.plan.passes}
-        if "background" in running and "surfels" not in running:
+        if "background" in running and {"direct", "surfels"} & running == {"direct"}:
             _note("the environment is shown and lights nothing: of the bundled models, only ember takes light from it")
         if verbose:
             _describe(renderer)

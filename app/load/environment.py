@@ -55,7 +55,7 @@ def _image(spec: dict[str, Any], folder: Path, notice: Notice) -> Environment:
     if not sound.all():
         notice(f"{path.name}: {np.count_nonzero(~sound)} values are no light and count as black")
     radiance = np.where(sound, np.minimum(radiance, np.float32(BRIGHTEST)), np.float32(0))
-    return Environment(radiance, float(spec.get("rotation_deg", 0.0)))
+    return Environment(radiance, float(spec.get("rotation_deg", 0.0)) % 360)
 
 
 _KINDS: dict[str, Callable[[dict[str, Any], Path, Notice], Environment]] = {

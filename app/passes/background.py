@@ -21,34 +21,33 @@ SURROUND = "surround_"
 UNIT = 8  # of the environment's texture, beyond those of what the pass reads
 
 
-def declare(environment: Environment) -> Pass:
-    """On the screen."""
+def declare(environment: Environment, scale: float) -> Pass:
+    """On the screen; radiance is multiplied by ``scale``, the scene's."""
     return Pass("background", reads=("depth",), writes={"background": Tex("f2", 4)},
-                make=lambda device, bound: _make(device, bound, environment, {}, None))
+                make=lambda device, bound: _make(device, bound, environment, scale, {}, None))
 
 
-def declare_surround(environment: Environment, face: int, camera_axes: bool) -> Pass:
+def declare_surround(environment: Environment, scale: float, face: int, camera_axes: bool) -> Pass:
     """On the six views around the camera, an atlas row of faces with ``face`` texels a side."""
     grid: dict[str, object] = {"GRID_CUBE": 1, "CUBE_SIZE": face}
     if camera_axes:
         grid["CUBE_CAMERA_AXES"] = 1
     return Pass("surround_background", reads=("surround_depth",),
                 writes={"surround_background": Tex("f2", 4, size=(6 * face, face))},
-                make=lambda device, bound: _make(device, bound, environment, grid, face))
+                make=lambda device, bound: _make(device, bound, environment, scale, grid, face))
 
 
-def _make(device: Device, bound: BoundPass, environment: Environment, grid: Mapping[str, object],
+def _make(device: Device, bound: BoundPass, environment: Environment, scale: float, grid: Mapping[str, object],
           face: int | None) -> Callable[[FrameState, Resources], None]:
     """``face`` texels show 90°; without, the screen's rows show the camera's field of view."""
-    texture: list[moderngl.Texture] = []
+    texture = _upload(device, environment, scale)
+    texels_per_radian = max(texture.height / math.pi, texture.width / (2 * math.pi))
 
     def uniforms(frame: FrameState) -> Mapping[str, Any]:
-        if not texture:  # the scene's scale is known now
-            texture.append(_upload(device, environment, frame.lights.scale))
-        texture[0].use(UNIT)
+        texture.use(UNIT)
         pixel = 2 / face if face else 2 * frame.view.tan_half[1] / frame.size[1]  # radians, in the middle of the view
-        texels = max(pixel * texture[0].height / math.pi, 1.0)
-        return {"environment": UNIT, "turn": environment.rotation_deg / 360 % 1.0, "level": math.log2(texels)}
+        return {"environment": UNIT, "turn": environment.rotation_deg / 360 % 1.0,
+                "level": math.log2(max(pixel * texels_per_radian, 1.0))}
 
     return make_fullscreen(device, bound, "background.frag", uniforms, grid, SURROUND)
 
@@ -56,7 +55,7 @@ def _make(device: Device, bound: BoundPass, environment: Environment, grid: Mapp
 def _upload(device: Device, environment: Environment, scale: float) -> moderngl.Texture:
     h, w = environment.radiance.shape[:2]
     if max(h, w) > device.max_size:
-        raise SceneError(f"an environment of {w}x{h} texels", "the scene JSON",
+        raise SceneError(f"an environment of {w}x{h} texels", "the scene",
                          f"expected at most {device.max_size} a side on {device.renderer}")
     pixels = np.minimum(environment.radiance * np.float32(scale), np.finfo(np.float16).max).astype(np.float16)
     texture = device.ctx.texture((w, h), 3, pixels.tobytes(), alignment=1, dtype="f2")

@@ -15,7 +15,7 @@ from app.paths import nets_dir
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 QUICK_DATA = Path(__file__).parents[1] / "dataset" / "quick.toml"
-TRAINED, QUICK = ("bcnn-8", "bcnn-8-single"), ("quick",)  # configurations
+TRAINED, QUICK = ("bcnn-8", "bcnn-8-single", "gfa-8"), ("quick",)  # configurations
 PAIRS, QUICK_PAIRS = 1500, 12
 
 

@@ -23,15 +23,14 @@ def train(config: Annotated[Path, typer.Argument(help="What to do; export/config
 
     tune()
     from export.dataset import Dataset
-    from export.models import make_network
     from export.training.config import read_config
     from export.training.eligible import eligible
     from export.training.examples import Examples, draw_missing
-    from export.training.loop import Run
+    from export.training.loop import Run, network_and_loss
 
     chosen = read_config(config, dataset)
     pairs = Dataset(chosen.data.dataset)
-    contract = make_network(chosen.network.preset, chosen.network.options).contract
+    contract = network_and_loss(chosen)[0].contract
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
                TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty()) as bar:

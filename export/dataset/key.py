@@ -17,7 +17,9 @@ DIGITS = 5  # behind the point; processors differ in the last digits of sines an
 def scene_key(scene: Scene, *more: object) -> str:
     """Equal for scenes that look alike, whatever their names and cameras; ``more`` are further values."""
     if scene.environment is not None:
-        more = (*more, scene.environment)
+        radiance = scene.environment.radiance
+        brightest = float(radiance.max())
+        more = (*more, float(np.log(brightest)), radiance / brightest, scene.environment.rotation_deg)
     return content_key(_rounded((scene.meshes, scene.instances, scene.materials, scene.lights, more)))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import torch
@@ -32,7 +33,7 @@ class SurroundLoss:
     Raises
     ------
     ValueError
-        For a weight that is not above 0, or below it for the second.
+        For a weight that is not above 0, or below it for the second, and for widths below 1.
     """
 
     uses_previous = False
@@ -40,8 +41,8 @@ class SurroundLoss:
 
     def __init__(self, l1: float = 100.0, adversarial: float = 1.0,
                  widths: Sequence[int] = (64, 128, 256, 512)) -> None:
-        if not (float(l1) > 0 and float(adversarial) >= 0):
-            raise ValueError(f"weights {l1}, {adversarial}")
+        if not (0 < float(l1) < math.inf and 0 <= float(adversarial) < math.inf and min(map(int, widths)) > 0):
+            raise ValueError(f"weights {l1}, {adversarial}, widths {widths}")
         self.l1, self.adversarial = l1, adversarial
         self.critic = ConditionalCritic(widths) if adversarial > 0 else None
 

@@ -92,7 +92,8 @@ class Surround(Network):
         light = functional.grid_sample(self.light_map(around), places(position), align_corners=False,
                                        padding_mode="border")
         surface = (position.abs().sum(1, keepdim=True) > 0).to(position.dtype)
-        return (light - direct / albedo.clamp(min=DARKEST)).clamp(min=0) * surface
+        indirect = (light - direct / albedo.clamp(min=DARKEST)) * surface
+        return indirect if self.training else indirect.clamp(min=0)  # at 0 nothing would be learned from
 
     def condition(self, around: Tensor, screen: Tensor) -> Tensor:
         """What the discriminator looks at beside light maps, [B, 15, h, w]: ``seen`` on the screen, direct light."""

@@ -1,11 +1,13 @@
-"""Random changes under which the answer stays right: exposure, colours, left and right."""
+"""Random changes under which the answer stays right: exposure, size, colours, left and right."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import torch
 from torch import Tensor
 
-from app.channels import CHANNELS, CUBE, SEEN
+from app.channels import CHANNELS, CUBE, SEEN, Channel
 from app.contract import ModelContract, TensorSpec
 from export.training.config import AugmentationConfig
 from export.training.examples import Batch
@@ -20,6 +22,8 @@ def augment(batch: Batch, contract: ModelContract, config: AugmentationConfig, r
     order = torch.stack([torch.randperm(3, generator=random) for _ in range(count)])
     flip = torch.rand(count, generator=random) < 0.5
     batch = exposed(batch, contract, 2**stops)
+    if config.size_stops > 0:
+        batch = sized(batch, contract, 2**(config.size_stops * (2 * torch.rand(count, generator=random) - 1)))
     if config.permute_colors:
         batch = permuted(batch, contract, order)
     if config.mirror:
@@ -28,15 +32,14 @@ def augment(batch: Batch, contract: ModelContract, config: AugmentationConfig, r
     return batch
 
 
+def sized(batch: Batch, contract: ModelContract, factor: Tensor) -> Batch:
+    """All lengths multiplied by ``factor`` [B]; the light stays."""
+    return _multiplied(batch, contract, factor, lambda channel: channel.unit == "extent")
+
+
 def exposed(batch: Batch, contract: ModelContract, factor: Tensor) -> Batch:
     """All light multiplied by ``factor`` [B]."""
-    out = dict(batch)
-    for name, spec in _inputs(batch, contract):
-        scale = torch.ones(len(factor), spec.components)
-        for channel, rows in spec.rows():
-            if CHANNELS[channel].radiance:
-                scale[:, rows] = factor[:, None]
-        out[name] = batch[name] * _over(scale.to(batch[name]), batch[name])
+    out = _multiplied(batch, contract, factor, lambda channel: channel.radiance)
     out["target"] = batch["target"] * _over(factor.to(batch["target"]), batch["target"])
     return out
 
@@ -66,6 +69,18 @@ def mirrored(batch: Batch, contract: ModelContract) -> Batch:
                 sign[:, rows.start] = -1
         x = out[name][:, :, MIRRORED_FACES] if spec.grid == CUBE else out[name]
         out[name] = x * _over(sign.to(x), x)
+    return out
+
+
+def _multiplied(batch: Batch, contract: ModelContract, factor: Tensor, which: Callable[[Channel], bool]) -> Batch:
+    """Channels of the inputs multiplied by ``factor`` [B]."""
+    out = dict(batch)
+    for name, spec in _inputs(batch, contract):
+        scale = torch.ones(len(factor), spec.components)
+        for channel, rows in spec.rows():
+            if which(CHANNELS[channel]):
+                scale[:, rows] = factor[:, None]
+        out[name] = batch[name] * _over(scale.to(batch[name]), batch[name])
     return out
 
 

@@ -65,11 +65,14 @@ class AugmentationConfig:
     ----------
     exposure_stops : float
         Light is multiplied by up to 2 to this power, or divided.
+    size_stops : float
+        Lengths are multiplied by up to 2 to this power, or divided: light is the same in a scene of another size.
     permute_colors, mirror : bool
         Swap red, green and blue; left and right.
     """
 
     exposure_stops: NonNegativeFloat = 1.0
+    size_stops: NonNegativeFloat = 0.0
     permute_colors: bool = True
     mirror: bool = True
 

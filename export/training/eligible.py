@@ -16,6 +16,8 @@ def eligible(pairs: Pairs, most_saturated: float) -> list[int] | None:
 def saturation(scene: Scene) -> float:
     """Of the scene's most saturated light or glowing material: 1 - smallest / largest of its colours, 0 in the dark."""
     colors = [_color(light) for light in scene.lights] + [material.emission for material in scene.materials]
+    if scene.environment is not None:
+        colors.append(tuple(scene.environment.radiance.mean(axis=(0, 1), dtype=float).tolist()))
     return max((1 - min(color) / max(color) for color in colors if max(color) > 0), default=0.0)
 
 

@@ -15,9 +15,9 @@ from torch.optim.swa_utils import AveragedModel
 
 from app.atomic import prepare_folders
 from app.errors import SettingsError
-from export.losses import Views, make_loss
+from export.losses import Loss, Views, make_loss
 from export.losses.views import warp
-from export.models import make_network, weights_of
+from export.models import Network, make_network, weights_of
 from export.models.network import Conditioned
 from export.training import state
 from export.training.augment import augment
@@ -58,21 +58,20 @@ class Run:
         candidates = [i for i in (range(others) if eligible is None else eligible) if i < others]
         wanted = config.data.pairs or len(candidates)
         if wanted > len(candidates):
-            raise SettingsError(f"{wanted} pairs to train on", config.data.dataset,
-                                f"expected at most {len(candidates)} of {len(examples)}, {held_out} are held out")
+            raise SettingsError(f"{wanted} pairs to train on", config.data.dataset, f"expected at most "
+                                f"{len(candidates)} of {len(examples)}, {held_out} are held out{_left_out(config)}")
         self.trained_on = candidates[:wanted]
         self.epoch_steps = wanted // config.schedule.batch
         if self.epoch_steps < 1:
             raise SettingsError(f"{wanted} pairs to train on", config.data.dataset,
-                                f"expected at least a batch of {config.schedule.batch}")
+                                f"expected at least a batch of {config.schedule.batch}{_left_out(config)}")
         self.steps = config.schedule.epochs * self.epoch_steps
         device = config.device
         self.fabric = Fabric(accelerator=device.accelerator, devices=device.devices, precision=device.precision)
         self.fabric.launch()
         seed_everything(config.seed, verbose=False)
-        self._bare = make_network(config.network.preset, config.network.options)
+        self._bare, self.loss = network_and_loss(config)  # a critic takes its weights from the seed, too
         self.contract = self._bare.contract
-        self.loss = make_loss(config.loss.kind, config.loss.options)  # a critic takes its weights from the seed, too
         optimizer = torch.optim.Adam(self._bare.parameters(), config.schedule.learning_rate)
         self.ema = AveragedModel(self._bare, avg_fn=_average(config.schedule.ema)).eval()
         self.progress = state.Progress()
@@ -205,6 +204,27 @@ class Run:
             raise SettingsError("another configuration than that of the checkpoint", path,
                                 "expected the same; take another folder, or delete the checkpoint")
         return checkpoint
+
+
+def network_and_loss(config: Config) -> tuple[Network, Loss]:
+    """Both fresh.
+
+    Raises
+    ------
+    AfterglowError
+        When there are no such, or they don't fit each other.
+    """
+    network = make_network(config.network.preset, config.network.options)
+    loss = make_loss(config.loss.kind, config.loss.options)
+    if loss.uses_condition and not hasattr(network, "condition"):
+        raise SettingsError(f"the loss {config.loss.kind!r} for the network {config.network.preset!r}", "loss.kind",
+                            "expected one that does not look at the network's condition")
+    return network, loss
+
+
+def _left_out(config: Config) -> str:
+    limit = config.data.most_saturated
+    return f", and data.most_saturated = {limit:g} leaves some out" if limit < 1 else ""
 
 
 def summed(terms: dict[str, Tensor]) -> dict[str, Tensor]:

@@ -71,9 +71,10 @@ def test_a_turning_camera_leaves_no_ghost_of_the_sky() -> None:
     assert np.percentile(away, 99) < 0.12 and away.mean() < 0.01  # 0.5 and 0.02 where the sky is taken to stand still
 
 
-def test_a_large_map_is_averaged_over_pixels() -> None:
+@pytest.mark.parametrize("height", [1, 64, 2048])
+def test_a_large_map_is_averaged_over_pixels(height: int) -> None:
     """Stripes much finer than a pixel are grey, not noise."""
-    stripes = np.zeros((2048, 4096, 3), np.float32)
+    stripes = np.zeros((height, 4096, 3), np.float32)
     stripes[:, ::2] = 1.0
     found = draw(under(Environment(stripes)), SIZE, ("background", "depth"))
     sky = found["depth"][..., 0] == 0
@@ -132,6 +133,30 @@ def test_ember_lights_by_the_environment(small: Path, sun: bool) -> None:
     seen = truth["depth"][..., 0] > 0
     assert found[seen].mean() == pytest.approx(truth["indirect"][seen].mean(), rel=0.05)
     assert relative_error(found, truth["indirect"], seen) < (0.35 if sun else 0.15)
+
+
+def test_lamps_hide_the_sky(small: Path) -> None:
+    """The mesh of an analytic light casts no shadow of lights, but is before the sky, for ember and the path tracer."""
+    lid = quad((-1, 0.3, 1), (2, 0, 0), (0, 0, -2), Material(albedo=(0.0,) * 3, analytic=True))
+    scene = under(DUSK, floor(1.0), lid, camera=Camera((0, 0.2, 1.6), (0, 0, 0), fov_y_deg=40.0))
+    truth = traced(scene, 256)
+    below = (truth["depth"][..., 0] > 0) & (truth["albedo"][..., 0] > 0.1)
+    found = draw(scene, SIZE, ("indirect",), model=small)["indirect"]
+    assert below.sum() > 100 and truth["indirect"][below].mean() < 0.3 * DUSK.radiance.mean()
+    assert found[below].mean() == pytest.approx(truth["indirect"][below].mean(), rel=0.25)
+
+
+@pytest.mark.parametrize("radiance", [1e30, 1e-20])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 300), (300, 1)])
+def test_bright_and_dim_environments_of_any_shape(small: Path, radiance: float, shape: tuple[int, int]) -> None:
+    """The picture is that of radiance 1, but for the factor."""
+    pictures = []
+    for factor in (1.0, radiance):
+        even = Environment(np.full((*shape, 3), factor, np.float32))
+        scene = under(even, floor(1.0), box((-0.3, 0, -0.3), (0.6,) * 3))
+        pictures.append(draw(scene, SIZE, ("final",), model=small)["final"].astype(np.float64) / factor)
+    assert pictures[0].min() > 0.05
+    np.testing.assert_allclose(pictures[1], pictures[0], rtol=0.02)
 
 
 def test_what_moves_hides_the_sky(small: Path) -> None:

@@ -8,18 +8,22 @@ from typing import Any
 
 import pytest
 
-from app.bench.truth import OWN_SHADERS, renderer_version
+from app.bench.truth import OWN_SHADERS, SKY_SHADERS, renderer_version
 from app.gl import shader
-from app.golden.scenes import room
+from app.golden.scenes import dusk, room
 from app.load import embedded_scene
 from app.renderer import Renderer
+from app.scene import Scene
 from app.settings import Settings
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 TRIVIAL = {"fullscreen.vert"}
 
 
-def test_the_listed_shaders_are_those_of_emission_and_highlights(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("scene", "outputs", "listed"), [
+    (room(), ("emission", "specular"), OWN_SHADERS), (dusk(), ("background",), SKY_SHADERS)], ids=["own", "sky"])
+def test_the_listed_shaders_are_those_that_the_truth_takes_from(
+        scene: Scene, outputs: tuple[str, ...], listed: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     compiled: set[str] = set()
     resolve = shader.resolve
 
@@ -28,10 +32,9 @@ def test_the_listed_shaders_are_those_of_emission_and_highlights(monkeypatch: py
         return resolve(path, defines, files)
 
     monkeypatch.setattr(shader, "resolve", spy)
-    scene = room()
-    with Renderer(scene, Settings((32, 24), ("emission", "specular"), taa=False)) as renderer:
+    with Renderer(scene, Settings((32, 24), outputs, taa=False)) as renderer:
         renderer.render(scene.cameras[scene.default_camera].at(0.0))
-    assert compiled - TRIVIAL <= set(OWN_SHADERS)
+    assert compiled - TRIVIAL == set(listed)
 
 
 def test_only_what_the_renderer_adds_ties_a_truth_to_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,7 @@ from scipy import ndimage
 from app.channels import HALF_MAX
 from app.contract import Model, find_model
 from app.gl.lights import radiance_scale
-from app.golden.scenes import outdoor, room
+from app.golden.scenes import dusk, outdoor, room
 from app.renderer import Renderer
 from app.scene import Scene
 from app.settings import Settings
@@ -28,7 +28,8 @@ pytestmark = pytest.mark.gl
 POISONS = {"nan": np.nan, "+inf": np.inf, "-inf": -np.inf, "-100": -100.0}
 SIZE = (61, 47)
 POISONED, FADING, HEALING = 3, 3, 40  # frames
-SCENES = {"room": (room(), "ember"), "outdoor": (outdoor(), "radiosity"), "screen space": (room(), "ssgi")}
+SCENES = {"room": (room(), "ember"), "outdoor": (outdoor(), "radiosity"), "screen space": (room(), "ssgi"),
+          "sky": (dusk(), "ember")}
 G_BUFFER = ("albedo", "normal", "depth", "emission", "gloss", "motion")
 PER_TEXEL = (*G_BUFFER, "direct", "specular", "indirect", "lit")
 REACH = 2                  # texels: a quad, or what filters around it

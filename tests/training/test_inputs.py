@@ -8,7 +8,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from app.channels import RAYS, SURFELS  # noqa: E402
+from app.channels import PANORAMA, RAYS, SURFELS  # noqa: E402
 from app.contract import ModelContract, TensorSpec  # noqa: E402
 from app.gl.lights import radiance_scale  # noqa: E402
 from app.infer import Network  # noqa: E402
@@ -139,6 +139,25 @@ def test_mirroring_the_scene_mirrors_the_inputs() -> None:
         off = (expected[name] - found[name]).abs()
         assert (off > 2e-2 * expected[name].abs().max()).float().mean() < 0.02, name  # edges fall on either side
     assert not torch.allclose(batches[0]["motion"], found["motion"], atol=0.1)
+
+
+def test_mirroring_the_scene_mirrors_the_panorama() -> None:
+    scene = embedded_scene()
+    lamp = PointLight(tuple(scene.bounds.mean(axis=0) + np.array([0.1, 0.2, 0.3])), (1.0, 1.0, 1.0))
+    camera = replace(scene.cameras[scene.default_camera].at(0.0), eye=(0.3, 0.9, 0.2), target=(0.1, 1.0, -1.0))
+    still = Still(scene.with_lights(lamp), camera, SIZE)
+    spec = replace(contract(), cube_axes="camera", inputs={
+        "x": TensorSpec(("direct.rgb", "normal.view.xyz", "position.view.xyz")),
+        "p": TensorSpec(("direct.rgb", "normal.view.xyz", "position.view.xyz"), PANORAMA, 64)})
+    with Drawer(spec) as drawer:
+        here, there = (drawer.still(s).tensors["p"] for s in (still, reflected(still)))
+    zeros = {f"{frame}.{t}": torch.zeros(1, s.components, *s.extent((8, 6)))
+             for frame in ("current", "previous") for t, s in spec.inputs.items()}
+    batch = {**zeros, "current.p": torch.from_numpy(here.copy())[None], "motion": torch.zeros(1, 2, 8, 6)}
+    expected, found = mirrored(batch, spec)["current.p"][0], torch.from_numpy(there)
+    off = (expected - found).abs()
+    assert (off > 2e-2 * expected.abs().max()).float().mean() < 0.02  # edges fall on either side
+    assert (here != there).mean() > 0.3
 
 
 def as_batch(inputs: Inputs) -> dict[str, torch.Tensor]:

@@ -100,9 +100,9 @@ def test_discriminator_judges_patches() -> None:
 
 
 def test_its_loss_compares_light_maps_and_its_critic_learns(tmp_path: Path) -> None:
-    """Two epochs on a room, as a configuration says: L1 falls, and the critic takes part and is kept."""
+    """Four epochs on a room, as a configuration says: L1 falls, and the critic takes part and is kept."""
     options = {"widths": [4, 8, 8, 8]}
-    table = config(tmp_path, epochs=2, learning_rate=2e-3, ema=0.5).to_json() | {
+    table = config(tmp_path, epochs=4, learning_rate=2e-3, ema=0.5).to_json() | {
         "network": {"preset": "surround-16"}, "loss": {"kind": "surround", "options": options}}
     pairs = CornellPairs(tmp_path, 10)
     made = Examples(pairs, network().contract)

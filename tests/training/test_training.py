@@ -21,7 +21,7 @@ from app.errors import ModelError, SettingsError  # noqa: E402
 from app.scene import PointLight  # noqa: E402
 from export.inputs import Frame, Inputs  # noqa: E402
 from export.models import make_network  # noqa: E402
-from export.training.augment import exposed, permuted  # noqa: E402
+from export.training.augment import exposed, permuted, sized  # noqa: E402
 from export.training.config import Config, from_table, read_config  # noqa: E402
 from export.training.eligible import eligible, saturation  # noqa: E402
 from export.training.examples import Examples, tensors_of  # noqa: E402
@@ -108,6 +108,10 @@ def test_augmented_colours_stay_with_their_channels(tmp_path: Path) -> None:
     assert torch.equal(found["target"][0], batch["target"][0, [1, 2, 0]])
     assert torch.equal(found["current.x"][0, 3:], batch["current.x"][0, 3:])
     assert torch.equal(found["target"][1], batch["target"][1])
+    larger = sized(batch, CONTRACT, torch.tensor([2.0, 0.5]))
+    assert torch.equal(larger["current.x"][:, :6], batch["current.x"][:, :6])
+    assert torch.equal(larger["previous.x"][1, 6:], 0.5 * batch["previous.x"][1, 6:])
+    assert torch.equal(larger["target"], batch["target"])
     bright = exposed(batch, CONTRACT, torch.tensor([4.0, 0.5]))
     assert torch.equal(bright["previous.x"][0, :3], 4 * batch["previous.x"][0, :3])
     assert torch.equal(bright["target"][1], 0.5 * batch["target"][1])

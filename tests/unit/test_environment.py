@@ -79,6 +79,19 @@ def test_half_of_the_sky_hidden_is_half_of_the_light() -> None:
     np.testing.assert_allclose(light.irradiance(UP[None], left[None]), 0.5, rtol=0.05)
 
 
+@pytest.mark.parametrize("weak", [0.01, 0.002])
+def test_no_light_of_an_open_surface_is_lost(weak: float) -> None:
+    """Opposite a bright patch is a weak one of another colour, which no direction may have been chosen for."""
+    for row, column in ((5, 3), (9, 17), (12, 30)):
+        radiance = np.zeros((16, 32, 3), np.float32)
+        radiance[row, column] = 1.0, 0.5, 0.0
+        radiance[15 - row, (column + 16) % 32] = 0.0, 0.0, weak
+        normals = centres(16, 32)[[row, 15 - row], [column, (column + 16) % 32]]
+        light = sky_light(Environment(radiance), 144)
+        expected = np.maximum(normals @ light._cell.T, 0) @ light._cell_power / np.pi
+        assert expected[0, 0] > 0 and expected[1, 2] > 0
+        np.testing.assert_allclose(light.irradiance(normals, np.ones((2, 144), bool)), expected, rtol=1e-5)
+
+
 def test_cells_are_few() -> None:
-    light = sky_light(compass(400), 16)
-    assert len(np.unique(light.direction, axis=0)) <= np.prod(COARSE)
+    assert len(sky_light(compass(400), 16)._cell) == np.prod(COARSE)
