@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-SCREEN, CUBE, PANORAMA, SURFELS, RAYS = "screen", "cube", "panorama", "surfels", "rays"
-SEEN = (SCREEN, CUBE, PANORAMA)  # texels, drawn from the camera; the others are points on surfaces, and their rays
+SCREEN, CUBE, PANORAMA, SURFELS, RAYS, VECTOR = "screen", "cube", "panorama", "surfels", "rays", "vector"
+SEEN = (SCREEN, CUBE, PANORAMA)  # texels, drawn from the camera; no others have a sky
 
 
 @dataclass(frozen=True)
@@ -93,6 +93,9 @@ CHANNELS: dict[str, Channel] = {
                 "number of the surfel that a ray from this one meets; -1 for none"),
         Channel("ray.albedo.rgb", 3, "1", (0.0, 1.0), 0.0, (RAYS,),
                 "diffuse reflectance where the ray ends; 0 where it meets nothing"),
+        Channel("environment.sh", 75, "W/(sr m²)", (-HALF_MAX, HALF_MAX), 0.0, (VECTOR,),
+                "the environment in real spherical harmonics to order 4, camera space: red's 25, green's, blue's",
+                radiance=True),
         Channel("indirect.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, (SCREEN,),
                 "indirect radiance divided by albedo", radiance=True, output=True),
     )

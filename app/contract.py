@@ -13,7 +13,7 @@ from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from app.channels import CHANNELS, CUBE, PANORAMA, RAYS, SCREEN, SEEN, SURFELS
+from app.channels import CHANNELS, CUBE, PANORAMA, RAYS, SCREEN, SEEN, SURFELS, VECTOR
 from app.errors import ModelError
 from app.paths import nets_dir
 
@@ -23,7 +23,7 @@ Model = Path | Literal["ssgi"]
 
 KEY = "afterglow"
 VERSION = 1
-GRIDS = (*SEEN, SURFELS, RAYS)
+GRIDS = (*SEEN, SURFELS, RAYS, VECTOR)
 SHORTEST_SIDE, LARGEST_RAISED_SCALE = 48, 0.5
 HALF_COUNTS = 2048  # whole numbers that half floats hold exactly
 # So that a mistyped contract can't fill the memory.
@@ -41,9 +41,10 @@ class TensorSpec:
     grid : str
         ``screen`` [1, C, h, w] or ``cube`` [1, C, 6, n, n] (front, back, left, right, up, down), top row first;
         ``panorama`` [1, C, h, 2h], a cube of faces h / 2 merged as in ``shaders/include/panorama.glsl``;
-        ``surfels`` [1, C, S], points on the scene's surfaces, or ``rays`` [1, C, S, K], which go out from them.
+        ``surfels`` [1, C, S], points on the scene's surfaces, or ``rays`` [1, C, S, K], which go out from them;
+        ``vector`` [1, C], numbers for the whole frame.
     size : int or None
-        Texels along the edge of a cube face; height of a panorama; number of surfels; None on the screen.
+        Texels along the edge of a cube face; height of a panorama; number of surfels; None for screen and vector.
     rays : int or None
         Of each surfel: a square number, the same in all tensors on the rays.
     """
@@ -67,7 +68,7 @@ class TensorSpec:
         """Everything behind the channels in the tensor's shape, ``screen`` being what stands for [h, w]."""
         size = self.size or 0
         return {SCREEN: screen, CUBE: (6, size, size), PANORAMA: (size, 2 * size), SURFELS: (size,),
-                RAYS: (size, self.rays or 0)}[self.grid]
+                RAYS: (size, self.rays or 0), VECTOR: ()}[self.grid]
 
     def shape(self, screen: tuple[int, int]) -> tuple[int, ...]:
         """The tensor's shape without the batch, for a screen grid of the given width and height."""
@@ -151,11 +152,11 @@ class ModelContract:
         for tensor, spec in tensors.items():
             need(spec.grid in GRIDS, f"bad grid {spec.grid!r} of tensor {tensor!r}", _one_of(GRIDS))
             most = {CUBE: MOST_TEXELS, PANORAMA: 2 * MOST_TEXELS}.get(spec.grid, MOST_SURFELS)
-            need(spec.size is None if spec.grid == SCREEN else _whole(spec.size, most),
+            need(spec.size is None if spec.grid in (SCREEN, VECTOR) else _whole(spec.size, most),
                  f"bad size {spec.size!r} of tensor {tensor!r}",
                  f"texels along the edge of a face on the cube, 1 to {MOST_TEXELS}, the height of a panorama, up to "
                  f"{2 * MOST_TEXELS}, the number of surfels on surfels and rays, 1 to {MOST_SURFELS}, and no size on "
-                 "the screen")
+                 "the screen and for vectors")
             need(spec.grid != PANORAMA or (spec.size or 0) % 4 == 0, f"a panorama {spec.size} high, tensor {tensor!r}",
                  "a multiple of 4, since views are halved and quartered")
             need(_square(spec.rays) if spec.grid == RAYS else spec.rays is None,

@@ -14,6 +14,7 @@ from app.scene import Environment
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
+ORDER = 4          # of spherical harmonics
 COARSE = (32, 64)  # rows and columns of the map that light is sampled from, at most
 FINE = 4           # texels along a cell, at least
 EVENLY = 0.2       # share of the directions that are spread over all cells alike; the others go where the light is
@@ -90,6 +91,40 @@ def sky_light(environment: Environment, count: int) -> SkyLight:
     return SkyLight(*(np.asarray(x, np.float32) for x in (cell[chosen], share, cell, power)))
 
 
+def harmonics(environment: Environment, rotation: F64) -> F32:
+    """Coefficients of the radiance, shape (75,): 25 of red, of green, of blue.
+
+    Parameters
+    ----------
+    rotation : ndarray, float64, shape (3, 3)
+        From world space to the space that the harmonics are to be in.
+    """
+    cell, power = _cells(environment)
+    return np.asarray((power.T @ spherical_harmonics(cell @ rotation.T)).ravel(), np.float32)
+
+
+def spherical_harmonics(direction: F64) -> F64:
+    """The 25 real ones to order 4, shape (N, 25), at unit directions, shape (N, 3); the pole is +z.
+
+    Index l (l + 1) + m, as in Sloan 2008, "Stupid Spherical Harmonics (SH) Tricks", but without (-1)^m. The
+    associated Legendre polynomials are without their powers of sin θ, which come with the turn about the pole.
+    """
+    x, y, z = direction.T
+    about = (x + 1j * y)[:, None] ** np.arange(ORDER + 1)  # sinᵐθ (cos mφ + i sin mφ)
+    found = np.empty((len(direction), (ORDER + 1) ** 2))
+    for m in range(ORDER + 1):
+        legendre = [np.full_like(z, math.prod(range(1, 2 * m, 2))), (2 * m + 1) * z * math.prod(range(1, 2 * m, 2))]
+        for order in range(m + 2, ORDER + 1):
+            legendre.append(((2 * order - 1) * z * legendre[-1] - (order + m - 1) * legendre[-2]) / (order - m))
+        for order in range(m, ORDER + 1):
+            norm = math.sqrt((2 * order + 1) / (4 * math.pi) * math.factorial(order - m) / math.factorial(order + m))
+            middle, height = order * (order + 1), norm * math.sqrt(2 if m else 1) * legendre[order - m]
+            found[:, middle - m] = height * about[:, m].imag
+            found[:, middle + m] = height * about[:, m].real
+    return found
+
+
+@lru_cache(maxsize=4)
 def _cells(environment: Environment) -> tuple[F64, F64]:
     """Directions of the coarse cells in world space, and radiance times solid angle of each; both (cells, 3).
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from app.channels import VECTOR
 from app.errors import SettingsError
 from app.gl.lights import LightSet
 from app.graph import Pass, Plan, compile_graph
@@ -17,6 +18,7 @@ from app.passes import (
     downsample,
     fill,
     gbuffer,
+    harmonics,
     network,
     output,
     pick,
@@ -50,7 +52,7 @@ AOVS: dict[str, str] = {
     "lit": "the composite before temporal anti-aliasing, W/(sr m²)",
 }
 AROUND = ("surround", "surround_direct", "surround_background")
-NETWORK_PASSES = (*AROUND, "surfel_light", "surfels", "downsample", "network")
+NETWORK_PASSES = (*AROUND, "surfel_light", "surfels", "harmonics", "downsample", "network")
 # On the GPU these are multiplied by LightSet.scale.
 RADIANCE = frozenset({"final", "direct", "specular", "indirect", "emission", "background", "lit"})
 
@@ -158,6 +160,10 @@ def _network(scene: Scene, settings: Settings, lights: LightSet, model: Network,
                    surfels.declare(world, contract, tensors, scene.longest_edge)]
     else:
         absent |= dict.fromkeys(("surfel_light", "surfels"), "the network reads no surfels")
+    if any(spec.grid == VECTOR for spec in contract.inputs.values()):
+        passes.append(harmonics.declare(contract, tensors, scene.environment, lights.scale))
+    else:
+        absent["harmonics"] = "the network reads no vector"
     passes.append(downsample.declare(contract, settings.size, scene.longest_edge))
     shapes = {t: spec.shape(grid) for t, spec in contract.inputs.items()}
     return [*passes, network.declare(model, tensors, shapes, grid, target)]

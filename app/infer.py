@@ -10,7 +10,7 @@ import numpy as np
 import onnxruntime as ort
 from numpy.typing import NDArray
 
-from app.channels import CHANNELS, SCREEN
+from app.channels import CHANNELS, SCREEN, VECTOR
 from app.contract import ModelContract, TensorSpec, read_contract
 from app.errors import DeviceError, ModelError, SettingsError
 from app.kept import Kept, is_kept
@@ -173,23 +173,27 @@ def feed(contract: ModelContract, tensors: Mapping[str, F32], out: Mapping[str, 
         _sanitise(tensors[t], *_bounds(spec), out=out[t])
     if contract.exposure == "none":
         return 1.0
-    radiance, texels, surfaces = [], 0, _surfaces(contract, out)
+    radiance, arriving, texels, surfaces = [], [], 0, _surfaces(contract, out)
     for t, spec in contract.inputs.items():
         surface = surfaces.get(spec.grid, np.ones(out[t].shape[1:], bool))
         for name, rows in spec.rows():
             if not CHANNELS[name].radiance:
                 continue
             r = out[t][rows]
+            radiance.append(r)
+            if spec.grid == VECTOR:  # coefficients, which are light of no place
+                continue
+            arriving.append(r)
             if CHANNELS[name].sky:
                 texels += r.size
             else:
                 np.multiply(r, surface, out=r)
                 texels += int(np.count_nonzero(surface)) * len(r)
-            radiance.append(r)
-    mean = _robust_mean(radiance, texels) if radiance else 1.0
+    mean = _robust_mean(arriving, texels) if radiance else 1.0
+    most = CHANNELS["radiance.rgb"].range[1]
     for r in radiance:
         np.multiply(r, np.float32(1.0 / max(mean, FLOOR)), out=r)
-        np.minimum(r, CHANNELS["radiance.rgb"].range[1], out=r)
+        np.clip(r, -most, most, out=r)
     return mean
 
 

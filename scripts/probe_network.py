@@ -16,7 +16,7 @@ sys.path.insert(0, str(ROOT))
 import onnx  # noqa: E402
 from onnx import TensorProto, helper  # noqa: E402
 
-from app.channels import CHANNELS, CUBE, PANORAMA, RAYS, SCREEN, SURFELS  # noqa: E402
+from app.channels import CHANNELS, CUBE, PANORAMA, RAYS, SCREEN, SURFELS, VECTOR  # noqa: E402
 from app.contract import KEY, ModelContract, TensorSpec  # noqa: E402
 
 FACE = 16
@@ -32,7 +32,8 @@ def contract() -> ModelContract:
         name="probe", inputs={"screen": TensorSpec(channels(SCREEN)), "cube": TensorSpec(channels(CUBE), CUBE, FACE),
                               "panorama": TensorSpec(channels(PANORAMA), PANORAMA, 2 * FACE),
                               "surfels": TensorSpec(channels(SURFELS), SURFELS, COUNT),
-                              "rays": TensorSpec(channels(RAYS), RAYS, COUNT, K)},
+                              "rays": TensorSpec(channels(RAYS), RAYS, COUNT, K),
+                              "vector": TensorSpec(channels(VECTOR), VECTOR)},
         outputs={"indirect": TensorSpec(("indirect.rgb",))}, scale=1 / 8, multiple_of=4, cube_axes="camera",
         exposure="none", bounces="single", scene_extent=40.0, trained_on="nothing", licence="MIT")
 

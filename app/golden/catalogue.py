@@ -15,7 +15,7 @@ from app.golden.scene_case import SceneCase, Shot
 from app.scene import Scene
 
 PROBE = Path(__file__).with_name("probe.onnx")  # reads every channel, with a cube that turns with the camera
-SKY_STAGES = ("surround_background", "background", "downsample", "composite", "taa")
+SKY_STAGES = ("surround_background", "background", "harmonics", "downsample", "composite", "taa")
 SSGI_STAGES = ("pick", "ssgi_pick", "ssgi", "ssgi_filter_near", "ssgi_filter_far", "accumulate", "fill", "upsample")
 SETTLING = 3                                     # frames after which accumulation and TAA have a history to show
 

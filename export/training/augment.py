@@ -9,9 +9,13 @@ from torch import Tensor
 
 from app.channels import CHANNELS, CUBE, SEEN, Channel
 from app.contract import ModelContract, TensorSpec
+from app.environment import ORDER
 from export.training.config import AugmentationConfig
 from export.training.examples import Batch
 
+HARMONICS = "environment.sh"
+# (x + iy)ᵐ becomes (-1)ᵐ (x - iy)ᵐ where x changes its sign.
+MIRRORED_HARMONICS = [(-1.0) ** (m if m >= 0 else m + 1) for n in range(ORDER + 1) for m in range(-n, n + 1)]
 MIRRORED_FACES = [0, 1, 3, 2, 4, 5]  # left and right change places
 
 
@@ -52,6 +56,8 @@ def permuted(batch: Batch, contract: ModelContract, order: Tensor) -> Batch:
         for channel, rows in spec.rows():
             if channel.endswith(".rgb"):
                 at[:, rows] = rows.start + order
+            elif channel == HARMONICS:
+                at[:, rows] = rows.start + (25 * order[:, :, None] + torch.arange(25)).flatten(1)
         out[name] = _reordered(batch[name], at)
     out["target"] = _reordered(batch["target"], order)
     return out
@@ -67,6 +73,8 @@ def mirrored(batch: Batch, contract: ModelContract) -> Batch:
         for channel, rows in spec.rows():
             if channel.endswith(".xyz"):
                 sign[:, rows.start] = -1
+            elif channel == HARMONICS:
+                sign[:, rows] = torch.tensor(MIRRORED_HARMONICS).repeat(3)
         x = out[name][:, :, MIRRORED_FACES] if spec.grid == CUBE else out[name]
         out[name] = x * _over(sign.to(x), x)
     return out

@@ -8,18 +8,19 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from app.channels import PANORAMA, RAYS, SURFELS  # noqa: E402
+from app.channels import PANORAMA, RAYS, SURFELS, VECTOR  # noqa: E402
 from app.contract import ModelContract, TensorSpec  # noqa: E402
+from app.environment import harmonics  # noqa: E402
 from app.gl.lights import radiance_scale  # noqa: E402
 from app.infer import Network  # noqa: E402
 from app.load import embedded_scene  # noqa: E402
 from app.renderer import Renderer  # noqa: E402
-from app.scene import Camera, Instance, PointLight, Scene  # noqa: E402
+from app.scene import Camera, Environment, Instance, PointLight, Scene  # noqa: E402
 from app.settings import Settings  # noqa: E402
 from export.inputs import DEPTH_TOLERANCE, Drawer, Inputs, draw, picked, seen_before  # noqa: E402
 from export.losses.views import warp  # noqa: E402
 from export.reference import Still  # noqa: E402
-from export.training.augment import mirrored  # noqa: E402
+from export.training.augment import mirrored, permuted  # noqa: E402
 from tests.training.pairs import Pair  # noqa: E402
 
 pytestmark = pytest.mark.gl
@@ -180,6 +181,24 @@ def reflected(still: Still) -> Still:
     return Still(replace(scene, instances=instances, lights=lights, bounds=bounds), camera, still.size, still.time)
 
 
+
+
+def test_harmonics_are_mirrored_and_take_other_colours() -> None:
+    rng = np.random.default_rng(0)
+    radiance = rng.random((8, 16, 3), np.float32)
+    spec = replace(contract(), inputs={"x": TensorSpec(("normal.view.xyz",)),
+                                       "v": TensorSpec(("environment.sh",), VECTOR)})
+
+    def batch(image: np.ndarray) -> dict[str, torch.Tensor]:
+        vector = torch.from_numpy(harmonics(Environment(image), np.eye(3)))[None]
+        zeros = torch.zeros(1, 3, 8, 6)
+        return {"current.x": zeros, "previous.x": zeros, "current.v": vector, "previous.v": vector, "target": zeros,
+                "motion": torch.zeros(1, 2, 8, 6)}
+
+    here = batch(radiance)
+    torch.testing.assert_close(mirrored(here, spec)["current.v"], batch(radiance[:, ::-1])["current.v"])
+    order = torch.tensor([[2, 0, 1]])
+    torch.testing.assert_close(permuted(here, spec, order)["current.v"], batch(radiance[..., [2, 0, 1]])["current.v"])
 
 
 def test_mirroring_leaves_the_order_of_surfels_and_rays() -> None:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.special import sph_harm_y
 
-from app.environment import COARSE, centres, radiance_along, sky_light
+from app.environment import COARSE, ORDER, centres, harmonics, radiance_along, sky_light, spherical_harmonics
 from app.scene import Environment
 
 RIGHT, UP, BACK = np.eye(3)
@@ -95,3 +96,30 @@ def test_no_light_of_an_open_surface_is_lost(weak: float) -> None:
 
 def test_cells_are_few() -> None:
     assert len(sky_light(compass(400), 16)._cell) == np.prod(COARSE)
+
+
+def test_spherical_harmonics_are_scipys() -> None:
+    rng = np.random.default_rng(0)
+    d = rng.normal(size=(50, 3))
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    theta, phi = np.arccos(d[:, 2]), np.arctan2(d[:, 1], d[:, 0])
+    found = spherical_harmonics(d)
+    for order in range(ORDER + 1):
+        for m in range(-order, order + 1):
+            y = sph_harm_y(order, abs(m), theta, phi) * (-1) ** m  # scipy's have the Condon-Shortley phase
+            expected = y.real if m == 0 else np.sqrt(2) * (y.real if m > 0 else y.imag)
+            np.testing.assert_allclose(found[:, order * (order + 1) + m], expected, atol=1e-12)
+
+
+def test_harmonics_of_an_environment_bring_back_smooth_light() -> None:
+    """A map made of harmonics has just their coefficients, in whatever space they are asked for."""
+    rng = np.random.default_rng(1)
+    wanted = np.concatenate([[[9.0] * 3], rng.uniform(-1, 1, (24, 3))])
+    d = centres(64, 128)
+    environment = Environment((spherical_harmonics(d.reshape(-1, 3)) @ wanted).reshape(64, 128, 3).astype(np.float32))
+    np.testing.assert_allclose(harmonics(environment, np.eye(3)).reshape(3, 25), wanted.T, atol=0.05)
+    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    turned = harmonics(environment, turn).reshape(3, 25)
+    towards = d.reshape(-1, 3)[::97]
+    np.testing.assert_allclose(spherical_harmonics(towards @ turn.T) @ turned.T, radiance_along(environment, towards),
+                               atol=0.1)
