@@ -30,12 +30,14 @@ class SkyLight:
         World space, unit length.
     power : ndarray, float32, shape (K, 3)
         Radiance times the solid angle that each stands for, W/m².
+    cell, cell_power : ndarray, float32, shape (C, 3)
+        The same of all cells.
     """
 
     direction: F32
     power: F32
-    _cell: F32
-    _cell_power: F32
+    cell: F32
+    cell_power: F32
 
     def irradiance(self, normal: F32, open_to: NDArray[np.bool_]) -> F32:
         """Irradiance / π of points, shape (N, 3), that see the environment along some of the directions.
@@ -47,7 +49,7 @@ class SkyLight:
         normal : ndarray, float32, shape (N, 3)
         open_to : ndarray of bool, shape (N, K)
         """
-        whole = np.maximum(normal @ self._cell.T, 0) @ self._cell_power
+        whole = np.maximum(normal @ self.cell.T, 0) @ self.cell_power
         cosine = np.maximum(normal @ self.direction.T, 0)
         chosen, seen = cosine @ self.power, (cosine * open_to) @ self.power
         facing = cosine > 0  # where none of those that face a point has light, any of them tells

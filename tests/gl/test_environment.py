@@ -104,7 +104,7 @@ def test_the_path_tracers_sky_is_ours(size: tuple[int, int], rotation: float) ->
         wall = quad(tuple(-side - up), tuple(2 * side), tuple(2 * up))
         scene = under(environment, wall, camera=Camera(tuple(2 * normal), (0, 0, 0), tuple(up), 30.0))
         found = traced(scene, 256)["indirect"].mean(axis=(0, 1))
-        expected = np.maximum(normal @ cells._cell.T, 0) @ cells._cell_power / np.pi
+        expected = np.maximum(normal @ cells.cell.T, 0) @ cells.cell_power / np.pi
         np.testing.assert_allclose(found, expected, rtol=0.02)
 
 

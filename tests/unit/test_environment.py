@@ -89,13 +89,13 @@ def test_no_light_of_an_open_surface_is_lost(weak: float) -> None:
         radiance[15 - row, (column + 16) % 32] = 0.0, 0.0, weak
         normals = centres(16, 32)[[row, 15 - row], [column, (column + 16) % 32]]
         light = sky_light(Environment(radiance), 144)
-        expected = np.maximum(normals @ light._cell.T, 0) @ light._cell_power / np.pi
+        expected = np.maximum(normals @ light.cell.T, 0) @ light.cell_power / np.pi
         assert expected[0, 0] > 0 and expected[1, 2] > 0
         np.testing.assert_allclose(light.irradiance(normals, np.ones((2, 144), bool)), expected, rtol=1e-5)
 
 
 def test_cells_are_few() -> None:
-    assert len(sky_light(compass(400), 16)._cell) == np.prod(COARSE)
+    assert len(sky_light(compass(400), 16).cell) == np.prod(COARSE)
 
 
 def test_spherical_harmonics_are_scipys() -> None:
