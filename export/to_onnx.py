@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 
 from app.atomic import replacing, write_text
-from app.channels import CHANNELS, CUBE, PANORAMA, SCREEN, SEEN
+from app.channels import CHANNELS, PANORAMA, SCREEN, SEEN
 from app.contract import HALF, KEY, ModelContract, TensorSpec
 from app.errors import ModelError
 from app.golden.scenes import outdoor, room
@@ -206,8 +206,9 @@ def _room(spec: TensorSpec, grid: tuple[int, ...], rng: np.random.Generator) -> 
     front = np.stack([x, -y, -np.ones_like(x)])
     turned = [front[[0, 1, 2]], front * [[[-1]], [[1]], [[-1]]], front[[2, 1, 0]], front[[2, 1, 0]] * -1,
               front[[0, 2, 1]] * -1, front[[0, 2, 1]]]
-    around = np.stack(turned, axis=1)
-    rays = {SCREEN: front, CUBE: around, PANORAMA: merged(around)}[spec.grid]
+    rays = front if spec.grid == SCREEN else np.stack(turned, axis=1)
+    if spec.grid == PANORAMA:
+        rays = merged(rays)
     length = np.linalg.norm(rays, axis=0)
     rays = rays / length
     middle = np.array([1.0, 2.0, 2.0]).reshape(3, *[1] * (rays.ndim - 1))

@@ -13,6 +13,7 @@ from app.gl.pool import Resources
 from app.graph import PREVIOUS, BoundPass
 
 Uniforms = Callable[[FrameState], Mapping[str, Any]]
+SURROUND = "surround_"  # begins the names of what is drawn on the six views around the camera
 
 
 def no_uniforms(frame: FrameState) -> Mapping[str, Any]:
@@ -27,6 +28,11 @@ def read_defines(bound: BoundPass) -> dict[str, object]:
 def write_defines(bound: BoundPass, strip: str = "") -> dict[str, object]:
     """``WRITE_X`` with the index of the colour attachment that X is; ``strip`` is left off its name."""
     return {"WRITE_" + w.removeprefix(strip).upper(): i for i, w in enumerate(bound.writes)}
+
+
+def cube_defines(face: int, camera_axes: bool) -> dict[str, object]:
+    """For shaders on the six views around the camera, of ``face`` texels a side."""
+    return {"GRID_CUBE": 1, "CUBE_SIZE": face, **({"CUBE_CAMERA_AXES": 1} if camera_axes else {})}
 
 
 def make_fullscreen(device: Device, bound: BoundPass, fragment: str, uniforms: Uniforms = no_uniforms,

@@ -12,12 +12,11 @@ import numpy as np
 from app.errors import SceneError
 from app.gl.context import Device
 from app.gl.frame_state import FrameState
-from app.gl.fullscreen import make_fullscreen
+from app.gl.fullscreen import SURROUND, cube_defines, make_fullscreen
 from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
 from app.scene import Environment
 
-SURROUND = "surround_"
 UNIT = 8  # of the environment's texture, beyond those of what the pass reads
 
 
@@ -29,12 +28,10 @@ def declare(environment: Environment, scale: float) -> Pass:
 
 def declare_surround(environment: Environment, scale: float, face: int, camera_axes: bool) -> Pass:
     """On the six views around the camera, an atlas row of faces with ``face`` texels a side."""
-    grid: dict[str, object] = {"GRID_CUBE": 1, "CUBE_SIZE": face}
-    if camera_axes:
-        grid["CUBE_CAMERA_AXES"] = 1
     return Pass("surround_background", reads=("surround_depth",),
                 writes={"surround_background": Tex("f2", 4, size=(6 * face, face))},
-                make=lambda device, bound: _make(device, bound, environment, scale, grid, face))
+                make=lambda device, bound: _make(device, bound, environment, scale,
+                                                 cube_defines(face, camera_axes), face))
 
 
 def _make(device: Device, bound: BoundPass, environment: Environment, scale: float, grid: Mapping[str, object],

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from app.gl.fullscreen import make_fullscreen
+from app.gl.fullscreen import SURROUND, cube_defines, make_fullscreen
 from app.gl.lights import LightSet
 from app.graph import Pass, Resource, Tex
 from app.math3d import R2
 
-SURROUND = "surround_"
 TURN = R2[0]  # of the noise from frame to frame
 
 
@@ -26,11 +25,9 @@ def declare(lights: LightSet, shiny: bool) -> Pass:
 
 def declare_surround(lights: LightSet, face: int, camera_axes: bool) -> Pass:
     """On the six views around the camera; diffuse only, since highlights don't spread to other surfaces."""
-    grid: dict[str, object] = {"GRID_CUBE": 1, "CUBE_SIZE": face}
-    if camera_axes:
-        grid["CUBE_CAMERA_AXES"] = 1
     reads = ("surround_albedo", "surround_normal", "surround_depth", *lights.shadow_maps)
-    return _pass("surround_direct", reads, {"surround_direct": Tex("f2", 4, size=(6 * face, face))}, lights, grid)
+    return _pass("surround_direct", reads, {"surround_direct": Tex("f2", 4, size=(6 * face, face))}, lights,
+                 cube_defines(face, camera_axes))
 
 
 def _pass(name: str, reads: tuple[str, ...], writes: dict[str, Resource], lights: LightSet,

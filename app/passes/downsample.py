@@ -8,6 +8,7 @@ from app.channels import CHANNELS, PANORAMA, SCREEN, SEEN
 from app.contract import ModelContract, TensorSpec
 from app.gl.context import Device
 from app.gl.frame_state import FrameState
+from app.gl.fullscreen import SURROUND, cube_defines
 from app.gl.pool import Resources
 from app.graph import BoundPass, Buf, Pass
 
@@ -27,7 +28,6 @@ SOURCES: dict[str, tuple[str, ...]] = {
     "on_screen": (),
 }
 GROUP = 8  # local size of pack.comp
-SURROUND = "surround_"
 
 
 def tensor_name(tensor: str) -> str:
@@ -67,10 +67,8 @@ def _packer(device: Device, bound: BoundPass, contract: ModelContract, tensor: s
     reads = tuple(r for r in bound.reads if r in sources)
     defines: dict[str, object] = {"HAS_" + r.removeprefix(SURROUND).upper(): 1 for r in reads}
     defines["PACK_CHANNELS"] = _stores(spec)
-    if around:
-        defines |= {"GRID_CUBE": 1, "CUBE_SIZE": spec.face}
-        if contract.cube_axes == "camera":
-            defines["CUBE_CAMERA_AXES"] = 1
+    if spec.face is not None:
+        defines |= cube_defines(spec.face, contract.cube_axes == "camera")
     if spec.grid == PANORAMA:
         defines["PANORAMA"] = 1
     program = device.program("pack.comp", defines=defines)

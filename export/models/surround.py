@@ -88,24 +88,23 @@ class Surround(Network):
         Tensor, shape (B, 3, h, w)
             Indirect radiance / albedo, at least 0; 0 in the sky.
         """
-        position, direct, albedo = torch.split(finite(screen, self.contract.inputs["screen"]), 3, dim=1)
+        position, direct = self._on_screen(screen)
         light = functional.grid_sample(self.light_map(around), places(position), align_corners=False,
                                        padding_mode="border")
         surface = (position.abs().sum(1, keepdim=True) > 0).to(position.dtype)
-        indirect = (light - direct / albedo.clamp(min=DARKEST)) * surface
+        indirect = (light - direct) * surface
         return indirect if self.training else indirect.clamp(min=0)  # at 0 nothing would be learned from
 
     def condition(self, around: Tensor, screen: Tensor) -> Tensor:
         """What the discriminator looks at beside light maps, [B, 15, h, w]: ``seen`` on the screen, direct light."""
-        position, direct, albedo = torch.split(finite(screen, self.contract.inputs["screen"]), 3, dim=1)
+        position, direct = self._on_screen(screen)
         seen = functional.grid_sample(self.seen(around), places(position), mode="nearest", align_corners=False,
                                       padding_mode="border")
-        return torch.cat([seen, direct / albedo.clamp(min=DARKEST)], 1)
+        return torch.cat([seen, direct], 1)
 
     def light_map(self, around: Tensor) -> Tensor:
         """Direct and indirect light [B, 3, H, 2 H] in means of the frame, without albedo."""
-        seen = self.seen(around)
-        return from_tanh(self.generator(seen))
+        return from_tanh(self.generator(self.seen(around)))
 
     def seen(self, around: Tensor) -> Tensor:
         """What generator and discriminator look at, [B, 12, H, 2 H], each channel of about unit size."""
@@ -116,6 +115,11 @@ class Surround(Network):
         found = found * self.get_buffer("front").to(found) if self.front_alone else found
         angles = self.get_buffer("angles").to(found).expand(len(found), -1, -1, -1)
         return torch.cat([found, angles], 1)
+
+    def _on_screen(self, screen: Tensor) -> tuple[Tensor, Tensor]:
+        """Positions, and direct light / albedo; [B, 3, h, w] each."""
+        position, direct, albedo = torch.split(finite(screen, self.contract.inputs["screen"]), 3, dim=1)
+        return position, direct / albedo.clamp(min=DARKEST)
 
 
 class Generator(nn.Module):
