@@ -7,7 +7,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from app.channels import CHANNELS, CUBE, SEEN, Channel
+from app.channels import CHANNELS, CUBE, SCREEN, SEEN, Channel
 from app.contract import ModelContract, TensorSpec
 from app.environment import ORDER
 from export.training.config import AugmentationConfig
@@ -34,6 +34,15 @@ def augment(batch: Batch, contract: ModelContract, config: AugmentationConfig, r
         other = mirrored(batch, contract)
         batch = {name: torch.where(_over(flip.to(x.device), x), other[name], x) for name, x in batch.items()}
     return batch
+
+
+def coarser(batch: Batch, contract: ModelContract, every: int) -> Batch:
+    """Each ``every``-th texel of the screen, across and down, with motion in the new texels."""
+    other = {name for name, spec in _inputs(batch, contract) if spec.grid != SCREEN}
+    whole = {name for name, x in batch.items() if x.shape[-2:] == (1, 1)}  # one number for the frame
+    out = {name: x if name in other | whole else x[..., ::every, ::every] for name, x in batch.items()}
+    out["motion"] = out["motion"] / every
+    return out
 
 
 def sized(batch: Batch, contract: ModelContract, factor: Tensor) -> Batch:

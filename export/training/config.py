@@ -49,12 +49,15 @@ class DataConfig:
         Train on so many of the others, from the beginning; on all without.
     most_saturated : float
         Leave out pairs with a light of more saturation than this (1 - smallest / largest of its colours).
+    every : int
+        Take every so-many-th texel across and down: the square of it cheaper, for comparisons of networks.
     """
 
     dataset: Path
     validation: float = Field(0.1, gt=0, lt=1)
     pairs: PositiveInt | None = None
     most_saturated: float = Field(1.0, ge=0, le=1)
+    every: PositiveInt = 1
 
 
 @strict

@@ -20,7 +20,7 @@ from export.losses.views import warp
 from export.models import Network, make_network, weights_of
 from export.models.network import Conditioned
 from export.training import state
-from export.training.augment import augment
+from export.training.augment import augment, coarser
 from export.training.config import Config, ScheduleConfig
 from export.training.critic import CriticTraining
 from export.training.examples import Batch, Examples, tensors_of
@@ -72,6 +72,7 @@ class Run:
         seed_everything(config.seed, verbose=False)
         self._bare, self.loss = network_and_loss(config)  # a critic takes its weights from the seed, too
         self.contract = self._bare.contract
+        _check_grid(examples, self.contract.multiple_of * config.data.every, config)
         optimizer = torch.optim.Adam(self._bare.parameters(), config.schedule.learning_rate)
         self.ema = AveragedModel(self._bare, avg_fn=_average(config.schedule.ema)).eval()
         self.progress = state.Progress()
@@ -169,7 +170,8 @@ class Run:
         return Views(output, batch["target"], warped, batch["seen"], batch["visible"], condition)
 
     def _batch(self, indices: list[int]) -> Batch:
-        return {name: x.to(self.fabric.device) for name, x in self.examples.batch(indices).items()}
+        batch = coarser(self.examples.batch(indices), self.contract, self.config.data.every)
+        return {name: x.to(self.fabric.device) for name, x in batch.items()}
 
     def _end_epoch(self, epoch: int) -> None:
         self.progress.validation = self.validate()
@@ -225,6 +227,13 @@ def network_and_loss(config: Config) -> tuple[Network, Loss]:
 def _left_out(config: Config) -> str:
     limit = config.data.most_saturated
     return f", and data.most_saturated = {limit:g} leaves some out" if limit < 1 else ""
+
+
+def _check_grid(examples: Examples, multiple: int, config: Config) -> None:
+    height, width = examples.batch([0])["target"].shape[-2:]
+    if height % multiple or width % multiple:
+        raise SettingsError(f"data.every = {config.data.every} on a grid of {width}x{height}", config.data.dataset,
+                            f"expected multiples of {multiple}")
 
 
 def summed(terms: dict[str, Tensor]) -> dict[str, Tensor]:

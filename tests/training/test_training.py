@@ -16,12 +16,12 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("lightning_fabric")
 
-from app.contract import ModelContract  # noqa: E402
+from app.contract import ModelContract, TensorSpec  # noqa: E402
 from app.errors import ModelError, SettingsError  # noqa: E402
 from app.scene import PointLight  # noqa: E402
 from export.inputs import Frame, Inputs  # noqa: E402
 from export.models import make_network  # noqa: E402
-from export.training.augment import exposed, permuted, sized  # noqa: E402
+from export.training.augment import coarser, exposed, permuted, sized  # noqa: E402
 from export.training.config import Config, from_table, read_config  # noqa: E402
 from export.training.eligible import eligible, saturation  # noqa: E402
 from export.training.examples import Examples, tensors_of  # noqa: E402
@@ -116,6 +116,35 @@ def test_augmented_colours_stay_with_their_channels(tmp_path: Path) -> None:
     assert torch.equal(bright["previous.x"][0, :3], 4 * batch["previous.x"][0, :3])
     assert torch.equal(bright["target"][1], 0.5 * batch["target"][1])
     assert torch.equal(bright["current.x"][:, 3:], batch["current.x"][:, 3:])
+
+
+def test_every_second_texel_is_a_coarser_grid_of_the_same_view(tmp_path: Path) -> None:
+    batch = examples(tmp_path, 2).batch([0, 1])
+    batch["motion"] += 3.0
+    found = coarser(batch, CONTRACT, 2)
+    for name in ("current.x", "previous.x", "target", "seen", "visible"):
+        assert torch.equal(found[name], batch[name][:, :, ::2, ::2])
+    assert torch.equal(found["motion"], batch["motion"][:, :, ::2, ::2] / 2), "motion is in texels of the grid"
+    assert torch.equal(found["ratio"], batch["ratio"])
+
+
+def test_points_and_numbers_of_the_frame_are_not_picked_from() -> None:
+    inputs = {"x": TensorSpec(("direct.rgb",)), "cube": TensorSpec(("direct.rgb",), "cube", size=4),
+              "sky": TensorSpec(("environment.sh",), "vector")}
+    contract = replace(CONTRACT, inputs=inputs, cube_axes="view")
+    shapes = {"x": (1, 3, 8, 8), "cube": (1, 3, 6, 4, 4), "sky": (1, 75)}
+    batch = {f"{frame}.{t}": torch.rand(shape) for frame in ("current", "previous") for t, shape in shapes.items()}
+    found = coarser({**batch, "target": torch.rand(1, 3, 8, 8), "motion": torch.zeros(1, 2, 8, 8)}, contract, 4)
+    assert found["current.x"].shape[-2:] == found["target"].shape[-2:] == (2, 2)
+    assert torch.equal(found["current.cube"], batch["current.cube"])
+    assert torch.equal(found["previous.sky"], batch["previous.sky"])
+
+
+def test_a_grid_that_can_not_be_that_coarse_is_refused(tmp_path: Path) -> None:
+    table = config(tmp_path).to_json()
+    table["data"]["every"] = 5
+    with pytest.raises(SettingsError, match=r"data.every = 5 on a grid of 32x24.*multiples of"):
+        Run(from_table(table, "test"), examples(tmp_path), tmp_path / "run")
 
 
 def test_loss_falls_on_a_few_examples(tmp_path: Path) -> None:
