@@ -9,6 +9,10 @@ from dataclasses import dataclass
 
 SCREEN, CUBE, PANORAMA, SURFELS, RAYS, VECTOR = "screen", "cube", "panorama", "surfels", "rays", "vector"
 SEEN = (SCREEN, CUBE, PANORAMA)  # texels, drawn from the camera; no others have a sky
+INDIRECT, DIFFUSE, SPECULAR = "indirect.rgb", "direct.diffuse.rgb", "direct.specular.rgb"
+ENVIRONMENT = (DIFFUSE, SPECULAR)                             # what shades an environment writes
+COARSE_CHANNELS = ("coarse.diffuse.rgb", "coarse.specular.rgb")  # ... and alone may read
+LIT = ("direct.rgb", "radiance.rgb", "lumination.rgb")        # ... and may not, since it lights them
 
 
 @dataclass(frozen=True)
@@ -96,7 +100,16 @@ CHANNELS: dict[str, Channel] = {
         Channel("environment.sh", 75, "W/(sr m²)", (-HALF_MAX, HALF_MAX), 0.0, (VECTOR,),
                 "the environment in real spherical harmonics to order 4, camera space: red's 25, green's, blue's",
                 radiance=True),
-        Channel("indirect.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, (SCREEN,),
+        Channel("coarse.diffuse.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, (SCREEN,),
+                "irradiance / π by the environment with nothing in its way, from 64 directions", radiance=True),
+        Channel("coarse.specular.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, (SCREEN,),
+                "what a GGX lobe gathers of the same, without Fresnel's law", radiance=True),
+        Channel(DIFFUSE, 3, "W/(sr m²)", _RADIANCE, 0.0, (SCREEN,),
+                "irradiance / π straight from the environment", radiance=True, output=True),
+        Channel(SPECULAR, 3, "W/(sr m²)", _RADIANCE, 0.0, (SCREEN,),
+                "what a GGX lobe gathers straight from the environment, without Fresnel's law", radiance=True,
+                output=True),
+        Channel(INDIRECT, 3, "W/(sr m²)", _RADIANCE, 0.0, (SCREEN,),
                 "indirect radiance divided by albedo", radiance=True, output=True),
     )
 }

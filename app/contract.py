@@ -13,13 +13,28 @@ from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from app.channels import CHANNELS, CUBE, PANORAMA, RAYS, SCREEN, SEEN, SURFELS, VECTOR
+from app.channels import (
+    CHANNELS,
+    COARSE_CHANNELS,
+    CUBE,
+    DIFFUSE,
+    ENVIRONMENT,
+    LIT,
+    PANORAMA,
+    RAYS,
+    SCREEN,
+    SEEN,
+    SURFELS,
+    VECTOR,
+)
 from app.errors import ModelError
 from app.paths import nets_dir
 
-SSGI: Final = "ssgi"  # the classical screen-space method, chosen where a network may be
+# Chosen where a network may be: the classical screen-space method, and an environment without shadows.
+SSGI: Final = "ssgi"
+COARSE: Final = "coarse"
 HALF: Final = "-half"  # ends the names of networks' variants in half precision
-Model = Path | Literal["ssgi"]
+Model = Path | Literal["ssgi", "coarse"]
 
 KEY = "afterglow"
 VERSION = 1
@@ -187,8 +202,22 @@ class ModelContract:
             for name in dict.fromkeys(spec.channels):
                 need(CHANNELS[name].output, f"channel {name!r} of output {tensor!r} can't be written",
                      _one_of(writable))
+        made = {name for spec in self.outputs.values() for name in spec.channels}
+        need(len(made & set(ENVIRONMENT)) in (0, len(made)), f"outputs {', '.join(sorted(made))}",
+             "indirect light, or what shades an environment")
+        need(not made & set(ENVIRONMENT) or DIFFUSE in made, f"outputs without {DIFFUSE}", f"{DIFFUSE} at least")
+        for name in dict.fromkeys(name for spec in self.inputs.values() for name in spec.channels):
+            need(self.shades_environment or name not in COARSE_CHANNELS, f"channel {name!r} of a network for indirect "
+                 "light", "it to be read by one that shades an environment")
+            need(not self.shades_environment or name not in LIT, f"channel {name!r} of a network that shades an "
+                 "environment", "none of what that network lights itself")
         need(self.kept_from in (None, *self.inputs), f"bad kept_from {self.kept_from!r}", _one_of(self.inputs))
         need(not faces or self.cube_axes is not None, "no cube_axes", "'world' or 'camera', since a tensor is a cube")
+
+    @property
+    def shades_environment(self) -> bool:
+        """Whether it makes the light that comes straight from an environment; otherwise it makes indirect light."""
+        return any(DIFFUSE in spec.channels for spec in self.outputs.values())
 
     @property
     def face(self) -> int | None:
@@ -267,7 +296,7 @@ def bundled_models() -> dict[str, Path]:
 
 
 def find_model(name: str) -> Model:
-    """File of a bundled network's name, or of a path; ``ssgi``, which has no file, as it is.
+    """File of a bundled network's name, or of a path; ``ssgi`` and ``coarse``, which have no file, as they are.
 
     Raises
     ------
@@ -276,13 +305,15 @@ def find_model(name: str) -> Model:
     """
     if name == SSGI:
         return SSGI
+    if name == COARSE:
+        return COARSE
     bundled = bundled_models()
     if name in bundled:
         return bundled[name]
     if Path(name).is_file():
         return Path(name)
     raise ModelError(f"no network {name!r}", "--model",
-                     "expected an .onnx file, none, or " + _suggest(name, (*bundled, SSGI)))
+                     "expected an .onnx file, none, or " + _suggest(name, (*bundled, SSGI, COARSE)))
 
 
 def read_contract(path: Path | str) -> ModelContract:

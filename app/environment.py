@@ -17,7 +17,8 @@ F64 = NDArray[np.float64]
 ORDER = 4          # of spherical harmonics
 COARSE = (32, 64)  # rows and columns of the map that light is sampled from, at most
 FINE = 4           # texels along a cell, at least
-EVENLY = 0.2       # share of the directions that are spread over all cells alike; the others go where the light is
+EVENLY = 0.2       # share of the directions that are spread over the whole sphere; the others go where the light is
+GOLDEN = (math.sqrt(5) - 1) / 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,12 +31,15 @@ class SkyLight:
         World space, unit length.
     power : ndarray, float32, shape (K, 3)
         Radiance times the solid angle that each stands for, W/m².
+    solid_angle : ndarray, float32, shape (K,)
+        That angle, sr.
     cell, cell_power : ndarray, float32, shape (C, 3)
         The same of all cells.
     """
 
     direction: F32
     power: F32
+    solid_angle: F32
     cell: F32
     cell_power: F32
 
@@ -84,13 +88,21 @@ def centres(rows: int, columns: int) -> F64:
 
 @lru_cache(maxsize=4)
 def sky_light(environment: Environment, count: int) -> SkyLight:
-    """``count`` directions, evenly spread among the coarse cells, most of them to where the light comes from."""
-    cell, power = _cells(environment)
-    chance = EVENLY / len(cell) + (1 - EVENLY) * power.mean(axis=1) / max(float(power.mean(axis=1).sum()), 1e-300)
-    ends = np.cumsum(chance)
-    chosen = np.searchsorted(ends, (np.arange(count) + 0.5) / count * ends[-1]).clip(max=len(cell) - 1)
-    share = power[chosen] / (count * chance[chosen, None])
-    return SkyLight(*(np.asarray(x, np.float32) for x in (cell[chosen], share, cell, power)))
+    """``count`` directions among the coarse cells, most of them to where the light comes from.
+
+    As a Fibonacci lattice lies on a sphere (Swinbank and Purser 2006): evenly from row to row, and along them by the
+    golden ratio, both after a warp by how often a cell is to be chosen.
+    """
+    cell, power, angle = _cells(environment)
+    light = power.mean(axis=1)
+    chance = EVENLY * angle / angle.sum() + (1 - EVENLY) * light / max(float(light.sum()), 1e-300)
+    rows = chance.reshape(COARSE)
+    row = _index(rows.sum(axis=1)[None], (np.arange(count) + 0.5) / count)
+    column = _index(rows[row], np.arange(count) * GOLDEN % 1)
+    chosen = row * COARSE[1] + column
+    share = 1 / (count * chance[chosen])
+    found = cell[chosen], power[chosen] * share[:, None], angle[chosen] * share, cell, power
+    return SkyLight(*(np.asarray(x, np.float32) for x in found))
 
 
 def harmonics(environment: Environment, rotation: F64) -> F32:
@@ -101,7 +113,7 @@ def harmonics(environment: Environment, rotation: F64) -> F32:
     rotation : ndarray, float64, shape (3, 3)
         From world space to the space that the harmonics are to be in.
     """
-    cell, power = _cells(environment)
+    cell, power, _ = _cells(environment)
     return np.asarray((power.T @ spherical_harmonics(cell @ rotation.T)).ravel(), np.float32)
 
 
@@ -127,22 +139,29 @@ def spherical_harmonics(direction: F64) -> F64:
 
 
 @lru_cache(maxsize=4)
-def _cells(environment: Environment) -> tuple[F64, F64]:
-    """Directions of the coarse cells in world space, and radiance times solid angle of each; both (cells, 3).
-
-    Neighbours follow each other, along each row and back along the next.
-    """
+def _cells(environment: Environment) -> tuple[F64, F64, F64]:
+    """Directions of the coarse cells in world space, radiance times solid angle, both (cells, 3), and solid angles."""
     radiance, (rows, columns) = environment.radiance, COARSE
     h, w = (size * -(-FINE * coarse // size) if size < FINE * coarse else size  # by a whole number, or light is lost
             for coarse, size in zip(COARSE, radiance.shape[:2], strict=True))
     if (h, w) != radiance.shape[:2]:
         radiance = radiance_along(Environment(radiance), centres(h, w).reshape(-1, 3)).reshape(h, w, 3)
-    edges = np.cos(np.arange(h + 1) * math.pi / h)
-    power = radiance * ((edges[:-1] - edges[1:]) * 2 * math.pi / w)[:, None, None]
+    power = radiance * (_bands(h) / w)[:, None, None]
     for axis, (size, coarse) in enumerate(((h, rows), (w, columns))):
         power = np.add.reduceat(power, np.arange(coarse) * size // coarse, axis=axis)
-    direction = centres(rows, columns)
-    direction[1::2], power[1::2] = direction[1::2, ::-1].copy(), power[1::2, ::-1].copy()
     turn = math.radians(environment.rotation_deg)
     about_y = np.array([[math.cos(turn), 0, math.sin(turn)], [0, 1, 0], [-math.sin(turn), 0, math.cos(turn)]])
-    return direction.reshape(-1, 3) @ about_y.T, power.reshape(-1, 3)
+    angle = np.repeat(np.add.reduceat(_bands(h), np.arange(rows) * h // rows) / columns, columns)
+    return centres(rows, columns).reshape(-1, 3) @ about_y.T, power.reshape(-1, 3), angle
+
+
+def _index(chances: F64, at: F64) -> NDArray[np.int64]:
+    """Where the sum of chances, shape (N or 1, K), passes the share ``at``, shape (N,), of its whole; shape (N,)."""
+    sums = np.cumsum(chances, axis=1)
+    return np.minimum((sums <= at[:, None] * sums[:, -1:]).sum(axis=1), chances.shape[1] - 1)
+
+
+def _bands(rows: int) -> F64:
+    """Solid angle of each row of a latitude-longitude map, sr."""
+    edges = np.cos(np.arange(rows + 1) * math.pi / rows)
+    return (edges[:-1] - edges[1:]) * 2 * math.pi

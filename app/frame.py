@@ -6,13 +6,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from app.channels import VECTOR
+from app.channels import DIFFUSE, INDIRECT, SPECULAR, VECTOR
 from app.errors import SettingsError
 from app.gl.lights import LightSet
 from app.graph import Pass, Plan, compile_graph
+from app.models import Models
 from app.passes import (
     accumulate,
     background,
+    coarse,
     composite,
     direct,
     downsample,
@@ -30,7 +32,7 @@ from app.passes import (
     taa,
     upsample,
 )
-from app.scene import Scene
+from app.scene import Environment, Scene
 from app.settings import Settings
 from app.surfels.tracked import TrackedSurfels
 
@@ -51,6 +53,9 @@ AOVS: dict[str, str] = {
     "background": "radiance of the environment where nothing is seen, W/(sr m²)",
     "lit": "the composite before temporal anti-aliasing, W/(sr m²)",
 }
+SHADING_PASSES = ("environment_pick", "coarse", "environment_harmonics", "environment_downsample",
+                  "environment_network", *(f"{step}_{kind}" for kind in ("diffuse", "specular")
+                                           for step in ("fill", "upsample")))
 AROUND = ("surround", "surround_direct", "surround_background")
 NETWORK_PASSES = (*AROUND, "surfel_light", "surfels", "harmonics", "downsample", "network")
 # On the GPU these are multiplied by LightSet.scale.
@@ -87,15 +92,8 @@ class Frame:
         return compile_graph(self.passes, [*wanted, "display"] if "final" in outputs else wanted, self.absent)
 
 
-def build_frame(scene: Scene, settings: Settings, lights: LightSet,
-                model: Network | Literal["ssgi"] | None) -> Frame:
-    """List the passes of one frame, in the order of its flow.
-
-    Parameters
-    ----------
-    model : Network, ``ssgi`` or None
-        What makes the indirect light; None renders direct light only.
-    """
+def build_frame(scene: Scene, settings: Settings, lights: LightSet, models: Models) -> Frame:
+    """List the passes of one frame, in the order of its flow."""
     shiny = any(m.shiny for m in scene.materials)
     absent: dict[str, str] = {}
     passes: list[Pass] = []
@@ -103,17 +101,23 @@ def build_frame(scene: Scene, settings: Settings, lights: LightSet,
         passes.append(shadow.declare(lights))
     else:
         absent["shadow"] = "the scene has no light that casts"
-    passes += [gbuffer.declare(scene), position.declare(), direct.declare(lights, shiny)]
-    if scene.environment is not None:
-        passes.append(background.declare(scene.environment, lights.scale))
+    passes += [gbuffer.declare(scene), position.declare()]
+    if scene.environment is None:
+        absent |= dict.fromkeys(("background", "surround_background", *SHADING_PASSES),
+                                "the scene has no environment, or a black one")
     else:
-        absent |= dict.fromkeys(("background", "surround_background"), "the scene has no environment, or a black one")
-    if model is not None:
-        passes += _indirect(scene, settings, lights, model, absent)
+        passes.append(background.declare(scene.environment, lights.scale))
+        if models.environment is not None:
+            passes += _shading(scene, scene.environment, settings, lights, models.environment, shiny, absent)
+        else:
+            absent |= dict.fromkeys(SHADING_PASSES, "no model was chosen that shades an environment")
+    passes.append(direct.declare(lights, shiny))
+    if models.indirect is not None:
+        passes += _indirect(scene, settings, lights, models, models.indirect, absent)
     else:
         absent |= dict.fromkeys((*NETWORK_PASSES, "ssgi", "pick", "accumulate", "fill", "upsample"),
                                 "no model was chosen")
-    passes.append(composite.declare(has_indirect=model is not None))
+    passes.append(composite.declare(has_indirect=models.indirect is not None))
     if settings.taa:
         passes.append(taa.declare(scene.environment is not None))
     else:
@@ -123,7 +127,34 @@ def build_frame(scene: Scene, settings: Settings, lights: LightSet,
     return Frame(tuple(passes), absent, finished)
 
 
-def _indirect(scene: Scene, settings: Settings, lights: LightSet, model: Network | Literal["ssgi"],
+def _shading(scene: Scene, environment: Environment, settings: Settings, lights: LightSet,
+             model: Network | Literal["coarse"], shiny: bool, absent: dict[str, str]) -> list[Pass]:
+    """The passes that shade by the environment at low resolution, and those that bring that to the image's."""
+    kinds = ("diffuse", "specular") if shiny else ("diffuse",)
+    low = {kind: f"environment_{kind}_low" for kind in kinds}
+    surface = "environment_surface"
+    if isinstance(model, str):
+        grid = coarse.grid(settings.size)
+        passes = [coarse.declare(environment, lights.scale, grid, low)]
+        absent |= dict.fromkeys(SHADING_PASSES[2:5], "the environment is shaded without a network")
+    else:
+        grid = model.contract.screen_size(settings.size)
+        tensors = downsample.tensor_names(model.contract)
+        passes = [coarse.declare(environment, lights.scale, grid, {kind: f"coarse_{kind}" for kind in kinds})]
+        if _reads_vectors(model):
+            passes.append(harmonics.declare(model.contract, tensors, environment, lights.scale,
+                                            "environment_harmonics"))
+        targets = {name: low[kind] for name, kind in ((DIFFUSE, "diffuse"), (SPECULAR, "specular")) if kind in low}
+        passes += [downsample.declare(model.contract, settings.size, scene.longest_edge, "environment_downsample"),
+                   network.declare(model, tensors, grid, targets, "environment_network")]
+    for kind in kinds:
+        light = f"environment_{kind}"
+        passes += [fill.declare(grid, light, surface, f"fill_{kind}"),
+                   upsample.declare(grid, light, surface, f"upsample_{kind}", gathered=False)]
+    return [pick.declare(grid, surface, "environment_pick"), *passes]
+
+
+def _indirect(scene: Scene, settings: Settings, lights: LightSet, models: Models, model: Network | Literal["ssgi"],
               absent: dict[str, str]) -> list[Pass]:
     """The passes that make indirect light at low resolution, and those that bring it to the image's."""
     target = "indirect_now" if settings.taa else "indirect_low"
@@ -133,15 +164,16 @@ def _indirect(scene: Scene, settings: Settings, lights: LightSet, model: Network
         absent |= dict.fromkeys(NETWORK_PASSES, "the model is no network")
     else:
         grid = model.contract.screen_size(settings.size)
-        passes = _network(scene, settings, lights, model, grid, target, absent)
+        passes = _network(scene, settings, lights, model, grid, target, models.environment is not None, absent)
         absent["ssgi"] = "a network was chosen"
     if settings.taa:
         passes.append(accumulate.declare(grid, noisy=isinstance(model, str)))
-    return [pick.declare(grid), *passes, fill.declare(grid), upsample.declare(grid, settings.taa)]
+    return [pick.declare(grid, "surface_low", "pick"), *passes, fill.declare(grid, "indirect", "surface_low", "fill"),
+            upsample.declare(grid, "indirect", "surface_low", "upsample", settings.taa)]
 
 
 def _network(scene: Scene, settings: Settings, lights: LightSet, model: Network, grid: tuple[int, int], target: str,
-             absent: dict[str, str]) -> list[Pass]:
+             sky_is_direct: bool, absent: dict[str, str]) -> list[Pass]:
     """A network that writes ``target``, and the passes that make what it reads, for the grids that it asks for."""
     contract = model.contract
     passes: list[Pass] = []
@@ -153,17 +185,20 @@ def _network(scene: Scene, settings: Settings, lights: LightSet, model: Network,
             passes.append(background.declare_surround(scene.environment, lights.scale, contract.face, camera_axes))
     else:
         absent |= dict.fromkeys(AROUND, "the network reads no cube")
-    tensors = {t: downsample.tensor_name(t) for t in contract.inputs}
+    tensors = downsample.tensor_names(contract)
     if contract.surfels is not None:
         world = TrackedSurfels(scene, *contract.surfels)
         passes += [surfel_light.declare(world, lights),
-                   surfels.declare(world, contract, tensors, scene.longest_edge)]
+                   surfels.declare(world, contract, tensors, scene.longest_edge, sky_is_direct)]
     else:
         absent |= dict.fromkeys(("surfel_light", "surfels"), "the network reads no surfels")
-    if any(spec.grid == VECTOR for spec in contract.inputs.values()):
+    if _reads_vectors(model):
         passes.append(harmonics.declare(contract, tensors, scene.environment, lights.scale))
     else:
         absent["harmonics"] = "the network reads no vector"
     passes.append(downsample.declare(contract, settings.size, scene.longest_edge))
-    shapes = {t: spec.shape(grid) for t, spec in contract.inputs.items()}
-    return [*passes, network.declare(model, tensors, shapes, grid, target)]
+    return [*passes, network.declare(model, tensors, grid, {INDIRECT: target})]
+
+
+def _reads_vectors(model: Network) -> bool:
+    return any(spec.grid == VECTOR for spec in model.contract.inputs.values())

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from time import perf_counter
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.contract import SSGI, Model, read_contract
+from app.contract import Model
 from app.frame import RADIANCE, build_frame
 from app.gl.context import Device
 from app.gl.frame_state import CameraBlock, FrameState
@@ -20,11 +21,9 @@ from app.gl.pool import Pool, Resources
 from app.gl.timer import Timer
 from app.graph import BoundPass, Buf, Tex
 from app.math3d import View, halton
+from app.models import load_models
 from app.scene import Camera, Scene
 from app.settings import Settings
-
-if TYPE_CHECKING:
-    from app.infer import Network
 
 NEAR = 1e-4           # of the scene's longest edge
 JITTER_PERIOD = 64    # frames after which the sub-pixel offsets repeat
@@ -41,9 +40,9 @@ class Renderer:
 
     Parameters
     ----------
-    model : path, ``ssgi`` or None
-        What makes the indirect light: a network's file, or the classical screen-space method. None draws direct
-        light only.
+    model : path, ``ssgi``, ``coarse``, a sequence of these, or None
+        What makes the indirect light: a network's file, or the classical screen-space method; and what shades
+        surfaces by the scene's environment: a network's file, or ``coarse``. None draws the scene's lights only.
 
     Attributes
     ----------
@@ -58,9 +57,10 @@ class Renderer:
         When the scene, the settings, the network and the device don't fit together.
     """
 
-    def __init__(self, scene: Scene, settings: Settings, model: Model | None = None) -> None:
+    def __init__(self, scene: Scene, settings: Settings, model: Model | Sequence[Model] | None = None) -> None:
         self.scene, self.settings = scene, settings
-        self._model = _load(model, settings)
+        chosen = () if model is None else (model,) if isinstance(model, str | Path) else model
+        self._models = load_models(chosen, settings, scene.environment is not None)
         self._gl = Device(settings.strict_device)
         try:
             self._set_up()
@@ -68,14 +68,14 @@ class Renderer:
             self._gl.close()
             raise
         self.device = {"gl_renderer": self._gl.renderer, "gl_version": self._gl.version,
-                       "provider": getattr(self._model, "provider", "none")}
+                       "provider": self._models.provider}
 
     def _set_up(self) -> None:
         scene, settings = self.scene, self.settings
         self._geometry = GpuScene(self._gl, scene)
         self._lights = LightSet(self._gl, scene)
         self._camera = CameraBlock(self._gl)
-        frame = build_frame(scene, settings, self._lights, self._model)
+        frame = build_frame(scene, settings, self._lights, self._models)
         self._sources = {o: frame.resource(o) for o in settings.outputs}
         self.missing = tuple(o for o, source in self._sources.items() if source is None)
         self.plan = frame.compile(settings.outputs)
@@ -256,17 +256,6 @@ class Renderer:
             return 0
         components = 0 if isinstance(resource, Buf) else -1
         return int(np.count_nonzero(~np.isfinite(self._pixels(name)).all(axis=components)))
-
-
-def _load(model: Model | None, settings: Settings) -> Network | Literal["ssgi"] | None:
-    if model is None:
-        return None
-    if model == SSGI:
-        return SSGI
-    from app.infer import Network  # not before a network is wanted: it imports onnxruntime
-
-    grid = read_contract(model).screen_size(settings.size)
-    return Network(model, grid, settings.provider, settings.strict_device)
 
 
 class _Yardstick:

@@ -15,12 +15,14 @@ from export.cli.precision import precision
 from export.cli.rebuild import rebuild
 from export.cli.reference import reference
 from export.cli.sized import sized
+from export.cli.skies import skies
 from export.cli.train import train
 from export.cli.validate import validate
 from export.cli.walks import walks
 
 cli = typer.Typer(add_completion=False, no_args_is_help=True, help=__doc__, pretty_exceptions_enable=False)
-for command in (dataset, train, models, onnx, stamp, rebuild, sized, precision, linearity, reference, validate, walks):
+for command in (dataset, train, models, onnx, stamp, rebuild, sized, precision, linearity, reference, validate, walks,
+                skies):
     cli.command()(command)
 
 

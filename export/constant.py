@@ -27,7 +27,7 @@ def fitted_constant(dataset: Dataset, model: Path, pairs: int) -> float:
         with Renderer(still.scene, Settings(still.size, ("indirect",), taa=False, provider="cpu"), model) as renderer:
             drawn = renderer.render(still.camera, still.time)["indirect"]
         columns, rows = np.moveaxis((picked(still.size) * still.size).astype(int), -1, 0)
-        light, truth = drawn[rows, columns][target.seen], target.indirect[target.seen]
+        light, truth = drawn[rows, columns][target.seen], target.layers["indirect"][target.seen]
         weight = 1 / max(float((truth.astype(np.float64) ** 2).sum()), 1e-30)
         products += weight * float((light * truth).sum(dtype=np.float64))
         squares += weight * float((light * light).sum(dtype=np.float64))

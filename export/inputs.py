@@ -17,7 +17,7 @@ from app.channels import SCREEN
 from app.contract import KEY, ModelContract
 from app.gl.lights import radiance_scale
 from app.infer import feed
-from app.passes.downsample import tensor_name
+from app.passes.downsample import tensor_names
 from app.renderer import Renderer
 from app.settings import Settings
 from export.picks import picked
@@ -74,6 +74,7 @@ class Drawer:
 
     def __init__(self, contract: ModelContract) -> None:
         self.contract = contract
+        self._wanted = ("direct", "specular") if contract.shades_environment else ("indirect",)
         self._folder = tempfile.TemporaryDirectory()
         self._black = Path(self._folder.name) / "black.onnx"
         self._black.write_bytes(_black_network(contract))
@@ -115,7 +116,7 @@ class Drawer:
         self.close()
 
     def _renderer_of(self, still: Still) -> Renderer:
-        settings = Settings(still.size, ("indirect", "motion", "depth"), taa=False, provider="cpu")
+        settings = Settings(still.size, (*self._wanted, "motion", "depth"), taa=False, provider="cpu")
         kept = self._renderer
         if kept is None or kept.scene is not still.scene or kept.settings != settings:
             if kept is not None:
@@ -129,7 +130,7 @@ class Drawer:
         if cut:
             renderer.cut()
         renderer.advance(still.camera, still.time)
-        packed = {t: renderer.resource(tensor_name(t)) for t in self.contract.inputs}
+        packed = {t: renderer.resource(name) for t, name in tensor_names(self.contract).items()}
         tensors = {t: np.empty_like(x) for t, x in packed.items()}
         exposure = feed(self.contract, packed, tensors) / radiance_scale(still.scene)
         return Frame(tensors, exposure), renderer.resource("depth")

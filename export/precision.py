@@ -28,7 +28,7 @@ from app.contract import ModelContract, find_model
 from app.errors import ModelError
 from app.golden.scenes import outdoor, room
 from app.load import embedded_scene
-from app.passes.downsample import tensor_name
+from app.passes.downsample import tensor_names
 from app.renderer import Renderer
 from app.scene import Scene
 from app.settings import Settings
@@ -147,7 +147,7 @@ def real_inputs(name: str, scenes: dict[str, Scene], exposed: bool = True) -> It
         settings = Settings(SIZE, outputs=("indirect",), taa=False, provider="cpu")
         with Renderer(scene, settings, find_model(name)) as renderer:
             renderer.advance(scene.cameras[scene.default_camera].at(0.0))
-            tensors = {t: renderer.resource(tensor_name(t))[None].copy() for t in contract.inputs}
+            tensors = {t: renderer.resource(name)[None].copy() for t, name in tensor_names(contract).items()}
         radiance = _radiance(contract, tensors)
         mean = sum(float(r.sum()) for r in radiance) / max(1, sum(int(np.count_nonzero(r)) for r in radiance))
         for r in radiance:

@@ -38,7 +38,7 @@ def _picture(dataset: Dataset, index: int) -> Image.Image:
     settings = Settings(still.size, ("direct", "albedo", "emission"), taa=False)
     with Renderer(still.scene, settings) as renderer:
         images = renderer.render(still.camera, still.time)
-    indirect = target.indirect.repeat(2, axis=0).repeat(2, axis=1)
+    indirect = target.layers["indirect"].repeat(2, axis=0).repeat(2, axis=1)
     final = images["direct"] + images["emission"] + images["albedo"] * indirect
     picture = Image.fromarray((255 * tone_map(final, exposure_of(final))).astype(np.uint8))
     return picture.resize((WIDTH, WIDTH * still.size[1] // still.size[0]), Image.Resampling.LANCZOS)

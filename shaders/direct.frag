@@ -14,6 +14,13 @@ uniform sampler2D depth;
 uniform sampler2D gloss;
 #endif
 
+#ifdef HAS_ENVIRONMENT_DIFFUSE
+uniform sampler2D environment_diffuse;   // irradiance / pi
+#endif
+#ifdef HAS_ENVIRONMENT_SPECULAR
+uniform sampler2D environment_specular;  // without Fresnel's law
+#endif
+
 #ifdef WRITE_DIRECT
 layout(location = WRITE_DIRECT) out vec4 out_direct;
 #endif
@@ -43,11 +50,19 @@ void main()
         highlight += wanted ? v * ggx_highlight(lights[i], p, n, texelFetch(gloss, texel, 0)) : vec3(0.0);
 #endif
     }
+#ifdef HAS_ENVIRONMENT_DIFFUSE
+    diffuse += PI * sanitize_radiance(texelFetch(environment_diffuse, texel, 0).rgb);
+#endif
     diffuse *= sanitize_albedo(base.rgb) / PI;
 #ifdef WRITE_DIRECT
     out_direct = vec4(sanitize_radiance(diffuse), 1.0);
 #endif
 #ifdef WRITE_SPECULAR
+#ifdef HAS_ENVIRONMENT_SPECULAR
+    if (is_surface(d))
+        highlight += environment_reflectance(texelFetch(gloss, texel, 0), max(dot(n, -normalize(p)), 0.0))
+            * sanitize_radiance(texelFetch(environment_specular, texel, 0).rgb);
+#endif
     out_specular = vec4(sanitize_radiance(highlight), 1.0);
 #endif
 }

@@ -1,7 +1,7 @@
-// The finest level of a pyramid over indirect light at low resolution: what surfaces have, and nothing in the sky.
+// The finest level of a pyramid over light at low resolution: what surfaces have, and nothing in the sky.
 #include "numbers.glsl"
 
-uniform sampler2D indirect_low;
+uniform sampler2D light_low;
 uniform sampler2D surface_low;
 uniform vec2 span;   // low-resolution texels per texel of the pyramid, at most 1
 
@@ -11,5 +11,5 @@ void main()
 {
     ivec2 low = ivec2(gl_FragCoord.xy * span);
     bool surface = is_surface(texelFetch(surface_low, low, 0).a);
-    out_light = surface ? vec4(sanitize_radiance(texelFetch(indirect_low, low, 0).rgb), 1.0) : vec4(0.0);
+    out_light = surface ? vec4(sanitize_radiance(texelFetch(light_low, low, 0).rgb), 1.0) : vec4(0.0);
 }

@@ -9,10 +9,33 @@ layout(local_size_x = 8, local_size_y = 8) in;
 #endif
 
 layout(std430, binding = 0) writeonly buffer Tensor { float tensor[]; };
+#ifdef HAS_COARSE_DIFFUSE
+uniform sampler2D coarse_diffuse;  // on the tensor's own grid
+#endif
+#ifdef HAS_COARSE_SPECULAR
+uniform sampler2D coarse_specular;
+#endif
 uniform ivec2 grid;  // width and height of one image of the tensor
 
+ivec2 low;   // texel of the tensor, bottom row first
 int plane;   // values in one channel
 int offset;  // of this texel in channel 0
+
+#ifdef HAS_COARSE_DIFFUSE
+vec3 channel_coarse_diffuse_rgb(ivec2 t)
+{
+    return sanitize_radiance(texelFetch(coarse_diffuse, low, 0).rgb);
+}
+#endif
+
+vec3 channel_coarse_specular_rgb(ivec2 t)
+{
+#ifdef HAS_COARSE_SPECULAR
+    return sanitize_radiance(texelFetch(coarse_specular, low, 0).rgb);
+#else
+    return vec3(0.0);
+#endif
+}
 
 void store(int channel, float x)
 {
@@ -28,6 +51,7 @@ void main()
 {
     ivec3 at = ivec3(gl_GlobalInvocationID);
     if (any(greaterThanEqual(at.xy, grid))) return;
+    low = at.xy;
     int area = grid.x * grid.y;
     plane = area * int(gl_NumWorkGroups.z);
     offset = at.z * area + (grid.y - 1 - at.y) * grid.x + at.x;

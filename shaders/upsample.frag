@@ -1,4 +1,4 @@
-// Joint bilateral upsampling (Kopf et al. 2007): low-resolution indirect light, guided by full-resolution
+// Joint bilateral upsampling (Kopf et al. 2007): low-resolution demodulated light, guided by full-resolution
 // normals and by the distance from the receiver's plane (Xin et al. 2021, section 5.3). Where no low-resolution texel
 // around shows a pixel's surface, too thin or at an edge, the pixel keeps the light that it had.
 #include "numbers.glsl"
@@ -11,7 +11,7 @@ const float FLOOR = 1e-5;        // keeps the texel most alike where none is on 
 const float SHOWN = 0.1;         // weight from which on the texels around show the surface
 const float SKY = 1e-30;         // keeps what was filled in where no texel shows any
 
-uniform sampler2D indirect_filled;
+uniform sampler2D light_filled;
 uniform sampler2D surface_low;
 uniform sampler2D normal;
 uniform sampler2D depth;
@@ -24,7 +24,7 @@ uniform float longest;  // history in frames
 uniform bool history_valid;
 #endif
 
-layout(location = 0) out vec4 out_indirect;
+layout(location = 0) out vec4 out_light;
 
 struct Receiver {
     vec3 normal;  // relative space
@@ -54,7 +54,7 @@ vec4 tap(ivec2 low, float along, float closeness, Receiver r)
     facing *= facing;
     facing *= facing;
     float alike = (facing * facing + FLOOR) / (1.0 + plane * plane);
-    return vec4(texelFetch(indirect_filled, low, 0).rgb, 1.0) * (closeness * (surface.a > 0.0 ? alike : SKY));
+    return vec4(texelFetch(light_filled, low, 0).rgb, 1.0) * (closeness * (surface.a > 0.0 ? alike : SKY));
 }
 
 #ifdef HAS_INDIRECT_PREV
@@ -91,8 +91,8 @@ void main()
 #ifdef HAS_INDIRECT_PREV
     vec4 moved = texelFetch(motion, texel, 0);
     if (is_surface(d) && sum.a < SHOWN) light = with_history(light, sum.a / SHOWN, moved, r);
-    out_indirect = vec4(light, moved.w);
+    out_light = vec4(light, moved.w);
 #else
-    out_indirect = vec4(light, 1.0);
+    out_light = vec4(light, 1.0);
 #endif
 }

@@ -68,9 +68,10 @@ def render(
         "--taa/--no-taa", help="Temporal anti-aliasing.", rich_help_panel=PICTURE)] = True,
     seed: Annotated[int, typer.Option(
         help="Turns the sampling patterns.", metavar="N", rich_help_panel=PICTURE)] = 0,
-    model: Annotated[str, typer.Option(
-        help="A name that `models` lists, a path to an .onnx file, or none.", metavar="NAME|PATH|none",
-        rich_help_panel=NETWORK)] = DEFAULT_MODEL,
+    model: Annotated[list[str], typer.Option(
+        help="A name that `models` lists, a path to an .onnx file, or none; twice for one that makes indirect light "
+             "and one that shades an environment.", metavar="NAME|PATH|none", show_default=DEFAULT_MODEL,
+        rich_help_panel=NETWORK)] = [DEFAULT_MODEL],  # noqa: B006
     provider: Annotated[str, typer.Option(
         help="onnxruntime execution provider.", metavar="auto|cpu|cuda|…", rich_help_panel=NETWORK)] = "auto",
     strict_device: Annotated[bool, typer.Option(
@@ -127,14 +128,16 @@ def render(
     path = choose_camera(loaded, camera, frames)
     for notice in loaded.notices:
         _note(notice)
-    network = None if model == "none" else find_model(model)
+    models = [find_model(name) for name in model if name != "none"]
 
-    with Renderer(loaded, settings, network) as renderer:
+    with Renderer(loaded, settings, models) as renderer:
         for name in renderer.missing:
             _note(f"{name} is all zero, nothing in this scene writes it")
         running = {p.name for p in renderer.plan.passes}
-        if "background" in running and {"direct", "surfels"} & running == {"direct"}:
-            _note("the environment is shown and lights nothing: of the bundled models, only ember takes light from it")
+        if "background" in running and {"direct", "surfels", "coarse"} & running == {"direct"}:
+            _note("the environment is shown and lights nothing: ember, ndr and coarse take light from it")
+        if "coarse" in running and "environment_network" not in running:
+            _note("the environment lights without shadows: --model ndr has them")
         if verbose:
             _describe(renderer)
         prepare_folders(out, *([timing.parent] if timing is not None else []))
@@ -143,7 +146,7 @@ def render(
         images = _draw(renderer, path, settings, frames, settle, out, kinds)
         report = {
             **renderer.timing(), "culled": dict(renderer.plan.culled), "device": renderer.device,
-            "model": network and Path(network).stem, "size": list(settings.size), "scene": loaded.name,
+            "model": "+".join(Path(m).stem for m in models) or None, "size": list(settings.size), "scene": loaded.name,
             "triangles": loaded.triangles, "frames": frames,
         }
     if timing is not None:

@@ -37,15 +37,19 @@ def cube_defines(face: int, camera_axes: bool) -> dict[str, object]:
 
 def make_fullscreen(device: Device, bound: BoundPass, fragment: str, uniforms: Uniforms = no_uniforms,
                     defines: Mapping[str, object] | None = None,
-                    strip: str = "") -> Callable[[FrameState, Resources], None]:
-    """Executor that draws shader ``fragment``; ``uniforms(frame)`` gives what is neither texture nor block."""
+                    strip: str = "",
+                    samplers: Mapping[str, str] | None = None) -> Callable[[FrameState, Resources], None]:
+    """Executor that draws shader ``fragment``; ``uniforms(frame)`` gives what is neither texture nor block.
+
+    ``strip`` and ``samplers``: see ``Resources.bind``.
+    """
     program = device.fullscreen(
         fragment, {**read_defines(bound), **write_defines(bound, strip), **(defines or {})})
 
     def execute(frame: FrameState, resources: Resources) -> None:
         resources.target()
         device.ctx.enable_only(moderngl.NOTHING)
-        resources.bind(program, strip)
+        resources.bind(program, strip, samplers=samplers)
         program.set(**uniforms(frame))
         device.draw_fullscreen(program)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import moderngl
 import numpy as np
 
@@ -106,15 +108,17 @@ class Resources:
         target.use()
         return target
 
-    def bind(self, program: Program, strip: str = "", reads: tuple[str, ...] | None = None) -> None:
+    def bind(self, program: Program, strip: str = "", reads: tuple[str, ...] | None = None,
+             samplers: Mapping[str, str] | None = None) -> None:
         """Bind every texture read to its sampler uniform: same name, ``@prev`` as ``_prev``, without ``strip``.
 
-        ``reads`` are those that ``program`` has a use for; all without it.
+        ``reads`` are those that ``program`` has a use for, all without it; ``samplers`` gives those of other names.
         """
         textures = [r for r in (self._bound.reads if reads is None else reads) if self._pool.holds_texture(r)]
         for unit, name in enumerate(textures):
             self._pool.texture(name).use(unit)
-            program.set(**{name.replace(PREVIOUS, "_prev").removeprefix(strip): unit})
+            sampler = (samplers or {}).get(name, name.replace(PREVIOUS, "_prev").removeprefix(strip))
+            program.set(**{sampler: unit})
 
     def _check(self, name: str, declared: tuple[str, ...]) -> None:
         if name not in declared:

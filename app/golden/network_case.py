@@ -15,7 +15,7 @@ from app.golden.scene_case import SceneCase
 from app.golden.store import file_name
 from app.image import read_exr
 from app.infer import Network
-from app.passes.downsample import tensor_name
+from app.passes.downsample import tensor_names
 
 FRAME = 1
 LAYER = f"frame{FRAME}"
@@ -49,16 +49,17 @@ class NetworkCase:
         """
         contract = read_contract(self.model)
         size = contract.screen_size(self.source.size)
-        paths = {t: saved / file_name(tensor_name(t)) for t in contract.inputs}
+        names = tensor_names(contract)
+        paths = {t: saved / file_name(name) for t, name in names.items()}
         if all(path.exists() for path in paths.values()):
             images = {t: _read(path) for t, path in paths.items()}
         else:
             drawn = self.source.first_tensors()
-            images = {t: half(drawn[tensor_name(t)]).astype(np.float32) for t in contract.inputs}
+            images = {t: half(drawn[name]).astype(np.float32) for t, name in names.items()}
         tensors = {t: _tensor(images[t], spec.shape(size), paths[t]) for t, spec in contract.inputs.items()}
         made = Network(self.model, size, "cpu").run(tensors)
-        return [*(Picture("saved tensors", tensor_name(t), {FRAME: image}) for t, image in images.items()),
-                *(Picture("network", channel.partition(".")[0], {FRAME: np.moveaxis(planes, 0, -1)})
+        return [*(Picture("saved tensors", names[t], {FRAME: image}) for t, image in images.items()),
+                *(Picture("network", channel.removesuffix(".rgb"), {FRAME: np.moveaxis(planes, 0, -1)})
                   for channel, planes in made.items())]
 
 

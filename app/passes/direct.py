@@ -20,7 +20,7 @@ def declare(lights: LightSet, shiny: bool) -> Pass:
     if shiny:
         writes["specular"] = Tex("f2", 4)
     reads = ("albedo", "normal", "depth", *lights.shadow_maps, *(("gloss",) if shiny else ()))
-    return _pass("direct", reads, writes, lights, {}, TURN)
+    return _pass("direct", reads, writes, lights, {}, TURN, ("environment_diffuse", "environment_specular"))
 
 
 def declare_surround(lights: LightSet, face: int, camera_axes: bool) -> Pass:
@@ -31,8 +31,8 @@ def declare_surround(lights: LightSet, face: int, camera_axes: bool) -> Pass:
 
 
 def _pass(name: str, reads: tuple[str, ...], writes: dict[str, Resource], lights: LightSet,
-          grid: dict[str, object], turn: float = 0.0) -> Pass:
-    return Pass(name, reads=reads, writes=writes, make=lambda device, bound: make_fullscreen(
+          grid: dict[str, object], turn: float = 0.0, optional: tuple[str, ...] = ()) -> Pass:
+    return Pass(name, reads=reads, optional=optional, writes=writes, make=lambda device, bound: make_fullscreen(
         device, bound, "direct.frag", lambda frame: {
             "noise_phase": (frame.noise_phase + turn * frame.index * frame.gathered) % 1.0},
         {**lights.defines, **grid}, SURROUND))

@@ -26,23 +26,27 @@ SOURCES: dict[str, tuple[str, ...]] = {
     "roughness": ("gloss?",),
     "solid_angle": ("depth",),
     "on_screen": (),
+    "coarse.diffuse.rgb": ("coarse_diffuse",),
+    "coarse.specular.rgb": ("coarse_specular?",),
 }
 GROUP = 8  # local size of pack.comp
 
 
-def tensor_name(tensor: str) -> str:
-    """The graph's name of a network's input tensor."""
-    return f"tensor_{tensor}"
+def tensor_names(contract: ModelContract) -> dict[str, str]:
+    """The graph's name of each input tensor of a network."""
+    kind = "environment_tensor" if contract.shades_environment else "tensor"
+    return {t: f"{kind}_{t}" for t in contract.inputs}
 
 
-def declare(contract: ModelContract, size: tuple[int, int], extent: float) -> Pass:
+def declare(contract: ModelContract, size: tuple[int, int], extent: float, name: str = "downsample") -> Pass:
     """Packs a network's inputs on screen, cube and panorama; ``extent`` is the scene's longest edge in scene units."""
     grid = contract.screen_size(size)
     specs = {t: spec for t, spec in contract.inputs.items() if spec.grid in SEEN}
     names = dict.fromkeys(name for spec in specs.values() for name in _sources(spec))
-    return Pass("downsample", reads=tuple(n for n in names if not n.endswith("?")),
+    buffers = tensor_names(contract)
+    return Pass(name, reads=tuple(n for n in names if not n.endswith("?")),
                 optional=tuple(n.removesuffix("?") for n in names if n.endswith("?")),
-                writes={tensor_name(t): Buf(spec.shape(grid)) for t, spec in specs.items()},
+                writes={buffers[t]: Buf(spec.shape(grid)) for t, spec in specs.items()},
                 make=lambda device, bound: make(device, bound, contract, grid, extent))
 
 
@@ -73,11 +77,12 @@ def _packer(device: Device, bound: BoundPass, contract: ModelContract, tensor: s
         defines["PANORAMA"] = 1
     program = device.program("pack.comp", defines=defines)
     *images, height, width = spec.shape(grid)[1:]
+    buffer = tensor_names(contract)[tensor]
     groups = (-(-width // GROUP), -(-height // GROUP), *(images or [1]))
 
     def pack(frame: FrameState, resources: Resources) -> None:
         resources.bind(program, strip=SURROUND, reads=reads)
-        resources.buffer(tensor_name(tensor)).bind_to_storage_buffer(0)
+        resources.buffer(buffer).bind_to_storage_buffer(0)
         span = (1.0, 1.0) if around else (frame.size[0] / grid[0], frame.size[1] / grid[1])
         program.set(extent=contract.scene_extent / extent, texel_span=span, grid=(width, height))
         program.raw.run(*groups)

@@ -16,7 +16,8 @@ from app.graph import BoundPass, Buf, Pass
 from app.scene import Environment
 
 
-def declare(contract: ModelContract, names: dict[str, str], environment: Environment | None, scale: float) -> Pass:
+def declare(contract: ModelContract, names: dict[str, str], environment: Environment | None, scale: float,
+            name: str = "harmonics") -> Pass:
     """``names`` gives the graph's name of each tensor; radiance is multiplied by ``scale``, the scene's."""
     specs = {names[t]: spec for t, spec in contract.inputs.items() if spec.grid == VECTOR}
 
@@ -25,10 +26,10 @@ def declare(contract: ModelContract, names: dict[str, str], environment: Environ
             values = {"environment.sh": np.zeros(CHANNELS["environment.sh"].components, np.float32)}
             if environment is not None:
                 values["environment.sh"] = scale * harmonics(environment, frame.view.rotation)
-            for name, spec in specs.items():
+            for tensor, spec in specs.items():
                 packed = np.concatenate([values[channel] for channel in spec.channels])
-                resources.buffer(name).write(packed.astype(np.float32))
+                resources.buffer(tensor).write(packed.astype(np.float32))
 
         return execute
 
-    return Pass("harmonics", writes={name: Buf(spec.shape((0, 0))) for name, spec in specs.items()}, make=make)
+    return Pass(name, writes={tensor: Buf(spec.shape((0, 0))) for tensor, spec in specs.items()}, make=make)

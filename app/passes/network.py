@@ -1,4 +1,4 @@
-"""One onnxruntime call: tensors in, low-resolution indirect light out."""
+"""One onnxruntime call: tensors in, low-resolution light out."""
 
 from __future__ import annotations
 
@@ -15,27 +15,36 @@ from app.graph import BoundPass, Pass, Tex
 if TYPE_CHECKING:
     from app.infer import Network
 
-OUTPUT = "indirect.rgb"
+
+def declare(network: Network, tensors: dict[str, str], grid: tuple[int, int], targets: dict[str, str],
+            name: str = "network") -> Pass:
+    """The pass that runs ``network``.
+
+    Parameters
+    ----------
+    tensors : dict of str to str
+        The graph's buffer of each input tensor.
+    targets : dict of str to str
+        The texture for each output channel.
+    """
+    return Pass(name, reads=tuple(tensors.values()),
+                writes={target: Tex("f2", 4, size=grid) for target in targets.values()},
+                make=lambda device, bound: make(device, bound, network, tensors, grid, targets))
 
 
-def declare(network: Network, tensors: dict[str, str], shapes: dict[str, tuple[int, ...]],
-            grid: tuple[int, int], output: str) -> Pass:
-    """The pass that runs ``network`` into ``output``; ``tensors`` names the graph's buffer of each input tensor."""
-    return Pass("network", reads=tuple(tensors.values()), writes={output: Tex("f2", 4, size=grid)},
-                make=lambda device, bound: make(device, bound, network, tensors, shapes))
-
-
-def make(device: Device, bound: BoundPass, network: Network, tensors: dict[str, str],
-         shapes: dict[str, tuple[int, ...]]) -> Callable[[FrameState, Resources], None]:
-    inputs = {t: np.empty(shape, np.float32) for t, shape in shapes.items()}
+def make(device: Device, bound: BoundPass, network: Network, tensors: dict[str, str], grid: tuple[int, int],
+         targets: dict[str, str]) -> Callable[[FrameState, Resources], None]:
+    inputs = {t: np.empty(spec.shape(grid), np.float32) for t, spec in network.contract.inputs.items()}
+    wanted = {channel: target for channel, target in targets.items() if target in bound.writes}
 
     def execute(frame: FrameState, resources: Resources) -> None:
         for tensor, name in tensors.items():
             resources.buffer(name).read_into(inputs[tensor])  # waits for the passes before
-        indirect = network.run(inputs)[OUTPUT]
-        pixels = np.ones((*indirect.shape[1:], 4), np.float16)
-        pixels[..., :3] = np.moveaxis(indirect, 0, -1)[::-1]  # tensors are top-down, GL is bottom-up
-        resources[bound.writes[0]].write(pixels.tobytes())
+        found = network.run(inputs)
+        for channel, target in wanted.items():
+            pixels = np.ones((*found[channel].shape[1:], 4), np.float16)
+            pixels[..., :3] = np.moveaxis(found[channel], 0, -1)[::-1]  # tensors are top-down, GL is bottom-up
+            resources[target].write(pixels.tobytes())
 
     return execute
 

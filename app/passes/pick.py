@@ -6,8 +6,8 @@ from app.gl.fullscreen import make_fullscreen
 from app.graph import Pass, Tex
 
 
-def declare(grid: tuple[int, int]) -> Pass:
-    """Over a low-resolution ``grid`` of width and height."""
-    return Pass("pick", reads=("normal", "depth"), writes={"surface_low": Tex("f4", 4, size=grid)},
+def declare(grid: tuple[int, int], surface: str, name: str) -> Pass:
+    """Over a low-resolution ``grid`` of width and height, into ``surface``."""
+    return Pass(name, reads=("normal", "depth"), writes={surface: Tex("f4", 4, size=grid)},
                 make=lambda device, bound: make_fullscreen(device, bound, "pick.frag", lambda frame: {
                     "ratio": (frame.size[0] / grid[0], frame.size[1] / grid[1])}))

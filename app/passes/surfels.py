@@ -17,16 +17,28 @@ from app.surfels.tracked import TrackedSurfels
 from app.surfels.world import F32, WorldSurfels
 
 
-def declare(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, str], extent: float) -> Pass:
-    """``names`` gives the graph's name of each tensor, ``extent`` is the scene's longest edge in scene units."""
+def declare(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, str], extent: float,
+            sky_is_direct: bool) -> Pass:
+    """Packs surfels and rays.
+
+    Parameters
+    ----------
+    names : dict of str to str
+        The graph's name of each tensor.
+    extent : float
+        The scene's longest edge in scene units.
+    sky_is_direct : bool
+        Whether what comes straight from the environment is direct light, as where pixels are shaded by it, or glow.
+    """
     specs = {t: spec for t, spec in contract.inputs.items() if spec.grid in (SURFELS, RAYS)}
     return Pass("surfels", reads=("surfel_light",),
                 writes={names[t]: Buf(spec.shape((0, 0))) for t, spec in specs.items()},
-                make=lambda device, bound: make(surfels, contract, names, contract.scene_extent / extent))
+                make=lambda device, bound: make(surfels, contract, names, contract.scene_extent / extent,
+                                                sky_is_direct))
 
 
 def make(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, str],
-         extent: float) -> Callable[[FrameState, Resources], None]:
+         extent: float, sky_is_direct: bool) -> Callable[[FrameState, Resources], None]:
     written: dict[str, object] = {}  # what a tensor on the rays holds
     light: list[tuple[object, F32]] = []
 
@@ -37,7 +49,10 @@ def make(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, str]
             light[:] = [(state, _mean_light(resources, world))]
         for tensor, spec in contract.inputs.items():
             if spec.grid == SURFELS:
-                values = {name: _on_surfels(name, world, frame, extent, light[0][1]) for name in spec.channels}
+                sky, none = world.sky * np.float32(frame.lights.scale), np.float32(0)
+                direct, glow = (sky, none) if sky_is_direct else (none, sky)
+                lit = light[0][1] + direct, world.glow * np.float32(frame.lights.scale) + glow
+                values = {name: _on_surfels(name, world, frame, extent, *lit) for name in spec.channels}
             elif spec.grid == RAYS and written.get(tensor) != (surfels.version, frame.overrides):
                 values = {"ray.surfel": world.index[None], "ray.albedo.rgb": np.moveaxis(world.albedo, -1, 0)}
                 written[tensor] = surfels.version, frame.overrides
@@ -63,7 +78,8 @@ def _mean_light(resources: Resources, world: WorldSurfels) -> F32:
                     axis=1).astype(np.float32)
 
 
-def _on_surfels(name: str, world: WorldSurfels, frame: FrameState, extent: float, light: F32) -> NDArray[Any]:
+def _on_surfels(name: str, world: WorldSurfels, frame: FrameState, extent: float, light: F32,
+                glow: F32) -> NDArray[Any]:
     """A channel, shape (components, S)."""
     match name:
         case "position.view.xyz":
@@ -75,7 +91,7 @@ def _on_surfels(name: str, world: WorldSurfels, frame: FrameState, extent: float
         case "irradiance.rgb":
             return light.T
         case "glow.rgb":
-            return world.glow.T * np.float32(frame.lights.scale)
+            return glow.T
         case "surfel.radius":
             return world.radius[None] * np.float32(extent)
         case "surfel.weight":

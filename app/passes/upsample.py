@@ -1,4 +1,4 @@
-"""Joint bilateral upsampling of the network's output to full resolution."""
+"""Joint bilateral upsampling of low-resolution light to full resolution."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ BEFORE = ("motion", "indirect@prev", "normal@prev")
 LONGEST = HISTORY[MotionKind.CAMERA]  # frames; nothing tells how old kept light is, so it must not outlive a change
 
 
-def declare(grid: tuple[int, int], gathered: bool) -> Pass:
-    """From a low-resolution ``grid`` of width and height.
+def declare(grid: tuple[int, int], light: str, surface: str, name: str, gathered: bool) -> Pass:
+    """From a low-resolution ``grid`` of width and height: ``light_filled``, on ``surface``, into ``light``.
 
     Parameters
     ----------
     gathered : bool
-        Whether pixels that no low-resolution texel shows keep the light that they had.
+        Whether pixels that no low-resolution texel shows keep the indirect light that they had.
     """
     def uniforms(frame: FrameState) -> Mapping[str, Any]:
         ratio = {"ratio": (frame.size[0] / grid[0], frame.size[1] / grid[1])}
         history = {"longest": min(HISTORY[frame.motion], LONGEST), "history_valid": frame.history_valid}
         return {**ratio, **history} if gathered else ratio
 
-    return Pass("upsample", reads=("indirect_filled", "surface_low", "normal", "depth", *(BEFORE if gathered else ())),
-                writes={"indirect": Tex("f2", 4)},
-                make=lambda device, bound: make_fullscreen(device, bound, "upsample.frag", uniforms))
+    samplers = {f"{light}_filled": "light_filled", surface: "surface_low"}
+    return Pass(name, reads=(*samplers, "normal", "depth", *(BEFORE if gathered else ())),
+                writes={light: Tex("f2", 4)}, make=lambda device, bound: make_fullscreen(
+                    device, bound, "upsample.frag", uniforms, samplers=samplers))

@@ -53,8 +53,8 @@ class WorldSurfels:
         The surfel that each ray meets; -1 for none.
     albedo : ndarray, float32, shape (S, K, 3)
         At the end of each ray; 0 where it meets nothing.
-    glow : ndarray, float32, shape (S, 3)
-        Mean radiance of what glows along the rays, and irradiance / π by the environment; W/(sr m²).
+    glow, sky : ndarray, float32, shape (S, 3)
+        Mean radiance of what glows along the rays; irradiance / π straight from the environment; W/(sr m²).
     place_position, place_normal : ndarray, float32, shape (P, 3)
         Local space, sorted by surfel.
     place_surfel : ndarray of int, shape (P,)
@@ -139,7 +139,7 @@ class WorldSurfels:
         albedo[index < 0] = 0.0
         self.index = self._padded(index.reshape(self.used, self.rays), -1)
         self.albedo = self._padded(albedo.reshape(self.used, self.rays, 3))
-        self.glow = self._padded(self._glow_of_meshes() + self._light_of_sky())
+        self.glow, self.sky = self._padded(self._glow_of_meshes()), self._padded(self._light_of_sky())
 
     def _glow_of_meshes(self) -> F32:
         """Shape (used, 3)."""

@@ -22,6 +22,7 @@ def train(config: Annotated[Path, typer.Argument(help="What to do; export/config
     from export.training.process import tune
 
     tune()
+    from app.errors import SettingsError
     from export.dataset import Dataset
     from export.training.config import read_config
     from export.training.eligible import eligible
@@ -31,6 +32,10 @@ def train(config: Annotated[Path, typer.Argument(help="What to do; export/config
     chosen = read_config(config, dataset)
     pairs = Dataset(chosen.data.dataset)
     contract = network_and_loss(chosen)[0].contract
+    if pairs.config.environment != contract.shades_environment:
+        kind = "an environment" if contract.shades_environment else "lights"
+        raise SettingsError("a dataset of other light", chosen.data.dataset, f"expected scenes under {kind}, which "
+                            f"{contract.name} is for (key environment of the dataset's configuration)")
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
                TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty()) as bar:

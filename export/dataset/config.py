@@ -50,6 +50,8 @@ class Config:
     sources : tuple of Share
     files : tuple of str
         Scene files of the source ``files``.
+    environment : bool
+        Whether a random environment is all that lights the scenes; targets are then what comes straight from it.
 
     Raises
     ------
@@ -63,6 +65,7 @@ class Config:
     denoised: bool
     sources: tuple[Share, ...]
     files: tuple[str, ...] = ()
+    environment: bool = False
 
     def __post_init__(self) -> None:
         def need(ok: bool, key: str, expected: str) -> None:
@@ -73,7 +76,8 @@ class Config:
              "two even numbers of at least 32")
         need(isinstance(self.paths, int) and self.paths >= 1, "paths", "a whole number above 0")
         need(isinstance(self.max_bounces, int) and self.max_bounces >= 1, "max_bounces", "a whole number above 0")
-        need(isinstance(self.denoised, bool), "denoised", "true or false")
+        for key in ("denoised", "environment"):
+            need(isinstance(getattr(self, key), bool), key, "true or false")
         need(bool(self.sources), "sources", "at least one")
         for s in self.sources:
             need(s.source in (*SOURCES, FILES), "sources", f"names among {', '.join((*SOURCES, FILES))}")
@@ -114,4 +118,5 @@ def from_table(table: dict[str, Any]) -> Config:
     folder = Path(table.get("folder", "."))
     shares = tuple(Share(name, **values) for name, values in table["sources"].items())
     files = tuple(str(folder / name) for name in table.get("files", ()))
-    return Config(tuple(table["size"]), table["paths"], table["max_bounces"], table["denoised"], shares, files)
+    return Config(tuple(table["size"]), table["paths"], table["max_bounces"], table["denoised"], shares, files,
+                  table.get("environment", False))

@@ -16,8 +16,9 @@ from export.dataset.pair import Pair
 from export.dataset.place import FRAME_SECONDS
 from export.dataset.plan import Choice, Group, pair_at, place_of
 from export.dataset.store import Origin, encode
-from export.dataset.target import VERSION, trace_target
+from export.dataset.target import VERSION, trace_sky, trace_target
 from export.path_tracer import PathTracer
+from export.sky_tracer import SkyTracer
 
 ATTEMPTS = 20    # scenes that are tried for a group
 CANDIDATES = 48  # cameras that are tried in a scene
@@ -58,7 +59,7 @@ def _one_thread() -> Iterator[None]:
 def key_of(config: Config, pair: Pair) -> str:
     """The content key of a pair and of all that its target depends on."""
     previous, current = pair.previous, pair.current
-    options = (VERSION, config.paths, config.max_bounces, config.denoised)
+    options = (VERSION, config.paths, config.max_bounces, config.denoised, *(("sky",) if config.environment else ()))
     moved_lights = () if previous.scene is current.scene else previous.scene.lights
     return scene_key(current.scene, options, moved_lights,
                      [(still.camera, still.size, still.time) for still in (previous, current)])
@@ -73,7 +74,10 @@ def _make(config: Config, seed: int, group: Group, missing: list[int]) -> Iterat
     for index in missing:
         choice = choices[index - group.first]
         pair = pair_at(config, seed, group, choice)
-        target = trace_target(tracer, pair.current, config.paths, index - group.first, config.denoised)
+        if isinstance(tracer, SkyTracer):
+            target = trace_sky(tracer, pair.current, config.paths, index - group.first, config.denoised)
+        else:
+            target = trace_target(tracer, pair.current, config.paths, index - group.first, config.denoised)
         yield index, encode(target, Origin(choice, key_of(config, pair)))
 
 
@@ -81,7 +85,8 @@ def _choose(config: Config, seed: int, group: Group) -> tuple[PathTracer, list[C
     """The first scene that has enough cameras, and these."""
     for attempt in range(ATTEMPTS):
         place = place_of(config, seed, group, attempt)
-        tracer = PathTracer(place.scene, FRAME_SECONDS, config.max_bounces)
+        tracer = (SkyTracer(place.scene, FRAME_SECONDS) if config.environment
+                  else PathTracer(place.scene, FRAME_SECONDS, config.max_bounces))
         candidates = (pair_at(config, seed, group, Choice(attempt, k)).current.camera for k in range(CANDIDATES))
         cameras = choose(tracer, place.scene.longest_edge, candidates, group.pairs)
         if len(cameras) == group.pairs:

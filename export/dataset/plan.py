@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import count
 
@@ -13,6 +13,7 @@ from export.dataset.config import Config
 from export.dataset.files import open_file
 from export.dataset.pair import Pair, pair_of
 from export.dataset.place import Place, Rng
+from export.dataset.skies import under_sky
 from export.dataset.sources import FILES, SOURCES
 
 TRAINING = 0  # first number of every seed; the validation list has another one
@@ -69,7 +70,8 @@ def plan(config: Config, pairs: int) -> tuple[Group, ...]:
 def place_of(config: Config, seed: int, group: Group, attempt: int) -> Place:
     """The scene of ``group``; a further ``attempt`` gives another one."""
     rng = np.random.default_rng([TRAINING, seed, group.number, attempt])
-    return open_file(rng, config.files) if group.source == FILES else SOURCES[group.source](rng)
+    place = open_file(rng, config.files) if group.source == FILES else SOURCES[group.source](rng)
+    return replace(place, scene=under_sky(rng, place.scene)) if config.environment else place
 
 
 def pair_at(config: Config, seed: int, group: Group, choice: Choice) -> Pair:

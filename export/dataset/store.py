@@ -39,11 +39,12 @@ def item_path(folder: Path, index: int) -> Path:
 
 def encode(target: Target, origin: Origin) -> bytes:
     """The content of a file."""
-    seen = target.seen[..., None].astype(np.float16)
-    light = np.concatenate([_half(target.indirect), seen], axis=2)
+    layers = {name: _half(image) for name, image in target.layers.items()}
+    first = next(iter(layers))
+    layers[first] = np.concatenate([layers[first], target.seen[..., None].astype(np.float16)], axis=2)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "target.exr"
-        write_exr(path, {"indirect": light, "indirect_single": _half(target.indirect_single)}, COMPRESSION)
+        write_exr(path, layers, COMPRESSION)
         image = path.read_bytes()
     about = {**asdict(origin), "image": hashlib.sha256(image).hexdigest()}
     text = json.dumps({**about, "about": _digest(about)})
@@ -80,11 +81,10 @@ def read_target(path: Path) -> Target:
     """
     try:
         layers = read_exr(path)
-        seen = layers["indirect"][..., 3] > 0.5
-        indirect, indirect_single = (np.where(seen[..., None], np.maximum(layers[name][..., :3], 0), np.float32(0))
-                                     for name in ("indirect", "indirect_single"))
-        return Target(indirect, indirect_single, seen)
-    except (AfterglowError, KeyError, IndexError):
+        seen = next(image[..., 3] > 0.5 for image in layers.values() if image.shape[-1] == 4)
+        return Target({name: np.where(seen[..., None], np.maximum(image[..., :3], 0), np.float32(0))
+                       for name, image in layers.items()}, seen)
+    except (AfterglowError, StopIteration):
         raise SceneError("no sound item of a dataset", path,
                          f"expected one; make it again: python -m export dataset --out {path.parents[1]}") from None
 

@@ -1,7 +1,8 @@
-"""What a network is to find for a frame: the indirect light of the texels that the renderer picks for its half grid."""
+"""What a network is to find for a frame: the light of the texels that the renderer picks for its half grid."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,27 +12,31 @@ from export import picks
 from export.denoise import denoise
 from export.path_tracer import PathTracer
 from export.reference import RAYS_AT_ONCE, Still
+from export.sky_tracer import SkyTracer
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
+LIGHT_LAYERS = ("diffuse", "specular")
+SKY_LAYERS = (*LIGHT_LAYERS, "albedo", "reflectance")
 VERSION = 1  # raise it when targets change, so that those of before are made again
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Indirect light on a grid of half the image's size, its top row first.
+    """Light on a grid of half the image's size, its top row first.
 
     Attributes
     ----------
-    indirect, indirect_single : ndarray, float32, shape (H, W, 3)
-        Radiance / albedo in W/(sr m²) by all bounces, and by one; 0 in the sky.
+    layers : mapping of str to ndarray, float32, shape (H, W, 3)
+        ``indirect`` and ``indirect_single``: radiance / albedo in W/(sr m²) by all bounces, and by one. Or, of what
+        comes straight from an environment, ``diffuse``, ``specular``, ``albedo`` and ``reflectance``; see
+        ``export.sky_tracer.SkySamples``. 0 in the sky.
     seen : ndarray of bool, shape (H, W)
         False: sky.
     """
 
-    indirect: F32
-    indirect_single: F32
+    layers: Mapping[str, F32]
     seen: NDArray[np.bool_]
 
 
@@ -64,7 +69,26 @@ def trace_target(tracer: PathTracer, still: Still, spp: int, seed: int, denoised
                                  for total in (multi, single))
     if denoised:
         indirect, indirect_single = denoise(indirect, normal), denoise(indirect_single, normal)
-    return Target(indirect, indirect_single, seen.reshape(height, width))
+    return Target({"indirect": indirect, "indirect_single": indirect_single}, seen.reshape(height, width))
+
+
+def trace_sky(tracer: SkyTracer, still: Still, spp: int, seed: int, denoised: bool) -> Target:
+    """What comes straight from the environment, from ``spp`` samples through each picked texel."""
+    grid = picked(still.size)
+    points = grid.reshape(-1, 2)
+    at_once = max(1, RAYS_AT_ONCE // len(points))
+    total = dict.fromkeys(SKY_LAYERS, np.zeros((len(points), 3)))
+    for batch, begin in enumerate(range(0, spp, at_once)):
+        count = min(at_once, spp - begin)
+        samples = tracer.shade(still.view, np.tile(points, (count, 1)), seed * 2**8 + batch)
+        for name in SKY_LAYERS:
+            found = getattr(samples, name).reshape(count, -1, 3)
+            total[name] = total[name] + found.sum(axis=0, dtype=np.float64)
+    seen, normal = samples.depth[:len(points)] > 0, samples.normal[:len(points)].reshape(*grid.shape[:2], 3)
+    layers = {name: (x / spp).reshape(*grid.shape[:2], 3).astype(np.float32) for name, x in total.items()}
+    for name in LIGHT_LAYERS if denoised else ():
+        layers[name] = denoise(layers[name], normal)
+    return Target(layers, seen.reshape(grid.shape[:2]))
 
 
 def picked(size: tuple[int, int]) -> F64:

@@ -10,6 +10,7 @@ from torch import Tensor
 from app.errors import SettingsError
 from export.losses.bcnn import BcnnLoss
 from export.losses.gfa import GfaLoss
+from export.losses.ndr import NdrLoss
 from export.losses.surround import SurroundLoss
 from export.losses.views import Views
 
@@ -34,7 +35,8 @@ class Loss(Protocol):
     def __call__(self, views: Views) -> dict[str, Tensor]: ...
 
 
-LOSSES: Mapping[str, Callable[..., Loss]] = {"bcnn": BcnnLoss, "gfa": GfaLoss, "surround": SurroundLoss}
+LOSSES: Mapping[str, Callable[..., Loss]] = {"bcnn": BcnnLoss, "gfa": GfaLoss, "ndr": NdrLoss,
+                                            "surround": SurroundLoss}
 
 
 def make_loss(kind: str, options: Mapping[str, Any]) -> Loss:

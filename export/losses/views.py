@@ -24,6 +24,7 @@ class Views:
     Attributes
     ----------
     output, target : Tensor, shape (B, 3, h, w)
+        (B, 6, h, w) for what shades an environment: diffuse, specular.
     warped : Tensor or None, shape (B, 3, h, w)
         The network's output for the previous frame, moved to where its surfaces are now; for losses that ask for it.
     seen : Tensor, shape (B, 1, h, w)
@@ -32,6 +33,8 @@ class Views:
         1 where the previous frame shows the same surface.
     condition : Tensor or None, shape (B, K, h, w)
         What the network's ``condition`` gives for its inputs; for losses that ask for it.
+    reflectance : Tensor or None, shape (B, 6, h, w)
+        What such diffuse and specular light is multiplied by in the picture.
     """
 
     output: Tensor
@@ -40,6 +43,7 @@ class Views:
     seen: Tensor
     visible: Tensor
     condition: Tensor | None = None
+    reflectance: Tensor | None = None
 
 
 def tone(light: Tensor) -> Tensor:

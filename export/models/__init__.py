@@ -9,7 +9,7 @@ from typing import Any
 from torch import nn
 
 from app.errors import ModelError
-from export.models import bcnn, gfa, surround
+from export.models import bcnn, gfa, ndr, surround
 from export.models.ember import Ember
 from export.models.network import Network
 from export.models.surfels import Gather, Radiosity
@@ -22,6 +22,7 @@ PRESETS: Mapping[str, Callable[..., Network]] = {
     **UNTRAINED,
     **{name: partial(bcnn.Bcnn, name) for name in bcnn.PRESETS},
     **{name: partial(gfa.Gfa, name) for name in gfa.PRESETS},
+    **{name: partial(ndr.Ndr, name) for name in ndr.PRESETS},
     **{name: partial(Surround, name) for name in surround.PRESETS},
 }
 DISCRIMINATORS: Mapping[str, Callable[[], nn.Module]] = {"surround-discriminator": Discriminator}

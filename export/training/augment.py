@@ -68,7 +68,9 @@ def permuted(batch: Batch, contract: ModelContract, order: Tensor) -> Batch:
             elif channel == HARMONICS:
                 at[:, rows] = rows.start + (25 * order[:, :, None] + torch.arange(25)).flatten(1)
         out[name] = _reordered(batch[name], at)
-    out["target"] = _reordered(batch["target"], order)
+    for name in {"target", "reflectance"} & batch.keys():
+        thirds = 3 * torch.arange(batch[name].shape[1] // 3)
+        out[name] = _reordered(batch[name], (thirds[None, :, None] + order[:, None, :]).flatten(1))
     return out
 
 

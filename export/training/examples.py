@@ -33,7 +33,10 @@ VERSION = 2         # of what is kept
 TARGET_SCALE = 0.5  # targets lie on the grid of half the image, so that is what inputs are drawn for
 AT_ONCE = 16        # neighbours that one process draws, as they often share a scene
 DONE = "done"
-TARGETS = {"multi": "target", "single": "target_single"}  # by what a contract says of its bounces
+# What is kept of a target's layers, by their names.
+LIGHT = {"indirect": "target", "indirect_single": "target_single"}
+RATIOS = ("albedo", "reflectance")  # that no exposure applies to
+SKY = {"diffuse": "target_diffuse", "specular": "target_specular", "albedo": "albedo", "reflectance": "reflectance"}
 
 
 class Pairs(Protocol):
@@ -77,15 +80,17 @@ class Examples:
 
     def put(self, index: int, inputs: Inputs, target: Target) -> None:
         """Keep what was drawn and traced for a pair."""
-        for name, value in _values(inputs, target).items():
+        for name, value in _values(self.contract, inputs, target).items():
             self._arrays[name][index] = value
         self._arrays[DONE][index] = 1  # last: a process killed before leaves it to be drawn again
 
     def batch(self, indices: list[int]) -> Batch:
         """Examples, float32, each tensor with the batch first: what ``_layout`` names, with the contract's target."""
-        wanted = {name: name for name in self._arrays if name not in (DONE, *TARGETS.values())}
-        wanted["target"] = TARGETS[self.contract.bounces]
-        return {name: torch.from_numpy(np.stack([self._arrays[kept][i] for i in indices]).astype(np.float32))
+        targets = _targets(self.contract)
+        wanted = {name: [name] for name in self._arrays if name not in (DONE, *LIGHT.values(), *SKY.values())}
+        wanted |= {name: [LIGHT.get(part) or SKY[part] for part in parts] for name, parts in targets.items()}
+        return {name: torch.from_numpy(np.stack([np.concatenate([self._arrays[k][i] for k in kept]) if len(kept) > 1
+                                                 else self._arrays[kept[0]][i] for i in indices]).astype(np.float32))
                 for name, kept in wanted.items()}
 
 
@@ -112,29 +117,41 @@ def tensors_of(batch: Mapping[str, Tensor], frame: str) -> dict[str, Tensor]:
 def _layout(contract: ModelContract, size: tuple[int, int]) -> dict[str, tuple[type, tuple[int, ...]]]:
     """What is kept of each pair: type and shape.
 
-    ``current.T`` and ``previous.T`` for each input tensor T, exposed; ``motion`` in texels; ``target`` and
-    ``target_single``, light / albedo by all bounces and by one, in means of the current frame; ``seen`` and
-    ``visible``, 0 or 1; ``ratio``, the previous frame's exposure over the current one's.
+    ``current.T`` and ``previous.T`` for each input tensor T, exposed; ``motion`` in texels; the target's layers, light
+    in means of the current frame; ``seen`` and ``visible``, 0 or 1; ``ratio``, the previous frame's exposure over the
+    current one's.
     """
     grid = contract.screen_size(size)
     h, w = grid[1], grid[0]
     frames = {f"{frame}.{t}": (np.float16, spec.shape(grid))
               for frame in ("current", "previous") for t, spec in contract.inputs.items()}
-    targets = dict.fromkeys(TARGETS.values(), (np.float16, (3, h, w)))
+    targets = dict.fromkeys(_layers(contract).values(), (np.float16, (3, h, w)))
     return {**frames, **targets, "motion": (np.float16, (2, h, w)),
             "seen": (np.uint8, (1, h, w)), "visible": (np.uint8, (1, h, w)), "ratio": (np.float32, (1, 1, 1)),
             DONE: (np.uint8, ())}
 
 
-def _values(inputs: Inputs, target: Target) -> dict[str, Any]:
+def _layers(contract: ModelContract) -> dict[str, str]:
+    """Layers of a target that are kept for such networks, and under which name."""
+    return SKY if contract.shades_environment else LIGHT
+
+
+def _targets(contract: ModelContract) -> dict[str, list[str]]:
+    """What a batch has of a target, and from which layers, one after the other."""
+    if contract.shades_environment:
+        return {"target": ["diffuse", "specular"], "reflectance": ["albedo", "reflectance"]}
+    return {"target": ["indirect" if contract.bounces == "multi" else "indirect_single"]}
+
+
+def _values(contract: ModelContract, inputs: Inputs, target: Target) -> dict[str, Any]:
     """What is kept of one pair. A frame that is black to the network teaches nothing, so nothing is seen in it."""
     exposure = max(inputs.current.exposure, FLOOR)
     half = np.finfo(np.float16).max
     frames = {f"{name}.{t}": np.clip(x, -half, half)
               for name, frame in (("current", inputs.current), ("previous", inputs.previous))
               for t, x in frame.tensors.items()}
-    targets = {TARGETS[bounces]: np.minimum(np.moveaxis(light, -1, 0) / exposure, half)
-               for bounces, light in (("multi", target.indirect), ("single", target.indirect_single))}
+    targets = {kept: np.minimum(np.moveaxis(target.layers[name], -1, 0) / (1 if kept in RATIOS else exposure), half)
+               for name, kept in _layers(contract).items()}
     return {**frames, **targets, "motion": inputs.motion,
             "seen": target.seen & (inputs.current.exposure > FLOOR), "visible": inputs.visible,
             "ratio": inputs.previous.exposure / exposure}

@@ -52,8 +52,9 @@ class Log:
 
 
 def write_pictures(path: Path, batch: Batch, output: Tensor, contract: ModelContract) -> None:
-    """One row for each example: the light that the network reads, its output, the target."""
-    columns = [output, batch["target"]]
+    """One row for each example: the light that the network reads, its output, the target, three channels at a time."""
+    parts = output.shape[1] // 3
+    columns = [x for pair in zip(output.chunk(parts, 1), batch["target"].chunk(parts, 1), strict=True) for x in pair]
     lit = next(((f"current.{t}", rows) for t, spec in contract.inputs.items() if spec.grid == "screen"
                 for name, rows in spec.rows() if CHANNELS[name].radiance), None)
     if lit is not None:

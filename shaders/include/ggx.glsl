@@ -1,14 +1,13 @@
 // GGX highlights of analytic lights. Lights with a size act through the point nearest to the mirrored ray
 // (Karis 2013, "Real Shading in Unreal Engine 4"), with alpha widened to conserve energy.
 #include "lights.glsl"
+#include "ggx_lobe.glsl"
 
-// Trowbridge-Reitz distribution times height-correlated Smith visibility (Heitz 2014).
-float ggx_lobe(float n_h, float n_v, float n_l, float alpha)
+// Specular albedo for light from everywhere: Schlick's law at the angle of the view, with less of a rim where rough
+// (Lagarde 2011, "Adopting a physically based shading model"); gloss holds F0 and roughness.
+vec3 environment_reflectance(vec4 gloss, float n_v)
 {
-    float a2 = alpha * alpha;
-    float q = n_h * n_h * (a2 - 1.0) + 1.0;
-    float smith = n_l * sqrt(n_v * n_v * (1.0 - a2) + a2) + n_v * sqrt(n_l * n_l * (1.0 - a2) + a2);
-    return a2 / (PI * q * q) * 0.5 / max(smith, 1e-6);
+    return gloss.rgb + (max(vec3(1.0 - gloss.a), gloss.rgb) - gloss.rgb) * pow(1.0 - n_v, 5.0);
 }
 
 // Radiance towards the viewer (at the origin of relative space) from point p; gloss holds F0 and roughness.

@@ -17,7 +17,6 @@ from app.gl.lights import radiance_scale
 from app.golden import scenes
 from app.infer import feed
 from app.math3d import View, cube_rotations
-from app.passes.downsample import tensor_name
 from app.renderer import Renderer
 from app.scene import PointLight
 from app.settings import Settings
@@ -56,7 +55,7 @@ def packed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     scene = scenes.room()
     with Renderer(scene, Settings((64, 48), ("indirect",), taa=False, provider="cpu"), model) as renderer:
         renderer.render(scene.cameras[scene.default_camera].at(0.5))
-        return {t: renderer.resource(tensor_name(t)) for t in ("cube", "panorama")}
+        return {t: renderer.resource(f"tensor_{t}") for t in ("cube", "panorama")}
 
 
 def test_the_panorama_is_the_merged_cube(packed: dict[str, np.ndarray]) -> None:
@@ -77,7 +76,7 @@ def test_lumination_shows_the_environment_all_around(axes: str, tmp_path: Path) 
                   network(tmp_path / "around.onnx", axes)) as renderer:
         renderer.render(camera)
         assert "surround_background" in {p.name for p in renderer.plan.passes}
-        cube, scale = renderer.resource(tensor_name("cube")), radiance_scale(scene)
+        cube, scale = renderer.resource("tensor_cube"), radiance_scale(scene)
     at = (2 * np.arange(FACE) + 1) / FACE - 1
     x, y = np.meshgrid(at, -at)
     rotations = cube_rotations() @ (View.of(camera, (64, 48), 0.01).rotation if axes == "camera" else np.eye(3))

@@ -22,8 +22,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class Target:
-    indirect: np.ndarray
-    indirect_single: np.ndarray
+    layers: dict[str, np.ndarray]
     seen: np.ndarray
 
 
@@ -53,4 +52,4 @@ class CornellPairs:
         rows, columns = picked(self.size, (self.size[0] // 2, self.size[1] // 2))
         x, y = np.meshgrid(columns / self.size[0], rows / self.size[1])
         light = 0.1 * np.stack([1 + x, 1 + y, 2 - x], axis=-1).astype(np.float32)
-        return Target(light, 0.5 * light, np.ones(light.shape[:2], bool))
+        return Target({"indirect": light, "indirect_single": 0.5 * light}, np.ones(light.shape[:2], bool))

@@ -56,7 +56,8 @@ def examples(folder: Path, count: int = 10, contract: ModelContract = CONTRACT) 
                        for t, spec in contract.inputs.items()}, 2.0)
         light = np.moveaxis(blocks, 0, -1)
         ones = np.ones((H, W), bool)
-        made.put(index, Inputs(frame, frame, np.zeros((2, H, W), np.float32), ones), Target(light, light / 2, ones))
+        target = Target({"indirect": light, "indirect_single": light / 2}, ones)
+        made.put(index, Inputs(frame, frame, np.zeros((2, H, W), np.float32), ones), target)
     return made
 
 

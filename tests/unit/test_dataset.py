@@ -174,13 +174,15 @@ def test_a_dataset_gives_pairs_and_targets(tmp_path: Path, expected: dict[int, b
     assert [dataset.source(i) for i in range(PAIRS)].count("corridor") == 2
     for i in (0, 3):
         target, pair = dataset.target(i), dataset.pair(i)
-        assert target.indirect.shape == target.indirect_single.shape == (24, 32, 3)
+        assert {name: light.shape for name, light in target.layers.items()} == dict.fromkeys(
+            ("indirect", "indirect_single"), (24, 32, 3))
+        indirect, single = target.layers["indirect"], target.layers["indirect_single"]
         assert pair.current.size == (64, 48)
         assert target.seen.mean() > 0.4
-        assert (target.indirect[~target.seen] == 0).all()
+        assert (indirect[~target.seen] == 0).all()
         # All bounces are more than one; what is stored is a little off.
-        assert (target.indirect >= 0.9 * target.indirect_single - 0.05 * target.indirect.max()).all()
-        assert target.indirect.mean() > 0
+        assert (indirect >= 0.9 * single - 0.05 * indirect.max()).all()
+        assert indirect.mean() > 0
 
 
 def test_what_is_stored_is_near_what_was_traced(tmp_path: Path) -> None:
@@ -188,13 +190,15 @@ def test_what_is_stored_is_near_what_was_traced(tmp_path: Path) -> None:
     x = np.linspace(0, 4, 128)[None, :, None]
     light = (np.exp(np.sin(x) + np.cos(np.linspace(0, 3, 96))[:, None, None]) * rng.uniform(0.5, 1, 3)).astype("f4")
     seen = rng.random((96, 128)) < 0.9
-    target = Target(np.where(seen[..., None], light, 0), np.where(seen[..., None], 0.4 * light, 0), seen)
+    target = Target({"indirect": np.where(seen[..., None], light, 0),
+                     "indirect_single": np.where(seen[..., None], 0.4 * light, 0)}, seen)
     origin = Origin(Choice(1, 23), "key")
     write_item(tmp_path / "a" / "item.exr", encode(target, origin))
     back = read_target(tmp_path / "a" / "item.exr")
     assert read_origin(tmp_path / "a" / "item.exr") == origin
     assert (back.seen == seen).all()
-    for a, b in ((back.indirect, target.indirect), (back.indirect_single, target.indirect_single)):
+    assert list(back.layers) == list(target.layers)
+    for a, b in ((back.layers[name], target.layers[name]) for name in target.layers):
         assert np.sqrt(((a - b) ** 2).mean()) < 0.02 * b.mean()
 
 

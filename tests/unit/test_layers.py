@@ -17,6 +17,7 @@ LAYERS = {
     "image": 2, "gl": 2, "infer": 2, "kept": 1,
     "load": 3, "surfels": 3,
     "passes": 4, "metrics": 4,
+    "models": 3,
     "frame": 5,
     "renderer": 6,
     "golden": 7, "bench": 7,

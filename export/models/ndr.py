@@ -1,0 +1,155 @@
+"""NDR: a U-Net with two decoders puts shadows and detail into coarse shading by an environment.
+
+Suppan, Kaplanyan, Chalmers and Hall, "Neural Direct Illumination under distant light": normals, roughness, depth and
+coarse shading on the screen, the environment's spherical harmonics at the bottleneck, one decoder for diffuse and one
+for specular light. Where the text is silent (widths, activations) the choice is named here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from app.channels import CHANNELS, COARSE_CHANNELS, DIFFUSE, SPECULAR, VECTOR
+from app.contract import ModelContract, TensorSpec
+from export.models.finite import finite
+from export.models.network import Network
+
+EXTENT = 40.0
+FARTHEST = 2.0         # extents; so that no input can overflow half precision
+SLOPE = 0.1            # of LeakyReLU below 0
+LARGEST_LOGIT = 11.0   # 6·10⁴ means
+DARKEST = 1e-3         # means, that coarse shading is raised by, so that nothing is too dark to be corrected
+HARMONICS = "environment.sh"
+LEVELS = 3             # halvings
+
+
+@dataclass(frozen=True)
+class Preset:
+    """Channels of each level from the finest to the bottleneck, and the grid relative to the image."""
+
+    widths: tuple[int, int, int, int]
+    scale: float
+
+
+PRESETS = {
+    "ndr-paper": Preset((64, 128, 256, 512), 1.0),
+    "ndr-16": Preset((16, 32, 64, 64), 1 / 2),
+    "ndr-8": Preset((8, 16, 32, 64), 1 / 2),
+}
+
+
+class Ndr(Network):
+    """Diffuse and specular light straight from an environment, on a grid of the screen.
+
+    Both decoders end in I / (1 - I) of a sigmoid I, which is an exponential, so what they give multiplies; where coarse
+    shading is read, it multiplies that, so that a fresh network gives the coarse shading.
+
+    Attributes
+    ----------
+    contract : ModelContract
+    harmonics, depth, coarse : bool
+        Whether these inputs are read, for ablations. Without coarse shading nothing is added to the output.
+    decoders : int
+        1 or 2, for ablations.
+    """
+
+    def __init__(self, name: str, harmonics: bool = True, depth: bool = True, coarse: bool = True,
+                 decoders: int = 2) -> None:
+        super().__init__()
+        if decoders not in (1, 2):
+            raise ValueError(f"{decoders} decoders")
+        preset = PRESETS[name]
+        self.coarse = coarse
+        channels = ("normal.view.xyz", "roughness", *(("depth",) if depth else ()),
+                    *(COARSE_CHANNELS if coarse else ()))
+        inputs = {"x": TensorSpec(channels)}
+        if harmonics:
+            inputs["sky"] = TensorSpec((HARMONICS,), VECTOR)
+        self.contract = ModelContract(
+            name=name, paper="Suppan et al., Neural Direct Illumination", inputs=inputs,
+            outputs={"y": TensorSpec((DIFFUSE, SPECULAR))}, scale=preset.scale, multiple_of=2**LEVELS,
+            exposure="mean-radiance" if coarse or harmonics else "none", bounces="single", scene_extent=EXTENT,
+            licence="MIT")
+        w = preset.widths
+        self.encoder = nn.ModuleList(_block(i, o) for i, o in zip((inputs["x"].components, *w[:-1]), w, strict=True))
+        self.sky = nn.Sequential(nn.Linear(CHANNELS[HARMONICS].components, w[-1]), nn.LeakyReLU(SLOPE),
+                                 nn.Linear(w[-1], w[-1])) if harmonics else None
+        self.merge = nn.Conv2d(w[-1] * (2 if harmonics else 1), w[-1], 1)
+        self.decoders = nn.ModuleList(Decoder(w, 6 // decoders) for _ in range(decoders))
+        last = {layer.last for layer in self.modules() if isinstance(layer, Decoder)}  # a fresh network changes nothing
+        for layer in self.modules():
+            if isinstance(layer, nn.Conv2d | nn.Linear):
+                (nn.init.zeros_ if layer in last else nn.init.xavier_uniform_)(layer.weight)
+                if layer.bias is not None:
+                    nn.init.zeros_(layer.bias)
+
+    def forward(self, x: Tensor, sky: Tensor | None = None) -> Tensor:
+        """Infer one batch of frames.
+
+        Parameters
+        ----------
+        x : Tensor, shape (B, 11, h, w)
+            The contract's channels, radiance in means of the frame, h and w multiples of 8.
+        sky : Tensor, shape (B, 75)
+            Spherical harmonics of the environment, in the same unit.
+
+        Returns
+        -------
+        Tensor, shape (B, 6, h, w)
+            Irradiance / π, and what GGX lobes gather without Fresnel's law; 0 in the sky.
+        """
+        spec = self.contract.inputs["x"]
+        x = finite(x, spec)
+        rows = {name: x[:, at] for name, at in spec.rows()}
+        surface = (rows["normal.view.xyz"].abs().sum(1, keepdim=True) > 0).to(x.dtype)
+        if "depth" in rows:
+            rows["depth"] = (rows["depth"] / EXTENT).clamp(0, FARTHEST)
+        light = [rows[name] for name in COARSE_CHANNELS] if self.coarse else []
+        for name in COARSE_CHANNELS if self.coarse else ():
+            rows[name] = rows[name] / (1 + rows[name])  # Reinhard's curve, the inverse of the output's
+        found = self._encode(torch.cat([rows[name] for name in spec.channels], 1) * surface)
+        if self.sky is not None:
+            assert sky is not None
+            sky = finite(sky, self.contract.inputs["sky"])
+            code = self.sky(sky / (1 + sky.abs()))[:, :, None, None]
+            found[-1] = torch.cat([found[-1], code.expand(-1, -1, *found[-1].shape[2:])], 1)
+        found[-1] = functional.leaky_relu(self.merge(found[-1]), SLOPE)
+        logits = torch.cat([decoder(found) for decoder in self.decoders], 1).float()
+        if light:
+            logits = logits + torch.log(torch.cat(light, 1).float() + DARKEST)
+        return logits.clamp(max=LARGEST_LOGIT).exp().to(x.dtype) * surface
+
+    def _encode(self, x: Tensor) -> list[Tensor]:
+        """Each level's features, the bottleneck's last."""
+        found: list[Tensor] = []
+        for block in self.encoder:
+            x = block(functional.avg_pool2d(x, 2) if found else x)
+            found.append(x)
+        return found
+
+
+class Decoder(nn.Module):
+    """From the bottleneck up to full size, with the encoder's features at each level."""
+
+    def __init__(self, widths: Sequence[int], outputs: int) -> None:
+        super().__init__()
+        a, b, c, d = widths
+        self.blocks = nn.ModuleList(_block(i, o) for i, o in ((d + c, c), (c + b, b), (b + a, a)))
+        self.last = nn.Conv2d(a, outputs, 3, padding=1)
+
+    def forward(self, features: Sequence[Tensor]) -> Tensor:
+        x = features[-1]
+        for block, skip in zip(self.blocks, features[-2::-1], strict=True):
+            x = block(torch.cat([functional.interpolate(x, scale_factor=2.0), skip], 1))
+        return self.last(x)
+
+
+def _block(inputs: int, outputs: int) -> nn.Sequential:
+    return nn.Sequential(nn.Conv2d(inputs, outputs, 3, padding=1), nn.LeakyReLU(SLOPE),
+                         nn.Conv2d(outputs, outputs, 3, padding=1), nn.LeakyReLU(SLOPE))
+

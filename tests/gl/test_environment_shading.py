@@ -1,0 +1,185 @@
+"""Light straight from an environment: coarse shading against integrals, and with other networks and lights."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper
+
+from app.channels import COARSE_CHANNELS, DIFFUSE, SPECULAR
+from app.contract import COARSE, KEY, ModelContract, TensorSpec
+from app.environment import sky_light
+from app.errors import ModelError, SettingsError
+from app.renderer import Renderer
+from app.scene import Camera, Environment, Material, PointLight, Scene
+from app.settings import Settings
+from tests.gl.scenes import F32, box, draw, floor, make_scene, quad
+from tests.gl.test_environment import DUSK, SIZE, traced, under
+
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+
+WHITE = Environment(np.full((4, 8, 3), 0.7, np.float32))
+ABOVE = Camera((0.0, 3.0, 0.01), (0.0, 0.0, 0.0), fov_y_deg=30.0)  # sees nothing but the floor
+PASS = ModelContract(
+    name="pass", inputs={"x": TensorSpec(COARSE_CHANNELS), "sky": TensorSpec(("environment.sh",), "vector")},
+    outputs={"y": TensorSpec((DIFFUSE, SPECULAR))}, scale=1 / 2, exposure="mean-radiance", bounces="single",
+    scene_extent=40.0)
+
+
+def write_pass(folder: Path, contract: ModelContract = PASS) -> Path:
+    """A network that gives half the coarse shading."""
+    values = [helper.make_tensor_value_info(t, TensorProto.FLOAT, shape) for t, shape in (
+        ("x", [1, 6, "h", "w"]), ("sky", [1, 75]), ("y", [1, 6, "h", "w"]))]
+    nodes = [helper.make_node("ReduceSum", ["sky"], ["all"], keepdims=0),
+             helper.make_node("Mul", ["all", "none"], ["nothing"]),
+             helper.make_node("Mul", ["x", "half"], ["less"]), helper.make_node("Add", ["less", "nothing"], ["y"])]
+    constants = [helper.make_tensor(n, TensorProto.FLOAT, [], [v]) for n, v in (("half", 0.5), ("none", 0.0))]
+    model = helper.make_model(helper.make_graph(nodes, "pass", values[:2], values[2:], constants),
+                              opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    helper.set_model_props(model, {KEY: contract.to_json()})
+    onnx.save(model, folder / "pass.onnx")
+    return folder / "pass.onnx"
+
+
+def shiny(roughness: float, f0: float = 1.0, albedo: float = 0.0) -> Material:
+    return Material(albedo=(albedo,) * 3, roughness=roughness, specular=(f0,) * 3)
+
+
+def middle(image: F32) -> F32:
+    return image[SIZE[1] // 2, SIZE[0] // 2]
+
+
+def names(scene: Scene, *models: object) -> set[str]:
+    with Renderer(scene, Settings(SIZE), models) as renderer:  # type: ignore[arg-type]
+        return {p.name for p in renderer.plan.passes}
+
+
+@pytest.mark.parametrize("environment", [WHITE, DUSK], ids=["white", "dusk"])
+@pytest.mark.parametrize("normal", [(0, 1, 0), (0, 0, 1), (0.6, -0.6, 0.5)], ids=str)
+def test_diffuse_light_is_the_irradiance(environment: Environment, normal: tuple[float, float, float]) -> None:
+    """A lone wall sees half of the sky: the sum over 64 directions, which is near the integral over all cells."""
+    n = np.asarray(normal) / np.linalg.norm(normal)
+    side = np.cross((0.3, 0.2, 0.9), n)
+    side /= np.linalg.norm(side)
+    wall = quad(tuple(-side - np.cross(n, side)), tuple(2 * side), tuple(2 * np.cross(n, side)))
+    scene = under(environment, wall, camera=Camera(tuple(2 * n), (0, 0, 0), tuple(side), 20.0))
+    sky = sky_light(environment, 64)
+    few, all_cells = (np.maximum(n @ d.T, 0) @ power / math.pi
+                      for d, power in ((sky.direction, sky.power), (sky.cell, sky.cell_power)))
+    found = middle(draw(scene, SIZE, ("direct",), model=COARSE)["direct"])
+    np.testing.assert_allclose(found, 0.5 * few, rtol=2e-3)
+    np.testing.assert_allclose(found, 0.5 * all_cells, rtol=0.1)
+
+
+@pytest.mark.parametrize("roughness", [0.3, 0.6, 1.0])
+@pytest.mark.parametrize("tilt", [0.0, 30.0, 55.0])
+def test_specular_light_is_near_the_lobes_integral(roughness: float, tilt: float) -> None:
+    """Under an even sky, with F0 = 1, it is what single scattering leaves: quadrature over the hemisphere."""
+    angle = math.radians(tilt)
+    eye = (0.0, 3 * math.cos(angle), 3 * math.sin(angle) + 0.01)
+    scene = under(WHITE, floor(4.0, material=shiny(roughness)), camera=Camera(eye, (0, 0, 0), fov_y_deg=10.0))
+    found = middle(draw(scene, SIZE, ("specular",), model=COARSE)["specular"])
+    np.testing.assert_allclose(found, 0.7 * reflected(roughness**2, math.cos(angle)), rtol=0.15)
+
+
+def reflected(alpha: float, n_v: float) -> float:
+    """Share of even light that a GGX lobe with F = 1 reflects to the viewer; midpoints over half vectors."""
+    u, phi = np.meshgrid((np.arange(512) + 0.5) / 512, (np.arange(256) + 0.5) / 256 * 2 * np.pi, indexing="ij")
+    n_h = np.sqrt((1 - u) / (1 + (alpha**2 - 1) * u))  # half vectors as often as microfacets
+    sine = np.sqrt(1 - n_h**2)
+    v_h = np.sqrt(1 - n_v**2) * sine * np.cos(phi) + n_v * n_h
+    n_l = 2 * v_h * n_h - n_v
+    smith = n_l * np.sqrt(n_v**2 * (1 - alpha**2) + alpha**2) + n_v * np.sqrt(n_l**2 * (1 - alpha**2) + alpha**2)
+    weight = np.where((n_l > 0) & (v_h > 0), 0.5 / np.maximum(smith, 1e-9) * n_l * 4 * v_h / n_h, 0.0)
+    return float(weight.mean())
+
+
+def test_a_metal_reflects_f0_and_more_at_the_rim() -> None:
+    def at(f0: float, tilt: float) -> float:
+        angle = math.radians(tilt)
+        eye = (0.0, 3 * math.cos(angle), 3 * math.sin(angle) + 0.01)
+        scene = under(WHITE, floor(4.0, material=shiny(0.2, f0)), camera=Camera(eye, (0, 0, 0), fov_y_deg=5.0))
+        return float(middle(draw(scene, SIZE, ("specular",), model=COARSE)["specular"])[0])
+
+    assert at(0.3, 0.0) / at(1.0, 0.0) == pytest.approx(0.3, rel=0.01)
+    assert at(0.04, 80.0) / at(1.0, 80.0) == pytest.approx(0.04 + (0.8 - 0.04) * (1 - math.cos(math.radians(80)))**5,
+                                                           rel=0.03)
+
+
+def test_it_turns_with_the_map_and_scales_with_it() -> None:
+    """A wall to the right under a map turned by 90° is a wall ahead under the map as it is."""
+    radiance = np.zeros((16, 32, 3), np.float32)
+    radiance[6:9, 14:18] = 5.0  # ahead
+    ahead = quad((-1, -1, 0), (0, 2, 0), (2, 0, 0))
+    left = quad((0, -1, 1), (0, 2, 0), (0, 0, -2))
+    seen = [middle(draw(under(Environment(factor * radiance, turn), wall, camera=camera), SIZE, ("direct",),
+                        model=COARSE)["direct"])
+            for wall, camera, turn, factor in ((ahead, Camera((0, 0, -3), (0, 0, 0), fov_y_deg=20.0), 0.0, 1.0),
+                                               (left, Camera((-3, 0, 0), (0, 0, 0), fov_y_deg=20.0), 90.0, 3.0))]
+    assert seen[0].min() > 0.05
+    np.testing.assert_allclose(seen[1], 3 * seen[0], rtol=0.02)
+
+
+def test_it_is_added_to_the_light_of_lamps() -> None:
+    lamp = PointLight((0.5, 1.0, 0.0), (1.0, 0.8, 0.6))
+    parts = floor(2.0, material=shiny(0.4, 0.5, 0.3)), box((-0.3, 0, -0.3), (0.6,) * 3)
+    dark = make_scene(parts, camera=ABOVE)
+    pictures = {key: draw(scene, SIZE, ("final",), model=COARSE)["final"] for key, scene in {
+        "both": replace(dark, lights=(lamp,), environment=DUSK), "lamp": replace(dark, lights=(lamp,)),
+        "sky": replace(dark, environment=DUSK)}.items()}
+    np.testing.assert_allclose(pictures["both"], pictures["lamp"] + pictures["sky"], rtol=5e-3, atol=2e-3)
+
+
+def test_a_network_shades_and_another_adds_the_bounces(tmp_path: Path, small_ember: Path) -> None:
+    """Half the coarse shading straight, and ember takes the sky as direct light then: it adds bounces alone."""
+    network = write_pass(tmp_path)
+    scene = under(DUSK, floor(2.0), quad((-1, 0, -1), (2, 0, 0), (0, 2, 0)), quad((-1, 0, 1), (0, 0, -2), (0, 2, 0)),
+                  box((-0.3, 0, -0.3), (0.6,) * 3, shiny(0.5, albedo=0.4)))
+    coarse, less = (draw(scene, SIZE, ("direct", "specular"), model=model) for model in (COARSE, network))
+    for name, image in less.items():
+        np.testing.assert_allclose(image, 0.5 * coarse[name], rtol=3e-3, atol=1e-3)
+    alone, beside = (draw(scene, SIZE, ("direct", "indirect"), model=models)
+                     for models in (small_ember, (network, small_ember)))
+    assert not alone["direct"].any()
+    np.testing.assert_array_equal(beside["direct"], less["direct"])
+    truth = traced(scene, 256)  # without lamps, what came straight counts as bounced once
+    seen = truth["albedo"].max(axis=-1) > 0
+    straight, bounced = truth["indirect_single"][seen].mean(), (truth["indirect"] - truth["indirect_single"])[seen].mean()
+    assert alone["indirect"][seen].mean() == pytest.approx(straight + bounced, rel=0.06)
+    assert bounced > 0.05 * straight
+    assert beside["indirect"][seen].mean() == pytest.approx(bounced, rel=0.2)
+
+
+def test_passes_run_only_where_they_are_needed(tmp_path: Path) -> None:
+    network = write_pass(tmp_path)
+    plain, polished, dark = (under(e, floor(1.0, material=m)) for e, m in (
+        (DUSK, shiny(1.0, 0.0, 0.5)), (DUSK, shiny(0.5)), (None, shiny(0.5))))
+    assert not {"coarse", "environment_network"} & names(plain)
+    assert {"coarse", "upsample_diffuse"} <= names(plain, COARSE) and "upsample_specular" not in names(plain, COARSE)
+    assert {"environment_network", "environment_harmonics", "upsample_specular"} <= names(polished, network)
+    assert not {"coarse", "environment_network", "environment_pick", "upsample_diffuse"} & names(dark, network)
+
+
+def test_two_models_for_the_same_are_refused(tmp_path: Path) -> None:
+    scene = under(DUSK)
+    for models in ((COARSE, write_pass(tmp_path)), ("ssgi", "ssgi")):
+        with pytest.raises(SettingsError, match="two models"):
+            Renderer(scene, Settings(SIZE), models)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("changes", "expected"), [
+    ({"outputs": {"y": {"channels": [SPECULAR]}}}, "without direct.diffuse.rgb"),
+    ({"outputs": {"y": {"channels": [DIFFUSE, "indirect.rgb"]}}}, "indirect light, or what shades"),
+    ({"inputs": {"x": {"channels": ["direct.rgb"]}}}, "lights itself"),
+    ({"outputs": {"y": {"channels": ["indirect.rgb"]}}}, "read by one that shades"),
+], ids=lambda x: x if isinstance(x, str) else "")
+def test_contracts_that_make_no_sense_are_refused(changes: dict[str, object], expected: str) -> None:
+    table = {**json.loads(PASS.to_json()), **changes}
+    with pytest.raises(ModelError, match=expected):
+        ModelContract.from_json(json.dumps(table), "here")
