@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from app.scene import Environment
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
 
 ORDER = 4          # of spherical harmonics
 COARSE = (32, 64)  # rows and columns of the map that light is sampled from, at most
@@ -155,7 +157,7 @@ def _cells(environment: Environment) -> tuple[F64, F64, F64]:
     return centres(rows, columns).reshape(-1, 3) @ about_y.T, power.reshape(-1, 3), angle
 
 
-def _index(chances: F64, at: F64) -> NDArray[np.int64]:
+def _index(chances: Floats, at: Floats) -> NDArray[np.int64]:
     """Where the sum of chances, shape (N or 1, K), passes the share ``at``, shape (N,), of its whole; shape (N,)."""
     sums = np.cumsum(chances, axis=1)
     return np.minimum((sums <= at[:, None] * sums[:, -1:]).sum(axis=1), chances.shape[1] - 1)

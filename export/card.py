@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from app.channels import CHANNELS
 from app.contract import ModelContract
 from export.training.state import Checkpoint
 
@@ -35,7 +36,7 @@ def card(checkpoint: Checkpoint, contract: ModelContract, differences: Mapping[P
     left_out = _left_out(config.loss.kind, progress.validation)
     rows = {
         "reads": "; ".join(reads),
-        "writes": "`indirect.rgb`: indirect radiance / albedo; 0 in the sky",
+        "writes": "; ".join(f"`{c}`: {CHANNELS[c].meaning}" for s in contract.outputs.values() for c in s.channels),
         "scale, padding": f"{contract.scale:g} of the output, multiples of {contract.multiple_of}",
         "exposure": f"`{contract.exposure}`",
         "bounces": contract.bounces,

@@ -14,10 +14,10 @@ import torch
 from numpy.typing import NDArray
 
 from app.atomic import replacing, write_text
-from app.channels import CHANNELS, PANORAMA, SCREEN, SEEN
+from app.channels import CHANNELS, COARSE_CHANNELS, PANORAMA, SCREEN, SEEN
 from app.contract import HALF, KEY, ModelContract, TensorSpec
 from app.errors import ModelError
-from app.golden.scenes import outdoor, room
+from app.golden.scenes import dusk, outdoor, room
 from app.kept import Kept
 from app.load import embedded_scene
 from export.card import card, summary
@@ -162,8 +162,9 @@ def compare(truth: Network, model: bytes, contract: ModelContract, inputs: Itera
 
 def real_cases(contract: ModelContract) -> Iterator[tuple[str, Arrays]]:
     """What the renderer hands to the network for the Cornell box and two generated scenes."""
+    sky = dusk().environment if contract.shades_environment else None
     with Drawer(replace(contract, dtype="float32")) as drawer:
-        for scene in (embedded_scene(), room(), outdoor()):
+        for scene in (replace(s, environment=sky) for s in (embedded_scene(), room(), outdoor())):
             still = Still(scene, scene.cameras[scene.default_camera].at(0.0), REAL_SIZE)
             yield f"real {scene.name}", {t: x[None] for t, x in drawer.still(still).tensors.items()}
 
@@ -217,7 +218,7 @@ def _room(spec: TensorSpec, grid: tuple[int, ...], rng: np.random.Generator) -> 
     normals = (middle - points) / ROOM
     return {"position.view.xyz": points, "normal.view.xyz": normals, "normal.world.xyz": normals,
             "depth": -points[2:], "solid_angle": (4 / (grid[-1] * grid[-2]) / length ** 3)[None],
-            "radiance.rgb": 1 + normals, "lumination.rgb": 1 + normals, "direct.rgb": 1 + normals}
+            **dict.fromkeys(("radiance.rgb", "lumination.rgb", "direct.rgb", *COARSE_CHANNELS), 1 + normals)}
 
 
 def _room_surfels(count: int, rays: int, rng: np.random.Generator) -> Channels:

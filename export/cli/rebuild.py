@@ -14,9 +14,9 @@ import typer
 from app.paths import nets_dir
 
 CONFIGS = Path(__file__).parents[1] / "configs"
-QUICK_DATA = Path(__file__).parents[1] / "dataset" / "quick.toml"
-TRAINED, QUICK = ("bcnn-8", "bcnn-8-single", "gfa-8"), ("quick",)  # configurations
-PAIRS, QUICK_PAIRS = 1500, 12
+QUICK_DATA, SKY_DATA = (Path(__file__).parents[1] / "dataset" / f"{name}.toml" for name in ("quick", "sky"))
+TRAINED, UNDER_SKY, QUICK = ("bcnn-8", "bcnn-8-single", "gfa-8"), ("ndr-8",), ("quick",)  # configurations
+PAIRS, SKY_PAIRS, QUICK_PAIRS = 1500, 512, 12
 
 
 def rebuild(work: Annotated[Path, typer.Option(help="Folder of the dataset and of the training runs.",
@@ -38,12 +38,13 @@ def rebuild(work: Annotated[Path, typer.Option(help="Folder of the dataset and o
 
 def steps(work: Path, out: Path, quick: bool) -> Iterator[Sequence[object]]:
     """The commands, without ``python -m export``."""
-    data = work / "data"
+    data, sky = work / "data", work / "sky"
     if quick:
         yield "dataset", "--out", data, "--frames", QUICK_PAIRS, "--config", QUICK_DATA
     else:
         yield "dataset", "--out", data, "--frames", PAIRS
+        yield "dataset", "--out", sky, "--frames", SKY_PAIRS, "--config", SKY_DATA
     yield "onnx", "--out", out
-    for name in QUICK if quick else TRAINED:
-        yield "train", CONFIGS / f"{name}.toml", "--dataset", data, "--out", work / name
+    for name in QUICK if quick else (*TRAINED, *UNDER_SKY):
+        yield "train", CONFIGS / f"{name}.toml", "--dataset", sky if name in UNDER_SKY else data, "--out", work / name
         yield "onnx", work / name / "checkpoint.pt", "--out", out

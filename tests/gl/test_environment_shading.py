@@ -150,7 +150,8 @@ def test_a_network_shades_and_another_adds_the_bounces(tmp_path: Path, small_emb
     np.testing.assert_array_equal(beside["direct"], less["direct"])
     truth = traced(scene, 256)  # without lamps, what came straight counts as bounced once
     seen = truth["albedo"].max(axis=-1) > 0
-    straight, bounced = truth["indirect_single"][seen].mean(), (truth["indirect"] - truth["indirect_single"])[seen].mean()
+    straight = truth["indirect_single"][seen].mean()
+    bounced = truth["indirect"][seen].mean() - straight
     assert alone["indirect"][seen].mean() == pytest.approx(straight + bounced, rel=0.06)
     assert bounced > 0.05 * straight
     assert beside["indirect"][seen].mean() == pytest.approx(bounced, rel=0.2)

@@ -1,0 +1,92 @@
+"""The path tracer's light straight from an environment: closed forms, occlusion, and what it agrees with."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mitsuba", reason="the path tracer needs mitsuba")
+
+from app.contract import COARSE
+from app.math3d import View
+from app.scene import Camera, Environment, Scene
+from export.sky_tracer import SkySamples, SkyTracer
+from tests.gl.scenes import F32, draw, floor, quad
+from tests.gl.test_environment import DUSK, SIZE, under
+from tests.gl.test_environment_shading import WHITE, reflected, shiny
+
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+
+
+def shaded(scene: Scene, count: int = 2**16) -> SkySamples:
+    """Samples through the picture's middle."""
+    view = View.of(scene.cameras["main"].at(0.0), SIZE, 1e-3)
+    return SkyTracer(scene).shade(view, np.full((count, 2), 0.5), seed=0)
+
+
+def tilted(degrees: float, material: object, environment: Environment = WHITE) -> Scene:
+    angle = math.radians(degrees)
+    eye = (0.0, 3 * math.cos(angle), 3 * math.sin(angle) + 1e-4)
+    return under(environment, floor(4.0, material=material), camera=Camera(eye, (0, 0, 0), fov_y_deg=10.0))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("roughness", [0.15, 0.5, 1.0])
+@pytest.mark.parametrize("degrees", [0.0, 60.0])
+def test_an_even_sky_is_reflected_as_quadrature_has_it(roughness: float, degrees: float) -> None:
+    found = shaded(tilted(degrees, shiny(roughness)))
+    np.testing.assert_allclose(found.diffuse.mean(axis=0), 0.7, rtol=0.02)
+    expected = 0.7 * reflected(max(roughness**2, 2e-3), math.cos(math.radians(degrees)))
+    np.testing.assert_allclose(found.specular.mean(axis=0), expected, rtol=0.03)
+    np.testing.assert_allclose(found.highlight, found.specular, rtol=1e-4, atol=1e-6)  # F0 is 1
+
+
+def test_a_smooth_metal_mirrors_the_sky() -> None:
+    """Straight down and up again: what is overhead, times F0."""
+    found = shaded(tilted(0.0, shiny(0.05, 0.8), DUSK))
+    np.testing.assert_allclose(found.specular.mean(axis=0), DUSK.radiance[0, 0], rtol=0.05)
+    np.testing.assert_allclose(found.highlight.mean(axis=0), 0.8 * DUSK.radiance[0, 0], rtol=0.05)
+
+
+def test_half_a_sky_behind_a_wall_gives_half_the_light() -> None:
+    """At the foot of a wall without end."""
+    scene = under(WHITE, floor(1.0, material=shiny(0.6, 0.5, 0.5)), quad((-1e3, 0, 0), (2e3, 0, 0), (0, 1e3, 0)),
+                  camera=Camera((0, 0.3, 1e-2), (0, 0, 1e-2), (0, 0, -1), 5.0))
+    found = shaded(scene)
+    np.testing.assert_allclose(found.diffuse.mean(axis=0), 0.35, rtol=0.03)
+
+
+def test_a_bright_spot_is_found_by_both_ways_of_looking() -> None:
+    """A sun on a rough and on a smooth floor: the balance heuristic leaves little noise."""
+    radiance = np.full((64, 128, 3), 0.1, np.float32)
+    radiance[10:12, 60:64] = 500.0
+    for roughness in (0.2, 0.7):
+        scene = tilted(32.0, shiny(roughness), Environment(radiance))
+        found = shaded(scene, 2**14).specular[:, 0].astype(float).reshape(4, -1).mean(axis=1)
+        assert found.std() < 0.05 * found.mean()
+
+
+def test_coarse_shading_is_the_same_where_nothing_is_hidden() -> None:
+    material = shiny(0.7, 0.5, 0.4)
+    scene = tilted(25.0, material, DUSK)
+    found, drawn = shaded(scene), draw(scene, SIZE, ("direct", "specular"), model=COARSE)
+
+    def middle(image: F32) -> F32:
+        return image[SIZE[1] // 2, SIZE[0] // 2]
+
+    np.testing.assert_allclose(middle(drawn["direct"]), 0.4 * found.diffuse.mean(axis=0), rtol=0.08)
+    made = (found.reflectance * found.specular).mean(axis=0)
+    np.testing.assert_allclose(middle(drawn["specular"]), made, rtol=0.12)
+    np.testing.assert_allclose(made, found.highlight.mean(axis=0), rtol=0.1)
+
+
+def test_each_mesh_has_its_own_roughness() -> None:
+    parts = floor(1.0, material=shiny(0.3, 0.2, 0.5)), quad((-1, 0.5, -1), (0.5, 0, 0), (0, 0, 2), shiny(0.9, 0.7, 0.1))
+    scene = under(WHITE, *parts, camera=Camera((0, 3, 1e-3), (0, 0, 0), fov_y_deg=30.0))
+    tracer = SkyTracer(replace(scene))
+    view = View.of(scene.cameras["main"].at(0.0), SIZE, 1e-3)
+    found = tracer.shade(view, np.array([[0.5, 0.5], [0.2, 0.5]]), seed=1)
+    np.testing.assert_allclose(found.reflectance[:, 0], [0.2, 0.7], atol=0.01)
+    np.testing.assert_allclose(found.albedo[:, 0], [0.5, 0.1], atol=0.01)
