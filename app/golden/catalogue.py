@@ -15,6 +15,9 @@ from app.golden.scene_case import SceneCase, Shot
 from app.scene import Scene
 
 PROBE = Path(__file__).with_name("probe.onnx")  # reads every channel, with a cube that turns with the camera
+PROBE_ENVIRONMENT = PROBE.with_name("probe_environment.onnx")  # the same of what shades an environment
+NOON_STAGES = ("environment_pick", "coarse", "environment_harmonics", "environment_downsample", "environment_network",
+               "fill_diffuse", "upsample_specular", "direct")
 SKY_STAGES = ("surround_background", "background", "harmonics", "downsample", "composite", "taa")
 SSGI_STAGES = ("pick", "ssgi_pick", "ssgi", "ssgi_filter_near", "ssgi_filter_far", "accumulate", "fill", "upsample")
 SETTLING = 3                                     # frames after which accumulation and TAA have a history to show
@@ -34,6 +37,7 @@ def catalogue() -> dict[str, Case]:
         _single("terrace", scenes.terrace(), PROBE),
         _single("glow", scenes.glow(), radiosity),
         SceneCase("dusk", scenes.dusk(), PROBE, (Shot("path", 5),), (2, 5), stages=SKY_STAGES),
+        replace(_single("noon", scenes.noon(), PROBE_ENVIRONMENT), size=(128, 96), stages=NOON_STAGES),
         replace(_settled("ssgi", scenes.room(), SSGI), stages=SSGI_STAGES),
         replace(_settled("ember", scenes.room(), ember), stages=("surfel_light", "surfels")),
     ]

@@ -106,6 +106,19 @@ def dusk() -> Scene:
     return replace(scene, environment=Environment(radiance.astype(np.float32), 25.0))
 
 
+def noon() -> Scene:
+    """The same, with highlights on the ground and a metal block, a lamp, and a mast thinner than a texel."""
+    scene = dusk()
+    mast = block("mast", 1, (0.02, 2.2, 0.02))
+    ground, metal = (replace(m, **gloss) for m, gloss in zip(scene.materials, (  # type: ignore[arg-type]
+        {"roughness": 0.5, "specular": (0.04, 0.04, 0.04)},
+        {"roughness": 0.25, "specular": (0.9, 0.6, 0.3), "albedo": (0.1, 0.1, 0.1)}), strict=True))
+    lamp = PointLight((-1.0, 1.2, 0.8), (0.6, 0.5, 0.4))
+    meshes = (*scene.meshes, mast)
+    instances = (*scene.instances, Instance("mast", 2, turned(0.0, (-0.8, 1.1, 0.2))))
+    return replace(scene, name="noon", materials=(ground, metal), lights=(lamp,), meshes=meshes, instances=instances)
+
+
 def hard() -> Scene:
     """Lights without a size: point, sun, narrow and wide spot; masks by texture and by vertices; face normals."""
     flipped = np.array([[0.0, 1.0, 0.0], [1.5, 0.0, -0.2], [0.0, 0.0, 1.0]])

@@ -15,7 +15,7 @@ from app.channels import CHANNELS
 from app.contract import read_contract
 from app.gl.shader import Program, compile_program, resolve
 from app.golden import SceneCase, Shot, catalogue
-from app.golden.catalogue import PROBE
+from app.golden.catalogue import PROBE, PROBE_ENVIRONMENT
 from app.golden.copy_case import CopyCase
 from app.paths import shader_dir
 
@@ -84,5 +84,6 @@ def test_every_line_of_every_shader_is_compiled(monkeypatch: pytest.MonkeyPatch,
 
 def test_the_probe_reads_every_channel() -> None:
     """Otherwise run scripts/probe_network.py again."""
-    read = {(name, spec.grid) for spec in read_contract(PROBE).inputs.values() for name in spec.channels}
+    read = {(name, spec.grid) for probe in (PROBE, PROBE_ENVIRONMENT)
+            for spec in read_contract(probe).inputs.values() for name in spec.channels}
     assert read == {(name, grid) for name, c in CHANNELS.items() if not c.output for grid in c.grids}
