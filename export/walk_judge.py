@@ -44,8 +44,10 @@ class Row:
         Means of each frame, W/(sr m²): indirect light / albedo, and the truth's direct light.
     astray : float
         Largest difference from the truth's luminance; see ``luminance_errors``.
-    mean, gradient : float
-        Luminance and gradient energy of all frames, relative to the truth's.
+    mean : float
+        Luminance of all frames, relative to the truth's.
+    gradient : float or None
+        Gradient energy of all frames, relative to the truth's; None where noise hides that.
     error : float or None
         Temporal error relative to the truth's mean luminance; None where judged frames are no neighbours.
     error_ratio : float or None
@@ -58,7 +60,7 @@ class Row:
     direct: list[float]
     astray: float
     mean: float
-    gradient: float
+    gradient: float | None
     error: float | None
     error_ratio: float | None
 
@@ -67,7 +69,7 @@ class Row:
         """Whether light stays as steady and sharp as the truth's, or as bright; None where noise hides it."""
         if self.error is None:
             return self.astray <= MOST_ASTRAY
-        if self.error_ratio is None:
+        if self.error_ratio is None or self.gradient is None:
             return None
         return self.error_ratio <= MOST_CHANGE and max(abs(self.mean - 1), abs(self.gradient - 1)) <= MOST_OFF
 
@@ -109,11 +111,11 @@ def draw(walk: Walk, model: Model | None, size: tuple[int, int], provider: str) 
     """
     images = []
     with Renderer(walk.scene, Settings(size, ("indirect",), provider=provider), model) as renderer:
-        for k, camera in enumerate(walk.cameras):
+        for k, (camera, time) in enumerate(zip(walk.cameras, walk.moments, strict=True)):
             if k % walk.apart:
-                renderer.advance(camera)
+                renderer.advance(camera, time)
             else:
-                images.append(renderer.render(camera)["indirect"])
+                images.append(renderer.render(camera, time)["indirect"])
     return np.stack(images)
 
 
@@ -142,11 +144,12 @@ def _row(walk: Walk, model: str, film: Film, truth: Truth) -> Row:
     surfaces = truth.surfaces
     found, expected = (luminances(x, surfaces) for x in (film, truth.film))
     mean = float(np.mean(expected))
+    sharpness = gradient_energy(truth.film, surfaces)
     error, own = (temporal_error(x, surfaces) if walk.neighbours else None for x in (film, truth.film))
     direct = (truth.direct.astype(np.float64) @ LUMINANCE).mean(axis=(1, 2)).tolist()
     return Row(walk.name, model, found, direct,
                astray=max(luminance_errors(found, expected, LEAST_ASTRAY / MOST_ASTRAY)),
                mean=float(np.mean(found)) / mean,
-               gradient=gradient_energy(film, surfaces) / gradient_energy(truth.film, surfaces),
+               gradient=gradient_energy(film, surfaces) / sharpness if sharpness else None,
                error=None if error is None else error / mean,
                error_ratio=error / own if error is not None and own else None)

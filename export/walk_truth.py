@@ -47,24 +47,25 @@ class Truth:
 
 def truth_of(walk: Walk, size: tuple[int, int], spp: int, folder: Path, progress: Progress) -> Truth:
     """The path-traced truth of every judged frame, from ``folder`` where it was made before."""
-    tracer = cache(lambda: PathTracer(walk.scene))
+    tracer = cache(lambda moment: PathTracer(walk.scene, moment))
     frames = []
-    for k, camera in enumerate(walk.judged):
+    for k, (camera, moment) in enumerate(zip(walk.judged, walk.moments[::walk.apart], strict=True)):
         progress(f"{walk.name}: truth of frame {k + 1} of {walk.frames}")
-        frames.append(_frame(Still(walk.scene, camera, size), spp, folder, walk.name, tracer))
+        frames.append(_frame(Still(walk.scene, camera, size, moment), spp, folder, walk.name, tracer))
     first, second, direct, albedo, depth = (np.stack([frame[name] for frame in frames]) for name in LAYERS)
     counted = (depth[..., 0] > 0) & (albedo.max(axis=-1) >= LEAST_ALBEDO)
     return Truth(Film(first, second), direct, Surfaces(counted, *_motion(walk, size)))
 
 
-def _frame(still: Still, spp: int, folder: Path, name: str, tracer: Callable[[], PathTracer]) -> dict[str, F32]:
+def _frame(still: Still, spp: int, folder: Path, name: str, tracer: Callable[[float], PathTracer]) -> dict[str, F32]:
     """Layers of one frame's truth by name, kept in ``folder`` by content."""
-    key = scene_key(still.scene, still.camera, still.size, spp, exporter_version())
+    moment = (still.time,) if still.time else ()
+    key = scene_key(still.scene, still.camera, still.size, spp, exporter_version(), *moment)
     file = folder / f"walk-{name}-{key}.exr"
     if file.is_file():
         with suppress(SceneError):  # a damaged file is made again
             return read_exr(file)
-    first, second = (mean_samples(tracer(), still, spp // 2, seed) for seed in (0, 1))
+    first, second = (mean_samples(tracer(still.time), still, spp // 2, seed) for seed in (0, 1))
     layers = {"first": first["indirect"], "second": second["indirect"],
               **{layer: first[layer] for layer in ("direct", "albedo", "depth")}}
     folder.mkdir(parents=True, exist_ok=True)
@@ -77,8 +78,8 @@ def _motion(walk: Walk, size: tuple[int, int]) -> tuple[F32, NDArray[np.bool_]]:
     motions, visible = [], []
     with Renderer(walk.scene, Settings(size, ("motion", "depth"), taa=False)) as renderer:
         before = None
-        for camera in walk.judged:
-            renderer.advance(camera)
+        for camera, moment in zip(walk.judged, walk.moments[::walk.apart], strict=True):
+            renderer.advance(camera, moment)
             depth, motion = renderer.resource("depth")[..., 0], renderer.resource("motion")
             if before is not None:
                 moved = np.moveaxis(motion[..., :2], -1, 0)

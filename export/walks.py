@@ -1,4 +1,4 @@
-"""Camera walks that networks are judged by over time: neighbouring frames, and one away from all that is lit."""
+"""What networks are judged by over time: neighbouring frames of a walk, one away from all that is lit, a shutter."""
 
 from __future__ import annotations
 
@@ -10,7 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.load import load_scene
-from app.scene import Camera, CameraPath, Material, Scene, SpotLight
+from app.math3d import translation
+from app.scene import (
+    Camera,
+    CameraPath,
+    DirectionalLight,
+    Instance,
+    Material,
+    Motion,
+    Scene,
+    SpotLight,
+    bounds_of,
+)
 from export.dataset.assembly import Assembly
 from export.dataset.parts import Triple, block, cylinder, slab
 from export.dataset.place import FRAME_SECONDS
@@ -29,7 +40,7 @@ WHITE, WOOD = (0.75, 0.73, 0.7), (0.45, 0.32, 0.2)
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """A camera on its way through a scene that stands still.
+    """A camera on its way through a scene.
 
     Attributes
     ----------
@@ -39,6 +50,8 @@ class Walk:
         Frames that are drawn from one that is judged to the next.
     seconds : float
         Along the path from the first frame to the last.
+    moves : bool
+        Whether time passes for the scene's things, too; otherwise they stand still.
     """
 
     name: str
@@ -47,6 +60,7 @@ class Walk:
     frames: int
     apart: int
     seconds: float
+    moves: bool = False
 
     @property
     def neighbours(self) -> bool:
@@ -56,13 +70,22 @@ class Walk:
     @property
     def cameras(self) -> list[Camera]:
         """Those of all drawn frames."""
-        last = (self.frames - 1) * self.apart
-        return [self.path.at(self.seconds * k / last) for k in range(last + 1)]
+        return [self.path.at(time) for time in self._times]
 
     @property
     def judged(self) -> list[Camera]:
         """Those of the frames that are judged."""
         return self.cameras[::self.apart]
+
+    @property
+    def moments(self) -> list[float]:
+        """The scene's time in each drawn frame, in seconds."""
+        return [time if self.moves else 0.0 for time in self._times]
+
+    @property
+    def _times(self) -> list[float]:
+        last = (self.frames - 1) * self.apart
+        return [self.seconds * k / last for k in range(last + 1)]
 
 
 def walks(scenes: Path = SCENES, quick: bool = False) -> list[Walk]:
@@ -75,7 +98,7 @@ def walks(scenes: Path = SCENES, quick: bool = False) -> list[Walk]:
     """
     frames = QUICK_FRAMES if quick else FRAMES
     files = [scenes / FILE] if (scenes / FILE).is_file() else []
-    return [_furnished(frames), *(_real(file, frames) for file in files), off_screen(frames)]
+    return [_furnished(frames), *(_real(file, frames) for file in files), off_screen(frames), sun_enters(frames)]
 
 
 def off_screen(frames: int = FRAMES) -> Walk:
@@ -83,6 +106,41 @@ def off_screen(frames: int = FRAMES) -> Walk:
     path = _path({0: ((0.9, 1.6, -0.4), (-0.9, 1.1, -4.0)), 50: ((0.9, 1.6, -2.2), (0.6, 1.2, -6.0)),
                   100: ((0.5, 1.6, -5.0), (0.3, 1.2, -9.0)), 143: ((0.328, 1.514, -6.72), (-0.13, 1.2, -10.72))})
     return Walk("off-screen", two_part_room(), path, frames, APART, path.times[-1])
+
+
+def sun_enters(frames: int = FRAMES) -> Walk:
+    """A still camera with its back to a window, whose shutter goes up: what the sun lights is behind it."""
+    camera = CameraPath.still(Camera((0.3, 1.5, -3.4), (0.0, 1.2, -7.0), fov_y_deg=60.0))
+    seconds = FRAME_SECONDS * (QUICK_FRAMES - 1) * APART
+    return Walk("sun-enters", shuttered_room(seconds), camera, frames, APART, seconds, moves=True)
+
+
+def shuttered_room(seconds: float) -> Scene:
+    """4 by 8 metres with a window at one end, whose shutter is open after three quarters of so many ``seconds``."""
+    assembly = Assembly(np.random.default_rng(0))  # nothing is random here
+    width, depth, height = 4.0, 8.0, 2.7
+    red, green, white, wood = (Material(albedo=c) for c in (RED, GREEN, WHITE, WOOD))
+    walls = [replace(w, start=w.start - (0, depth / 2), end=w.end - (0, depth / 2))
+             for w in rectangle(width, depth, height)]
+    walls[2] = replace(walls[2], openings=(Opening(0.8, 3.2, 0.8, 2.4),))
+    build(assembly, walls, [white, green, white, red])
+    x, t = width / 2 + THICKNESS, THICKNESS
+    assembly.add(slab((-x, -t, -depth - t), (x, 0.0, t)), wood)
+    assembly.add(slab((-x, height, -depth - t), (x, height + t, t)), white)
+    assembly.add(block((0.7, 0.75, 1.2), (-1.3, 0.0, -6.2)), white)
+    assembly.add(cylinder(0.2, height, (1.2, 0.0, -7.0)), red)
+    assembly.lights.append(DirectionalLight((0.15, -1.0, -0.7), (14.0, 12.5, 10.0), angular_radius_deg=0.27))
+    scene = assembly.place("shuttered room", []).scene
+    shutter = Assembly(np.random.default_rng(0))
+    shutter.add(slab((-1.5, 0.5, 0.3), (1.5, 3.6, 0.35)), white)  # high enough for the sun, which is above it
+    made = shutter.place("shutter", []).scene
+    up = np.stack([translation(np.array([0.0, 3.0 * share, 0.0])) for share in (0.0, 0.0, 1.0)])
+    motion = Motion(seconds * np.array([0.0, 0.1, 0.75]), up)
+    mesh = replace(made.meshes[0], name="shutter", material=len(scene.materials))
+    meshes = (*scene.meshes, mesh)
+    instances = (*scene.instances, Instance("shutter", len(scene.meshes), np.eye(4), motion))
+    return replace(scene, meshes=meshes, instances=instances, materials=(*scene.materials, *made.materials),
+                   bounds=bounds_of(meshes, instances))
 
 
 def two_part_room() -> Scene:

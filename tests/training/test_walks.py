@@ -26,10 +26,11 @@ from export.path_tracer import PathTracer
 from export.reference import Still, mean_samples
 from export.walk_judge import MOST_ASTRAY, QUICK_SIZE, TRUTH
 from export.walk_truth import truth_of
-from export.walks import QUICK_FRAMES, off_screen
+from export.walks import QUICK_FRAMES, off_screen, sun_enters
 
 F32 = np.ndarray
 SHAPE = (5, 96, 128, 3)
+WALKS = ("room", "off-screen", "sun-enters")  # without scene files
 
 
 def noise(seed: int) -> F32:
@@ -126,7 +127,7 @@ def quick(tmp_path_factory: pytest.TempPathFactory, path_tracer: None) -> tuple[
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=Path(__file__).parents[2])
     assert done.returncode == 0, done.stderr
     assert "off-screen" in done.stdout and "ember" in done.stdout
-    for name in ("room", "off-screen"):
+    for name in WALKS:
         assert (folder / "out" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
     return folder / "truth", json.loads((folder / "out" / "walks.json").read_text("utf-8"))
 
@@ -134,7 +135,7 @@ def quick(tmp_path_factory: pytest.TempPathFactory, path_tracer: None) -> tuple[
 @pytest.mark.gl
 def test_ember_keeps_the_light_of_what_left_the_picture(quick: tuple[Path, dict[str, Any]]) -> None:
     rows = {(row["walk"], row["model"]): row for row in quick[1]["rows"]}
-    assert rows.keys() == {(walk, model) for walk in ("room", "off-screen") for model in (TRUTH, "ssgi", "ember")}
+    assert rows.keys() == {(walk, model) for walk in WALKS for model in (TRUTH, "ssgi", "ember")}
     truth, ember, ssgi = (rows["off-screen", model] for model in (TRUTH, "ember", "ssgi"))
     assert truth["mean"] == truth["gradient"] == 1 and truth["astray"] == 0
     assert truth["direct"][0] > 0 and truth["direct"][-1] == 0
@@ -142,6 +143,27 @@ def test_ember_keeps_the_light_of_what_left_the_picture(quick: tuple[Path, dict[
     print("OFF SCREEN", ember["astray"], ssgi["astray"])
     assert ember["astray"] <= MOST_ASTRAY and ember["holds"]
     assert ssgi["astray"] > 0.5 and not ssgi["holds"]
+
+
+@pytest.mark.gl
+def test_ember_sees_the_sun_that_enters_behind_the_camera(quick: tuple[Path, dict[str, Any]]) -> None:
+    rows = {row["model"]: row for row in quick[1]["rows"] if row["walk"] == "sun-enters"}
+    truth, ember, ssgi = (rows[model] for model in (TRUTH, "ember", "ssgi"))
+    assert truth["direct"] == [0] * QUICK_FRAMES, "nothing lit is ever in view"
+    assert truth["luminance"][0] < 0.02 * truth["luminance"][-1], "the shutter shuts"
+    assert ember["astray"] <= MOST_ASTRAY and ember["holds"]
+    assert max(ssgi["luminance"]) == 0
+
+
+@pytest.mark.gl
+def test_the_sun_only_lights_what_is_behind_the_camera() -> None:
+    walk = sun_enters()
+    camera, (before, after) = walk.judged[0], (walk.moments[0], walk.moments[-1])
+    back = replace(camera, target=tuple(2 * np.asarray(camera.eye) - camera.target))
+    with Renderer(walk.scene, Settings((96, 72), ("direct",), taa=False)) as renderer:
+        lit = {(which, time): renderer.render(view, time)["direct"].max() > 0
+               for which, view in (("ahead", camera), ("back", back)) for time in (before, after)}
+    assert lit == {("ahead", before): False, ("ahead", after): False, ("back", before): False, ("back", after): True}
 
 
 @pytest.mark.gl
