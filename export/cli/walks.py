@@ -47,7 +47,7 @@ def walks(
     for row in rows:
         table.add_row(row.walk, row.model, "" if row.error is None else f"{row.error:.2%}",
                       "" if row.error_ratio is None else f"{row.error_ratio:.2f}", f"{row.mean:.3f}",
-                      f"{row.gradient:.3f}" if row.gradient is not None else "–", f"{row.astray:.1%}", verdicts[row.holds])
+                      "" if row.gradient is None else f"{row.gradient:.3f}", f"{row.astray:.1%}", verdicts[row.holds])
     print_table(table)
     for name in dict.fromkeys(row.walk for row in rows):
         plot([row for row in rows if row.walk == name], out / f"{name}.png")
