@@ -274,3 +274,14 @@ def test_a_damaged_checkpoint_is_one_line(tmp_path: Path) -> None:
         load(tmp_path / CHECKPOINT)
     with pytest.raises(ModelError, match="can't read"):
         load(tmp_path / "missing.pt")
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "export" / "configs").rglob("*.toml")), ids=lambda f: f.stem)
+def test_every_configuration_makes_a_network_and_its_loss(file: Path) -> None:
+    from export.training.loop import network_and_loss
+
+    config = read_config(file)
+    if config.network.preset.endswith("-paper"):
+        config = replace(config, network=replace(config.network, preset=config.network.preset.replace("paper", "16")))
+    network, _ = network_and_loss(config)
+    assert config.data.every in (1, 2) and network.contract.name
