@@ -46,8 +46,8 @@ class Row:
 def truth_of(view: View, spp: int, folder: Path | None) -> Truth:
     """The path-traced and denoised truth, from ``folder`` (or the benchmark's cache) where it was made before."""
     still = view.still
-    key = scene_key(still.scene, still.camera, still.size, still.time, spp, denoiser_version(), exporter_version(),
-                    renderer_version(still.scene))
+    key = scene_key(still.scene, still.camera, still.size, still.time, spp, denoiser_version(),
+                    exporter_version(still.scene), renderer_version(still.scene))
     return kept_truth((folder or cache_folder()) / f"{view.name}-{key}", lambda fresh: write_reference(
         fresh, still, spp, 0, MAX_BOUNCES, {"view": view.name}, lambda share: None, denoised=True))
 

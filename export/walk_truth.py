@@ -60,7 +60,7 @@ def truth_of(walk: Walk, size: tuple[int, int], spp: int, folder: Path, progress
 def _frame(still: Still, spp: int, folder: Path, name: str, tracer: Callable[[float], PathTracer]) -> dict[str, F32]:
     """Layers of one frame's truth by name, kept in ``folder`` by content."""
     moment = (still.time,) if still.time else ()
-    key = scene_key(still.scene, still.camera, still.size, spp, exporter_version(), *moment)
+    key = scene_key(still.scene, still.camera, still.size, spp, exporter_version(still.scene), *moment)
     file = folder / f"walk-{name}-{key}.exr"
     if file.is_file():
         with suppress(SceneError):  # a damaged file is made again

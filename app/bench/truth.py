@@ -116,7 +116,7 @@ def make_truth(order: Order, scene: Scene, camera: Camera, spp: int) -> Truth:
     TruthError
         When it fails.
     """
-    key = content_key(scene, camera, order.size, spp, exporter_version(), renderer_version(scene))
+    key = content_key(scene, camera, order.size, spp, exporter_version(scene), renderer_version(scene))
     return kept_truth(cache_folder() / key,
                       lambda fresh: _run([*order.arguments, "--spp", str(spp), "--out", str(fresh)]))
 
@@ -162,27 +162,32 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "afterglow" / "truth"
 
 
-def exporter_version() -> str:
-    """Changes when the path tracer or the code around it does.
+def exporter_version(scene: Scene) -> str:
+    """Changes when the path tracer or the code around it does, as far as ``scene`` has a use for it.
 
     Raises
     ------
     MissingExtraError
         When one of both is not installed.
     """
-    found = util.find_spec("export")  # finds the package without importing it
+    package = _exporter()
+    digest = hashlib.sha256((metadata.version("mitsuba") + metadata.version("drjit")).encode())
+    for file in (*(package / name for name in TRACER), *([Path(environment.__file__)] if scene.environment else [])):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()
+
+
+def _exporter() -> Path:
+    """The folder of the package ``export``, found without importing it."""
+    found = util.find_spec("export")
     try:
-        tracer = metadata.version("mitsuba") + metadata.version("drjit")
+        metadata.version("mitsuba"), metadata.version("drjit")
     except metadata.PackageNotFoundError:
         found = None
     if found is None or not found.submodule_search_locations:
         raise MissingExtraError("no path tracer to make the truth with", "--reference auto",
                                 "expected pip install 'afterglow[export]', or --reference DIR")
-    digest = hashlib.sha256(tracer.encode())
-    digest.update(Path(environment.__file__).read_bytes())
-    for file in TRACER:
-        digest.update((Path(found.submodule_search_locations[0]) / file).read_bytes())
-    return digest.hexdigest()
+    return Path(found.submodule_search_locations[0])
 
 
 def renderer_version(scene: Scene) -> str:
@@ -196,7 +201,7 @@ def renderer_version(scene: Scene) -> str:
 
 
 def _run(arguments: Sequence[str]) -> None:
-    exporter_version()
+    _exporter()
     run_export(["reference", *arguments], "the path tracer to draw the scene")
 
 

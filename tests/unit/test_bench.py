@@ -310,7 +310,7 @@ class FakeTracer:
 def tracer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeTracer:
     fake = FakeTracer()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(truth, "exporter_version", lambda: "1")
+    monkeypatch.setattr(truth, "exporter_version", lambda scene: "1")
     monkeypatch.setattr(truth, "_run", fake)
     return fake
 
@@ -333,7 +333,7 @@ def test_the_same_truth_is_made_once(tracer: FakeTracer) -> None:
 
 def test_another_path_tracer_makes_the_truth_anew(tracer: FakeTracer, monkeypatch: pytest.MonkeyPatch) -> None:
     make(embedded_scene())
-    monkeypatch.setattr(truth, "exporter_version", lambda: "2")
+    monkeypatch.setattr(truth, "exporter_version", lambda scene: "2")
     make(embedded_scene())
     assert len(tracer.calls) == 2
 
