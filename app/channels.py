@@ -57,6 +57,7 @@ class Channel:
 
 
 HALF_MAX = 65504.0
+ALL_BOUNCES = HALF_MAX  # a geometric series has ended by then: powers of its ratio are 0, in any precision
 _EVERYWHERE = (*SEEN, SURFELS)
 _RADIANCE = (0.0, HALF_MAX)
 
@@ -100,6 +101,8 @@ CHANNELS: dict[str, Channel] = {
         Channel("environment.sh", 75, "W/(sr m²)", (-HALF_MAX, HALF_MAX), 0.0, (VECTOR,),
                 "the environment in real spherical harmonics to order 4, camera space: red's 25, green's, blue's",
                 radiance=True),
+        Channel("bounces", 1, "1", (1.0, ALL_BOUNCES), ALL_BOUNCES, (VECTOR,),
+                f"how many bounces of indirect light are wanted; {ALL_BOUNCES:g} for all"),
         Channel("coarse.diffuse.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, (SCREEN,),
                 "irradiance / π by the environment with nothing in its way, from 64 directions", radiance=True),
         Channel("coarse.specular.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, (SCREEN,),

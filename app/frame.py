@@ -20,7 +20,6 @@ from app.passes import (
     downsample,
     fill,
     gbuffer,
-    harmonics,
     network,
     output,
     pick,
@@ -31,6 +30,7 @@ from app.passes import (
     surfels,
     taa,
     upsample,
+    vector,
 )
 from app.scene import Environment, Scene
 from app.settings import Settings
@@ -53,11 +53,11 @@ AOVS: dict[str, str] = {
     "background": "radiance of the environment where nothing is seen, W/(sr m²)",
     "lit": "the composite before temporal anti-aliasing, W/(sr m²)",
 }
-SHADING_PASSES = ("environment_pick", "coarse", "environment_harmonics", "environment_downsample",
+SHADING_PASSES = ("environment_pick", "coarse", "environment_vector", "environment_downsample",
                   "environment_network", *(f"{step}_{kind}" for kind in ("diffuse", "specular")
                                            for step in ("fill", "upsample")))
 AROUND = ("surround", "surround_direct", "surround_background")
-NETWORK_PASSES = (*AROUND, "surfel_light", "surfels", "harmonics", "downsample", "network")
+NETWORK_PASSES = (*AROUND, "surfel_light", "surfels", "vector", "downsample", "network")
 # On the GPU these are multiplied by LightSet.scale.
 RADIANCE = frozenset({"final", "direct", "specular", "indirect", "emission", "background", "lit"})
 
@@ -142,8 +142,8 @@ def _shading(scene: Scene, environment: Environment, settings: Settings, lights:
         tensors = downsample.tensor_names(model.contract)
         passes = [coarse.declare(environment, lights.scale, grid, {kind: f"coarse_{kind}" for kind in kinds})]
         if _reads_vectors(model):
-            passes.append(harmonics.declare(model.contract, tensors, environment, lights.scale,
-                                            "environment_harmonics"))
+            passes.append(vector.declare(model.contract, tensors, environment, lights.scale, None,
+                                         "environment_vector"))
         targets = {name: low[kind] for name, kind in ((DIFFUSE, "diffuse"), (SPECULAR, "specular")) if kind in low}
         passes += [downsample.declare(model.contract, settings.size, scene.longest_edge, "environment_downsample"),
                    network.declare(model, tensors, grid, targets, "environment_network")]
@@ -193,9 +193,9 @@ def _network(scene: Scene, settings: Settings, lights: LightSet, model: Network,
     else:
         absent |= dict.fromkeys(("surfel_light", "surfels"), "the network reads no surfels")
     if _reads_vectors(model):
-        passes.append(harmonics.declare(contract, tensors, scene.environment, lights.scale))
+        passes.append(vector.declare(contract, tensors, scene.environment, lights.scale, settings.bounces))
     else:
-        absent["harmonics"] = "the network reads no vector"
+        absent["vector"] = "the network reads no vector"
     passes.append(downsample.declare(contract, settings.size, scene.longest_edge))
     return [*passes, network.declare(model, tensors, grid, {INDIRECT: target})]
 

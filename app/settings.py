@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from app.errors import SettingsError
 
 MAX_SIDE = 16384
+MAX_BOUNCES = 64
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,8 @@ class Settings:
         Named images to deliver, ``final`` and AOVs.
     exposure : float
         Linear factor before the tone map; it does not touch the linear final image.
+    bounces : int or None
+        Of indirect light; None for what the model gives by itself.
     seed : int
         Turns the shadow sampling pattern and the order of the jitter sequence.
     provider : str
@@ -44,6 +47,7 @@ class Settings:
     outputs: tuple[str, ...] = ("final",)
     taa: bool = True
     exposure: float = 1.0
+    bounces: int | None = None
     seed: int = 0
     provider: str = "auto"
     strict_device: bool = False
@@ -56,6 +60,8 @@ class Settings:
                                 f"expected WIDTHxHEIGHT, each from 1 to {MAX_SIDE}")
         if not (math.isfinite(self.exposure) and self.exposure > 0):
             raise SettingsError(f"bad exposure {self.exposure}", "--exposure", "expected a finite number above 0")
+        if self.bounces is not None and not 1 <= self.bounces <= MAX_BOUNCES:
+            raise SettingsError(f"bad number of bounces {self.bounces}", "--bounces", f"expected 1 to {MAX_BOUNCES}")
         if not self.outputs:
             raise SettingsError("no output asked for", "--aov", "expected at least one name, such as final")
         if not 0 <= self.seed < 2**31:

@@ -202,11 +202,11 @@ def _geometry_in_single(module: nn.Module, mode: Rounding) -> Iterator[None]:
     attention, with which it carries light to the pixels.
     """
     if isinstance(module, ember.Ember):
-        with (patch.object(ember, "all_bounces", mode.switched(ember.all_bounces, active=True)),
+        with (patch.object(ember, "neumann_series", mode.switched(ember.neumann_series, active=True)),
               patch.object(ember, "bounce", mode.switched(ember.bounce, active=True))):
             yield
         return
-    if not isinstance(module, surfels.Gather):
+    if not isinstance(module, surfels.Gather | surfels.Radiosity):
         raise ModelError(f"{type(module).__name__} has no geometry to keep apart", "export precision",
                          "expected a network without weights")
     exact = mode.switched(surfels._form_factors, active=False)

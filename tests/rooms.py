@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.channels import SCREEN
+from app.channels import ALL_BOUNCES, SCREEN, VECTOR
 from app.contract import ModelContract
 
 F64 = NDArray[np.float64]
@@ -66,11 +66,13 @@ def box(size: tuple[float, float, float], radiance: float = 0.0, albedo: float =
 
 
 def tensors(contract: ModelContract, quads: list[Quad], view: View, lamp: Lamp | None = None) -> Arrays:
-    """The network's inputs, [C, h, w] and [C, 6, n, n]."""
+    """The network's inputs, [C, h, w], [C, 6, n, n] and [C]."""
     grids = {}
     for name, spec in contract.inputs.items():
         if spec.grid == SCREEN:
             channels = _shade(quads, view, *_screen_rays(view), lamp)
+        elif spec.grid == VECTOR:
+            channels = {"bounces": np.array([ALL_BOUNCES])}
         else:
             assert contract.cube_axes == "world" and spec.size
             channels = _cube(quads, view, spec.size, lamp)

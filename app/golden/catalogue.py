@@ -16,9 +16,9 @@ from app.scene import Scene
 
 PROBE = Path(__file__).with_name("probe.onnx")  # reads every channel, with a cube that turns with the camera
 PROBE_ENVIRONMENT = PROBE.with_name("probe_environment.onnx")  # the same of what shades an environment
-NOON_STAGES = ("environment_pick", "coarse", "environment_harmonics", "environment_downsample", "environment_network",
+NOON_STAGES = ("environment_pick", "coarse", "environment_vector", "environment_downsample", "environment_network",
                "fill_diffuse", "upsample_specular", "direct")
-SKY_STAGES = ("surround_background", "background", "harmonics", "downsample", "composite", "taa")
+SKY_STAGES = ("surround_background", "background", "vector", "downsample", "composite", "taa")
 SSGI_STAGES = ("pick", "ssgi_pick", "ssgi", "ssgi_filter_near", "ssgi_filter_far", "accumulate", "fill", "upsample")
 SETTLING = 3                                     # frames after which accumulation and TAA have a history to show
 

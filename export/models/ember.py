@@ -8,10 +8,11 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from app.channels import RAYS, SURFELS
+from app.channels import RAYS, SURFELS, VECTOR
 from app.contract import ModelContract, TensorSpec
 from app.surfels.kernel import DISTANCE, PLANE, TURN
 from export.models.finite import finite
+from export.models.geometric import rest
 from export.models.network import Network
 
 COUNT, K = 2048, 144
@@ -47,12 +48,13 @@ class Ember(Network):
             inputs={"screen": TensorSpec(("position.view.xyz", "normal.view.xyz")),
                     "surfels": TensorSpec(("position.view.xyz", "normal.view.xyz", "irradiance.rgb", "glow.rgb",
                                            "surfel.radius", "surfel.weight"), SURFELS, surfels),
-                    "rays": TensorSpec(("ray.surfel", "ray.albedo.rgb"), RAYS, surfels, rays)},
+                    "rays": TensorSpec(("ray.surfel", "ray.albedo.rgb"), RAYS, surfels, rays),
+                    "bounces": TensorSpec(("bounces",), VECTOR)},
             outputs={"indirect": TensorSpec(("indirect.rgb",))},
             scale=1 / 16, exposure="mean-radiance", bounces="multi", scene_extent=40.0,
             trained_on="nothing", licence="MIT")
 
-    def forward(self, screen: Tensor, surfels: Tensor, rays: Tensor) -> Tensor:
+    def forward(self, screen: Tensor, surfels: Tensor, rays: Tensor, bounces: Tensor) -> Tensor:
         """Light the points on the screen.
 
         Parameters
@@ -60,6 +62,7 @@ class Ember(Network):
         screen : Tensor, float32, shape (1, 6, h, w)
         surfels : Tensor, float32, shape (1, 14, S)
         rays : Tensor, float32, shape (1, 4, S, K)
+        bounces : Tensor, float32, shape (1, 1)
 
         Returns
         -------
@@ -68,11 +71,12 @@ class Ember(Network):
         """
         specs = self.contract.inputs
         screen, surfels = finite(screen, specs["screen"]), finite(surfels, specs["surfels"])
+        before = finite(bounces, specs["bounces"]) - 1  # the last one, which takes all rays
         position, normal, irradiance, glow, radius, weight = surfels[0].t().tensor_split((3, 6, 9, 12, 13), dim=1)
         # What is no number ends in ``bounce``: these are so many that each step over them shows in the time of a frame.
         index, albedo = rays[0, 0].long().clamp(0, len(position) - 1), rays[0, 1:].clamp(0, 1).permute(1, 2, 0)
         few = index.shape[1] // SHARE
-        indirect = all_bounces(irradiance, glow, index[:, :few], albedo[:, :few])
+        indirect = neumann_series(irradiance, glow, index[:, :few], albedo[:, :few], before)
         indirect = glow + bounce(irradiance + indirect, index, albedo)
         pixel_position, pixel_normal = screen[0].flatten(1).t().tensor_split(2, dim=1)
         used = (weight > 0).to(weight)
@@ -83,13 +87,13 @@ class Ember(Network):
         return light.t().reshape(1, 3, *screen.shape[2:])
 
 
-def all_bounces(irradiance: Tensor, glow: Tensor, index: Tensor, albedo: Tensor) -> Tensor:
-    """Indirect light of every surfel, shape (S, 3), by all bounces.
+def neumann_series(irradiance: Tensor, glow: Tensor, index: Tensor, albedo: Tensor, bounces: Tensor) -> Tensor:
+    """Indirect light of every surfel, shape (S, 3), by so many bounces.
 
     Each bounce takes the mean, over a surfel's rays, of albedo times the light of the surfel that the ray meets, so it
     never creates energy. After ``BOUNCES`` of them the rest is a geometric series, whose ratio at each surfel is that
     by which the light of a room that is lit evenly dies away there: a property of the room and not of its lights, so
-    the sum stays linear in light.
+    the sum stays linear in light. What surfels get straight from what glows counts as bounced once.
 
     Parameters
     ----------
@@ -99,16 +103,18 @@ def all_bounces(irradiance: Tensor, glow: Tensor, index: Tensor, albedo: Tensor)
         The surfel that a ray meets; any for none.
     albedo : Tensor, shape (S, K, 3)
         0 where a ray meets nothing.
+    bounces : Tensor
+        Any number, 0 for no light; broadcastable to (S, 3).
     """
     newest = glow + bounce(irradiance, index, albedo)
     twice = torch.cat([albedo, albedo], dim=2)  # broadcasting would take ten times as long
-    total, even, ratio = newest, torch.ones_like(newest), torch.zeros_like(newest)
-    for _ in range(BOUNCES):
+    total, even, ratio = newest * (bounces > 0).to(newest), torch.ones_like(newest), torch.zeros_like(newest)
+    for number in range(1, BOUNCES + 1):
         newest, dimmer = bounce(torch.cat([newest, even], dim=1), index, twice).tensor_split(2, dim=1)
-        total = total + newest
+        total = total + newest * (bounces > number).to(newest)
         ratio = (dimmer / even.clamp(min=1e-6)).clamp(max=LARGEST_RATIO)
         even = dimmer
-    return total + newest * ratio / (1 - ratio)
+    return total + rest(newest, ratio, bounces - BOUNCES - 1)
 
 
 def bounce(light: Tensor, index: Tensor, albedo: Tensor) -> Tensor:

@@ -7,15 +7,17 @@ float32 throughout: d² = |p|² + |q|² − 2 p·q cancels.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
-from app.channels import CUBE
+from app.channels import CUBE, VECTOR
 from app.contract import ModelContract, TensorSpec
 from export.models.finite import finite
+from export.models.geometric import rest
 from export.models.network import Network
 
 FACE, FACE_CELL = 48, 8  # texels along the edge of a cube face, and of a cell on it
@@ -31,12 +33,12 @@ FLATNESS = 0.15  # a texel lies on a surface within this fraction of the cell's 
 PARALLEL = 0.8  # ... if their normals have this cosine
 
 
-def _contract(name: str, bounces: str, channels: tuple[str, ...]) -> ModelContract:
+def _contract(name: str, kind: str, channels: tuple[str, ...], **more: TensorSpec) -> ModelContract:
     return ModelContract(
         name=name, paper="geometry-term gather and radiosity over surfels, without training",
-        inputs={"screen": TensorSpec(channels), "cube": TensorSpec((*channels, "on_screen"), CUBE, FACE)},
+        inputs={"screen": TensorSpec(channels), "cube": TensorSpec((*channels, "on_screen"), CUBE, FACE), **more},
         outputs={"indirect": TensorSpec(("indirect.rgb",))},
-        scale=1 / 16, exposure="mean-radiance", bounces=bounces, scene_extent=40.0, cube_axes="world",
+        scale=1 / 16, exposure="mean-radiance", bounces=kind, scene_extent=40.0, cube_axes="world",
         trained_on="nothing", licence="MIT")
 
 
@@ -64,8 +66,8 @@ class Surfels:
         return Surfels(*(getattr(self, f.name)[which] for f in fields(self)))
 
 
-class Gather(Network):
-    """One bounce: each pixel sums radiance × form factor over all surfels, without visibility.
+class FromSurfels(Network):
+    """Each pixel sums radiance × form factor over all surfels, without visibility.
 
     The surfels come from the screen and from those parts of the cube that the screen does not show.
 
@@ -80,13 +82,11 @@ class Gather(Network):
         What it reads and writes; the exported file carries it.
     """
 
-    contract = _contract("gather", "single", ("position.view.xyz", "normal.view.xyz", "radiance.rgb", "solid_angle"))
-
     def __init__(self, surfels: int = SURFELS) -> None:
         super().__init__()
         self.surfels = surfels
 
-    def forward(self, screen: Tensor, cube: Tensor) -> Tensor:
+    def lit(self, screen: Tensor, cube: Tensor, outgoing: Callable[[Surfels], Tensor]) -> Tensor:
         """Light the points on the screen.
 
         Parameters
@@ -94,6 +94,8 @@ class Gather(Network):
         screen : Tensor, float32, shape (1, C, h, w)
             The points to be lit; they send light too. View space, scaled to ``contract.scene_extent``.
         cube : Tensor, float32, shape (1, C + 1, 6, FACE, FACE)
+        outgoing : callable
+            Radiance [S, 3] that surfels send.
 
         Returns
         -------
@@ -110,13 +112,9 @@ class Gather(Network):
         # Around the middle of the surfels, so that products of coordinates stay small.
         origin = (surfels.position * surfels.area).sum(0) / surfels.area.sum().clamp(min=1e-12)
         surfels = replace(surfels, position=surfels.position - origin)
-        light = _receive(position - origin, normal, surfels, self.outgoing(surfels))
+        light = _receive(position - origin, normal, surfels, outgoing(surfels))
         light = light.t() * (q["solid_angle"] > 0)
         return light.reshape(1, 3, screen.shape[2], screen.shape[3])
-
-    def outgoing(self, surfels: Surfels) -> Tensor:
-        """Radiance [S, 3] that the surfels send."""
-        return surfels.radiance
 
     def _screen_texels(self, screen: Tensor) -> Tensor:
         """Image [C, H, W] of picked texels, which get the solid angle of all."""
@@ -174,29 +172,47 @@ class Gather(Network):
         return Surfels(s["position"], functional.normalize(s["normal"], dim=1), s["radiance"], albedo, area, share)
 
 
-class Radiosity(Gather):
-    """Many bounces: the surfels light each other before the pixels gather.
+class Gather(FromSurfels):
+    """One bounce: the surfels send what they send by direct light."""
+
+    contract = _contract("gather", "single", ("position.view.xyz", "normal.view.xyz", "radiance.rgb", "solid_angle"))
+
+    def forward(self, screen: Tensor, cube: Tensor) -> Tensor:
+        """See ``lit``."""
+        return self.lit(screen, cube, lambda surfels: self.outgoing(surfels))
+
+    def outgoing(self, surfels: Surfels) -> Tensor:
+        """Radiance [S, 3] that the surfels send."""
+        return surfels.radiance
+
+
+class Radiosity(FromSurfels):
+    """As many bounces as it is told: the surfels light each other before the pixels gather.
 
     Eight bounces are followed; the rest is the tail of the geometric series that they have become by then.
     """
 
     contract = _contract("radiosity", "multi", ("position.view.xyz", "normal.view.xyz", "albedo.rgb", "radiance.rgb",
-                                                "solid_angle"))
+                                                "solid_angle"), bounces=TensorSpec(("bounces",), VECTOR))
 
-    def outgoing(self, surfels: Surfels) -> Tensor:
-        """Radiance [S, 3] that the surfels send after all bounces."""
+    def forward(self, screen: Tensor, cube: Tensor, bounces: Tensor) -> Tensor:
+        """See ``lit``; ``bounces`` is of shape (1, 1)."""
+        between = finite(bounces, self.contract.inputs["bounces"]) - 1  # the last one reaches the pixels
+        return self.lit(screen, cube, lambda surfels: self.outgoing(surfels, between))
+
+    def outgoing(self, surfels: Surfels, between: Tensor) -> Tensor:
+        """Radiance [S, 3] that the surfels send after so many bounces between them."""
         factors = _form_factors(surfels.position, surfels.normal, surfels)
         # Energy can't grow: no surfel receives more than all directions hold, nor all together more than was sent.
         factors = factors / factors.sum(1, keepdim=True).clamp(min=1)
         light = bounce = surfels.radiance
-        for _ in range(BOUNCES):
+        for number in range(BOUNCES):
             sent = _flux(surfels, bounce)
             received = factors @ bounce
             bounce = surfels.albedo * received * (sent / _flux(surfels, received)).clamp(max=1)
-            light = light + bounce
+            light = light + bounce * (between > number).to(bounce)
             ratio = _flux(surfels, bounce) / sent
-        ratio = ratio.clamp(max=LONGEST)
-        return light + bounce * ratio / (1 - ratio)
+        return light + rest(bounce, ratio.clamp(max=LONGEST), between - BOUNCES)
 
 
 def _flux(surfels: Surfels, light: Tensor) -> Tensor:

@@ -163,7 +163,7 @@ def test_passes_run_only_where_they_are_needed(tmp_path: Path) -> None:
         (DUSK, shiny(1.0, 0.0, 0.5)), (DUSK, shiny(0.5)), (None, shiny(0.5))))
     assert not {"coarse", "environment_network"} & names(plain)
     assert {"coarse", "upsample_diffuse"} <= names(plain, COARSE) and "upsample_specular" not in names(plain, COARSE)
-    assert {"environment_network", "environment_harmonics", "upsample_specular"} <= names(polished, network)
+    assert {"environment_network", "environment_vector", "upsample_specular"} <= names(polished, network)
     assert not {"coarse", "environment_network", "environment_pick", "upsample_diffuse"} & names(dark, network)
 
 

@@ -9,11 +9,11 @@ import numpy as np
 import onnxruntime as ort
 import pytest
 
-from app.channels import RAYS, SURFELS
+from app.channels import ALL_BOUNCES, RAYS, SURFELS
 from app.contract import find_model, read_contract
 
 torch = pytest.importorskip("torch", reason="networks are made with torch")
-from export.models.ember import BOUNCES, Ember, all_bounces, bounce, carry  # noqa: E402
+from export.models.ember import BOUNCES, Ember, bounce, carry, neumann_series  # noqa: E402
 
 F32 = np.float32
 Arrays = dict[str, np.ndarray]
@@ -21,6 +21,7 @@ Run = Callable[[Arrays], np.ndarray]
 IRRADIANCE, GLOW, RADIUS, WEIGHT = slice(6, 9), slice(9, 12), 12, 13  # rows of the tensor ``surfels``
 LIGHT = slice(6, 12)
 SCREEN = (6, 9)
+ALL = torch.tensor(ALL_BOUNCES)
 
 
 @pytest.fixture(scope="module", params=["torch", "onnx"])
@@ -64,7 +65,8 @@ def sphere_of_surfels(count: int, rays: int, albedo: float | None = 0.7) -> Arra
     table[1:] = rng.random((3, count, rays)) if albedo is None else albedo
     seen = directions(SCREEN[0] * SCREEN[1])
     screen = np.concatenate([10 * seen, -seen]).reshape(6, *SCREEN)
-    return {n: a[None].astype(F32) for n, a in (("screen", screen), ("surfels", surfels), ("rays", table))}
+    return {n: a[None].astype(F32) for n, a in (
+        ("screen", screen), ("surfels", surfels), ("rays", table), ("bounces", np.array([ALL_BOUNCES])))}
 
 
 def with_light(inputs: Arrays, light: Any) -> Arrays:
@@ -191,7 +193,7 @@ def test_all_bounces_in_an_even_enclosure(rho: float, source: str) -> None:
     light = torch.tensor([3.0, 1.0, 0.01]).repeat(256, 1)
     dark = torch.zeros_like(light)
     irradiance, glow, truth = (light, dark, rho / (1 - rho)) if source == "irradiance" else (dark, light, 1 / (1 - rho))
-    found = (all_bounces(irradiance, glow, index, albedo) / light).numpy()
+    found = (neumann_series(irradiance, glow, index, albedo, ALL) / light).numpy()
     print(f"SERIES {source} {rho}: {found.min() / truth - 1:+.1e} to {found.max() / truth - 1:+.1e}")
     np.testing.assert_allclose(found, truth, rtol=0.01)
 
@@ -204,7 +206,7 @@ def test_energy_is_bounded_in_any_scene(seed: int) -> None:
     albedo = torch.from_numpy(rng.random((200, 36, 3)) ** rng.choice([0.3, 1, 3]) * (rng.random((200, 36, 1)) < 0.8))
     light = torch.from_numpy(rng.random((200, 3)) ** 20)
     rho = albedo.mean(dim=1).amax(dim=0)
-    found = all_bounces(light, torch.zeros_like(light), index, albedo)
+    found = neumann_series(light, torch.zeros_like(light), index, albedo, ALL)
     assert (found <= rho / (1 - rho) * light.amax(dim=0) * (1 + 1e-5)).all()
     once = bounce(light, index, albedo)
     assert (once.amax(dim=0) <= rho * light.amax(dim=0)).all()
@@ -215,13 +217,12 @@ def test_white_walls_stay_finite() -> None:
     """A closed white room would keep light for ever; the series stops at a ratio that bounds it."""
     index = torch.from_numpy(np.random.default_rng(0).integers(0, 64, (64, 4)))
     light = torch.ones(64, 3)
-    found = all_bounces(light, torch.zeros_like(light), index, torch.ones(64, 4, 3))
+    found = neumann_series(light, torch.zeros_like(light), index, torch.ones(64, 4, 3), ALL)
     assert (found <= 1 + BOUNCES + 20).all()
 
 
-@pytest.mark.parametrize("rho", [0.2, 0.5, 0.8, 0.9])
-def test_the_tail_is_close_to_the_whole_series(rho: float) -> None:
-    """Against the linear system that radiosity solves (Goral et al. 1984), in an uneven scene with one lit patch."""
+def lit_patch(rho: float) -> tuple[np.ndarray, np.ndarray, list[Any]]:
+    """An uneven scene with one lit patch: its transport [S, S], its light [S, 1], and what the network is given."""
     rng = np.random.default_rng(0)
     count, rays = 200, 64
     near = (np.arange(count)[:, None] + np.rint(rng.normal(0, 25, (count, rays))).astype(int)) % count
@@ -230,12 +231,46 @@ def test_the_tail_is_close_to_the_whole_series(rho: float) -> None:
     np.add.at(transport, (np.repeat(np.arange(count), rays), near.ravel()), albedo.ravel() / rays)
     light = np.zeros((count, 1))
     light[:20] = 1
-    truth = np.linalg.solve(np.eye(count) - transport, transport @ light)
-    tensors = (torch.from_numpy(a) for a in (light, np.zeros_like(light), near, albedo))
-    found = all_bounces(*tensors).numpy()
+    return transport, light, [torch.from_numpy(a) for a in (light, np.zeros_like(light), near, albedo)]
+
+
+@pytest.mark.parametrize("rho", [0.2, 0.5, 0.8, 0.9])
+def test_the_tail_is_close_to_the_whole_series(rho: float) -> None:
+    """Against the linear system that radiosity solves (Goral et al. 1984)."""
+    transport, light, tensors = lit_patch(rho)
+    truth = np.linalg.solve(np.eye(len(light)) - transport, transport @ light)
+    found = neumann_series(*tensors, ALL).numpy()
     print(f"TAIL {rho}: mean {found.mean() / truth.mean() - 1:+.2%}, "
           f"largest {np.abs(found - truth).max() / truth.max():.2%}")
     assert found.mean() == pytest.approx(truth.mean(), rel=0.005)
+
+
+def test_so_many_bounces_are_so_many_powers_of_transport() -> None:
+    """Exactly as far as bounces are followed one by one, then within what the tail is off; ever more light."""
+    transport, light, tensors = lit_patch(0.9)
+    truth, found = np.zeros_like(light), np.zeros_like(light)
+    for count in range(12):
+        before, found = found, neumann_series(*tensors, torch.tensor(float(count))).numpy()
+        rtol = 1e-12 if count <= BOUNCES + 1 else 0.005
+        assert found.mean() == pytest.approx(truth.mean(), rel=rtol)
+        if count <= BOUNCES + 1:
+            np.testing.assert_allclose(found, truth, rtol=1e-12)
+        assert (found >= before).all()
+        truth = transport @ (light + truth)
+
+
+@pytest.mark.parametrize("source", ["irradiance", "glow"])
+def test_the_network_counts_bounces(network: tuple[Run, int, int], source: str) -> None:
+    """Even light in an even enclosure: ρ + … + ρᴺ of direct light, 1 + … + ρᴺ⁻¹ of what glows."""
+    run, *size = network
+    rho = 0.9
+    inputs = sphere_of_surfels(*size, albedo=rho)
+    light = np.zeros_like(inputs["surfels"][0, LIGHT])
+    light[slice(0, 3) if source == "irradiance" else slice(3, 6)] = 1
+    inputs = with_light(inputs, light)
+    for count in range(1, 12):
+        found = run(inputs | {"bounces": np.array([[count]], F32)})
+        np.testing.assert_allclose(found, sum(rho ** (k + (source == "irradiance")) for k in range(count)), rtol=1e-4)
 
 
 def test_carried_light_is_a_mean_of_the_surfels_around() -> None:
