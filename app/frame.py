@@ -37,6 +37,7 @@ from app.settings import Settings
 from app.surfels.tracked import TrackedSurfels
 
 if TYPE_CHECKING:
+    from app.bounces import Reapplied
     from app.infer import Network
 
 AOVS: dict[str, str] = {
@@ -154,8 +155,8 @@ def _shading(scene: Scene, environment: Environment, settings: Settings, lights:
     return [pick.declare(grid, surface, "environment_pick"), *passes]
 
 
-def _indirect(scene: Scene, settings: Settings, lights: LightSet, models: Models, model: Network | Literal["ssgi"],
-              absent: dict[str, str]) -> list[Pass]:
+def _indirect(scene: Scene, settings: Settings, lights: LightSet, models: Models,
+              model: Network | Reapplied | Literal["ssgi"], absent: dict[str, str]) -> list[Pass]:
     """The passes that make indirect light at low resolution, and those that bring it to the image's."""
     target = "indirect_now" if settings.taa else "indirect_low"
     if isinstance(model, str):
@@ -172,8 +173,8 @@ def _indirect(scene: Scene, settings: Settings, lights: LightSet, models: Models
             upsample.declare(grid, "indirect", "surface_low", "upsample", settings.taa)]
 
 
-def _network(scene: Scene, settings: Settings, lights: LightSet, model: Network, grid: tuple[int, int], target: str,
-             sky_is_direct: bool, absent: dict[str, str]) -> list[Pass]:
+def _network(scene: Scene, settings: Settings, lights: LightSet, model: Network | Reapplied, grid: tuple[int, int],
+             target: str, sky_is_direct: bool, absent: dict[str, str]) -> list[Pass]:
     """A network that writes ``target``, and the passes that make what it reads, for the grids that it asks for."""
     contract = model.contract
     passes: list[Pass] = []
@@ -200,5 +201,5 @@ def _network(scene: Scene, settings: Settings, lights: LightSet, model: Network,
     return [*passes, network.declare(model, tensors, grid, {INDIRECT: target})]
 
 
-def _reads_vectors(model: Network) -> bool:
+def _reads_vectors(model: Network | Reapplied) -> bool:
     return any(spec.grid == VECTOR for spec in model.contract.inputs.values())

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
+from app.bounces import with_bounces
 from app.contract import COARSE, SSGI, Model, read_contract
 from app.errors import SettingsError
 from app.settings import Settings
 
 if TYPE_CHECKING:
+    from app.bounces import Reapplied
     from app.infer import Network
 
 
@@ -20,13 +22,13 @@ class Models:
 
     Attributes
     ----------
-    indirect : Network, ``ssgi`` or None
+    indirect : Network, Reapplied, ``ssgi`` or None
         Makes the indirect light.
     environment : Network, ``coarse`` or None
         Shades surfaces by the scene's environment.
     """
 
-    indirect: Network | Literal["ssgi"] | None = None
+    indirect: Network | Reapplied | Literal["ssgi"] | None = None
     environment: Network | Literal["coarse"] | None = None
 
     @property
@@ -53,7 +55,10 @@ def load_models(chosen: Sequence[Model], settings: Settings, has_environment: bo
         roles[role] = model
     if not has_environment:
         roles.pop("environment", None)
-    return Models(**{role: _load(model, settings) for role, model in roles.items()})  # type: ignore[arg-type]
+    loaded = {role: _load(model, settings) for role, model in roles.items()}
+    if settings.bounces is not None:
+        loaded["indirect"] = with_bounces(loaded.get("indirect"), settings.bounces)
+    return Models(**loaded)
 
 
 def shades_environment(model: Model) -> bool:
@@ -61,7 +66,7 @@ def shades_environment(model: Model) -> bool:
     return model == COARSE or (model != SSGI and read_contract(model).shades_environment)
 
 
-def _load(model: Model, settings: Settings) -> Network | str:
+def _load(model: Model, settings: Settings) -> Any:
     if isinstance(model, str):
         return model
     from app.infer import Network  # not before a network is wanted: it imports onnxruntime

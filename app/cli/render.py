@@ -72,6 +72,10 @@ def render(
         help="A name that `models` lists, a path to an .onnx file, or none; twice for one that makes indirect light "
              "and one that shades an environment.", metavar="NAME|PATH|none", show_default=DEFAULT_MODEL,
         rich_help_panel=NETWORK)] = [DEFAULT_MODEL],  # noqa: B006
+    bounces: Annotated[int | None, typer.Option(
+        help="Bounces of indirect light, of models that count them (ember, radiosity) and of networks of one bounce "
+             "that see the screen alone, which are applied again.", metavar="N", show_default="what the model gives",
+        rich_help_panel=NETWORK)] = None,
     provider: Annotated[str, typer.Option(
         help="onnxruntime execution provider.", metavar="auto|cpu|cuda|…", rich_help_panel=NETWORK)] = "auto",
     strict_device: Annotated[bool, typer.Option(
@@ -108,8 +112,8 @@ def render(
     from app.renderer import Renderer
 
     settings = Settings(
-        size=parse_size(size), outputs=parse_names(aov, AOVS, "--aov"), taa=taa, exposure=exposure, seed=seed,
-        provider=provider, strict_device=strict_device,
+        size=parse_size(size), outputs=parse_names(aov, AOVS, "--aov"), taa=taa, exposure=exposure, bounces=bounces,
+        seed=seed, provider=provider, strict_device=strict_device,
         # The summary shows each pass's time, so each pass is waited for.
         timing=True, check=check)
     if provider != "auto":

@@ -1,4 +1,4 @@
-"""One onnxruntime call: tensors in, low-resolution light out."""
+"""A network: tensors in, low-resolution light out."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
 
 if TYPE_CHECKING:
+    from app.bounces import Reapplied
     from app.infer import Network
 
 
-def declare(network: Network, tensors: dict[str, str], grid: tuple[int, int], targets: dict[str, str],
-            name: str = "network") -> Pass:
+def declare(network: Network | Reapplied, tensors: dict[str, str], grid: tuple[int, int],
+            targets: dict[str, str], name: str = "network") -> Pass:
     """The pass that runs ``network``.
 
     Parameters
@@ -32,8 +33,8 @@ def declare(network: Network, tensors: dict[str, str], grid: tuple[int, int], ta
                 make=lambda device, bound: make(device, bound, network, tensors, grid, targets))
 
 
-def make(device: Device, bound: BoundPass, network: Network, tensors: dict[str, str], grid: tuple[int, int],
-         targets: dict[str, str]) -> Callable[[FrameState, Resources], None]:
+def make(device: Device, bound: BoundPass, network: Network | Reapplied, tensors: dict[str, str],
+         grid: tuple[int, int], targets: dict[str, str]) -> Callable[[FrameState, Resources], None]:
     inputs = {t: np.empty(spec.shape(grid), np.float32) for t, spec in network.contract.inputs.items()}
     wanted = {channel: target for channel, target in targets.items() if target in bound.writes}
 

@@ -127,10 +127,11 @@ def test_aovs_are_layers_and_the_first_one_is_the_picture(invoke, tmp_path: Path
 
 
 def test_options_reach_the_settings(invoke) -> None:
-    assert invoke("--size", "4x2", "--no-taa", "--exposure", "2", "--seed", "5", "--provider", "cpu",
-                  "--strict-device", "--check").exit_code == 0
+    assert invoke("--size", "4x2", "--no-taa", "--exposure", "2", "--bounces", "3", "--seed", "5",
+                  "--provider", "cpu", "--strict-device", "--check").exit_code == 0
     assert FakeRenderer.made[0].settings == Settings(
-        size=(4, 2), taa=False, exposure=2.0, seed=5, provider="cpu", strict_device=True, check=True, timing=True)
+        size=(4, 2), taa=False, exposure=2.0, bounces=3, seed=5, provider="cpu", strict_device=True, check=True,
+        timing=True)
     assert FakeRenderer.made[0].model is None
 
 
@@ -160,6 +161,9 @@ def test_verbose_tells_what_runs(invoke) -> None:
     (["--frames", "many"], "--frames"),
     (["--exposure", "nan"], "--exposure"),
     (["--seed", "-1"], "--seed"),
+    (["--bounces", "0"], "expected 1 to 64"),
+    (["--bounces", "65"], "expected 1 to 64"),
+    (["--bounces", "two"], "--bounces"),
     (["--fram", "3"], "--fram"),
     (["--camera", "nobody"], "--camera"),
     (["--camera", "missing.json"], "missing.json"),
@@ -200,8 +204,9 @@ def test_models_lists_contracts() -> None:
 
 def test_help_names_every_option() -> None:
     text = CliRunner().invoke(cli, ["render", "--help"], env={"COLUMNS": "200"}).stdout
-    for option in ("out", "size", "frames", "settle", "camera", "lighting", "scene-json", "model", "aov", "format",
-                   "exposure", "taa", "no-taa", "seed", "provider", "strict-device", "timing", "check", "verbose"):
+    for option in ("out", "size", "frames", "settle", "camera", "lighting", "scene-json", "model", "bounces", "aov",
+                   "format", "exposure", "taa", "no-taa", "seed", "provider", "strict-device", "timing", "check",
+                   "verbose"):
         assert f"--{option}" in text
     assert "python -m app models" in CliRunner().invoke(cli, ["--help"], env={"COLUMNS": "200"}).stdout
 
