@@ -20,6 +20,7 @@ pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "coarse_shadows")]
 SIDE = 20.0
 SIZE = (256, 192)  # a network sees 64x48
 VIEW = 128  # pixels a side of the six views
+WALLS = Settings(size=(VIEW, VIEW), outputs=("indirect", "position", "normal"), taa=False, provider="cpu")
 
 
 @pytest.mark.parametrize(("eye", "target", "fov", "corner"), [
@@ -79,19 +80,23 @@ def test_a_lamp_in_a_closed_box_keeps_its_energy(rho: float, lamp: Point, eye: P
 
 
 def mean_over_walls(scene: Scene, eye: Point, model: Path) -> float:
-    """Mean of ``indirect`` over all surfaces, by six views of 90° that cover all directions."""
+    """Mean of ``indirect`` over all surfaces."""
+    with Renderer(scene, WALLS, model) as renderer:
+        return mean_around(renderer, eye)
+
+
+def mean_around(renderer: Renderer, eye: Point) -> float:
+    """The same of a renderer with the settings ``WALLS``, by six views of 90° that cover all directions."""
     at = 2 * (np.arange(VIEW) + 0.5) / VIEW - 1
     solid_angle = (2 / VIEW) ** 2 / (1 + at[:, None] ** 2 + at[None, :] ** 2) ** 1.5
-    settings = Settings(size=(VIEW, VIEW), outputs=("indirect", "position", "normal"), taa=False, provider="cpu")
     total = area = 0.0
-    with Renderer(scene, settings, model) as renderer:
-        for forward, up in CUBE_FACES:
-            view = renderer.render(Camera(eye, tuple(np.asarray(eye) + forward), tuple(up), 90.0))
-            to = view["position"] - np.asarray(eye)
-            r2 = (to * to).sum(-1)
-            texel = solid_angle * r2**1.5 / np.maximum(-(to * view["normal"]).sum(-1), 1e-9)
-            total += (texel * view["indirect"][..., 1]).sum()
-            area += texel.sum()
+    for forward, up in CUBE_FACES:
+        view = renderer.render(Camera(eye, tuple(np.asarray(eye) + forward), tuple(up), 90.0))
+        to = view["position"] - np.asarray(eye)
+        r2 = (to * to).sum(-1)
+        texel = solid_angle * r2**1.5 / np.maximum(-(to * view["normal"]).sum(-1), 1e-9)
+        total += (texel * view["indirect"][..., 1]).sum()
+        area += texel.sum()
     return total / area
 
 
