@@ -107,7 +107,7 @@ def test_one_bounce_is_what_a_network_of_one_bounce_gives(name: str) -> None:
     ("ssgi", 2, f"ssgi follows one bounce, --bounces, expected 1, or {COUNTING}"),
     ("bcnn-8", 3, f"bcnn-8 gives all bounces at once, --bounces, expected none, or {COUNTING}"),
     ("gfa-8", 1, f"gfa-8 gives all bounces at once, --bounces, expected none, or {COUNTING}"),
-    ("none", 1, "no model to follow them, --bounces, expected a --model"),
+    ("none", 1, "no model to follow them, --bounces, expected a --model for indirect light"),
 ])
 def test_others_are_refused_in_one_line(model: str, bounces: int, said: str, tmp_path: Path) -> None:
     out = tmp_path / "out"

@@ -132,7 +132,7 @@ def test_options_reach_the_settings(invoke) -> None:
     assert FakeRenderer.made[0].settings == Settings(
         size=(4, 2), taa=False, exposure=2.0, bounces=3, seed=5, provider="cpu", strict_device=True, check=True,
         timing=True)
-    assert FakeRenderer.made[0].model is None
+    assert FakeRenderer.made[0].model == []
 
 
 def test_timing_file(invoke, tmp_path: Path) -> None:

@@ -83,7 +83,7 @@ def test_the_screen_grid_is_never_empty() -> None:
         "x": {"channels": ["depth"]}, "c": {"channels": ["depth"], "grid": "cube", "size": 16},
         "p": {"channels": ["depth"], "grid": "panorama", "size": 16}}), "different faces [8, 16]"),
     (with_tensor("inputs", channels=["on_screen"]), "channel 'on_screen' is not provided on the screen grid"),
-    (with_tensor("outputs", channels=["albedo.rgb"]), "can't be written, here, expected one of indirect.rgb"),
+    (with_tensor("outputs", channels=["albedo.rgb"]), "can't be written, here, expected one of direct.diffuse.rgb"),
 ])
 def test_a_wrong_contract_says_what_and_where(text: str, message: str) -> None:
     with pytest.raises(ModelError) as caught:
