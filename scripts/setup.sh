@@ -58,14 +58,14 @@ check_system() {
     fi
 }
 
-# The path tracer's LLVM: its tests are skipped without, so a machine that has none to offer is no failure.
-install_llvm() {
+# What some tests need: `install_for PACKAGE TESTS`. A machine that has none to offer is no failure here.
+install_for() {
     [[ "$(id -u)" == 0 ]] && command -v apt-get >/dev/null || return 0
-    has_package libllvm19 && return 0
-    note "installing libllvm19"
+    has_package "$1" && return 0
+    note "installing $1"
     export DEBIAN_FRONTEND=noninteractive
-    { apt-get update -qq && apt-get install -y -qq --no-install-recommends libllvm19; } >&2 ||
-        note "no libllvm19: the path tracer's tests will be skipped"
+    { apt-get update -qq && apt-get install -y -qq --no-install-recommends "$1"; } >&2 ||
+        note "no $1: $2 tests will be skipped"
 }
 
 install_python_packages() {
@@ -91,7 +91,10 @@ set_up() {
     check_system
     hash="$(cat "$ROOT/pyproject.toml" "$ROOT/constraints.txt" | sha256sum)"
     if [[ ! -x "$VENV/bin/python" || "$(cat "$VENV/.installed-$mode" 2>/dev/null)" != "$hash" ]]; then
-        [[ "$mode" == run ]] || install_llvm
+        if [[ "$mode" != run ]]; then
+            install_for libllvm19 "the path tracer's"
+            install_for chromium "the viewer's"
+        fi
         install_python_packages "$@"
         echo "$hash" | tee "$VENV/.installed-run" >"$VENV/.installed-$mode"
     fi

@@ -6,7 +6,6 @@ import json
 import shlex
 import sys
 import tempfile
-from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,7 +14,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from app.cli.options import parse_folder, parse_names
+from app.cli.options import parse_folder, parse_names, parse_scale
 from app.errors import SettingsError
 from app.settings import Settings, parse_size
 
@@ -104,7 +103,8 @@ def bench(
         raise SettingsError("no model given", "--models", "expected all, or names and paths")
     precisions = parse_names(precision, PRECISIONS, "--precision") if precision else ()
     with tempfile.TemporaryDirectory() as folder:
-        configurations, absent = expand(names, options.sizes, _scales(scales), precisions, Path(folder))
+        grids = [parse_scale(part, "--scales") for part in _list(scales)]
+        configurations, absent = expand(names, options.sizes, grids, precisions, Path(folder))
         if not configurations:
             raise SettingsError("; ".join(absent), "--precision", "expected a model that exists in that precision")
         prepare_folders(out)
@@ -170,16 +170,6 @@ def _sizes(text: str) -> tuple[tuple[int, int], ...]:
         raise SettingsError("no size given", "--sizes", "expected such as 256x192,1024x768")
     if min(map(min, found)) < LEAST_SIDE:
         raise SettingsError(f"bad sizes {text!r}", "--sizes", f"expected sides of at least {LEAST_SIDE}, SSIM's window")
-    return found
-
-
-def _scales(text: str) -> tuple[float, ...]:
-    try:
-        found = tuple(float(Fraction(part)) for part in _list(text))
-    except (ValueError, ZeroDivisionError):
-        raise SettingsError(f"bad scales {text!r}", "--scales", "expected such as 1/8,0.25") from None
-    if any(not 0 < scale <= 1 for scale in found):
-        raise SettingsError(f"bad scales {text!r}", "--scales", "expected numbers above 0, at most 1")
     return found
 
 

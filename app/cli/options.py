@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Collection
+from fractions import Fraction
 from pathlib import Path
 
 from app.errors import SettingsError
@@ -39,6 +40,23 @@ def parse_names(text: str, known: Collection[str], option: str) -> tuple[str, ..
         if name not in known:
             raise unknown(name, known, option)
     return names
+
+
+def parse_scale(text: str, option: str) -> float:
+    """A network's grid relative to the image, such as ``1/8`` or ``0.25``.
+
+    Raises
+    ------
+    SettingsError
+        When it is no number above 0 and at most 1.
+    """
+    try:
+        scale = float(Fraction(text))
+    except (ValueError, ZeroDivisionError):
+        raise SettingsError(f"bad scale {text!r}", option, "expected such as 1/8 or 0.25") from None
+    if not 0 < scale <= 1:
+        raise SettingsError(f"bad scale {text!r}", option, "expected a number above 0, at most 1")
+    return scale
 
 
 def unknown(name: str, known: Collection[str], option: str) -> SettingsError:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
+from contextlib import ExitStack
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -13,14 +15,15 @@ from rich.progress import Progress
 
 from app.atomic import prepare_folders
 from app.channels import HALF_MAX
-from app.cli.options import FORMATS, parse_folder, parse_names, unknown
-from app.cli.preview import preview
+from app.cli.options import FORMATS, parse_folder, parse_names, parse_scale, unknown
 from app.cli.report import print_summary, write_timing
-from app.contract import find_model
+from app.contract import Model, find_model
 from app.errors import SettingsError
 from app.image import Image, write_exr, write_png
+from app.preview import preview
 from app.scene import CameraPath, Scene
 from app.settings import Settings, parse_size
+from app.video import CODECS, check_video, video
 
 if TYPE_CHECKING:
     from app.renderer import Renderer
@@ -60,8 +63,8 @@ def render(
         help="All that is written: final, albedo, normal, depth, position, motion, direct, specular, indirect, "
              "emission, …", metavar="NAME,…", rich_help_panel=PICTURE)] = "final",
     formats: Annotated[str, typer.Option(
-        "--format", help="exr (linear, all AOVs) and png (display).", metavar="exr,png",
-        rich_help_panel=PICTURE)] = ",".join(FORMATS),
+        "--format", help="exr (linear, all AOVs), png (display), and video of what the PNGs show: mp4, webm, gif.",
+        metavar="exr,png,mp4,…", rich_help_panel=PICTURE)] = ",".join(FORMATS),
     exposure: Annotated[float, typer.Option(
         help="Linear factor for the PNG; the EXR stays as it is.", metavar="FACTOR", rich_help_panel=PICTURE)] = 1.0,
     taa: Annotated[bool, typer.Option(
@@ -75,6 +78,9 @@ def render(
     bounces: Annotated[int | None, typer.Option(
         help="Bounces of indirect light, of models that count them (ember, radiosity) and of networks of one bounce "
              "that see the screen alone, which are applied again.", metavar="N", show_default="what the model gives",
+        rich_help_panel=NETWORK)] = None,
+    scale: Annotated[str | None, typer.Option(
+        help="A network's grid relative to the image, such as 1/8.", metavar="SCALE", show_default="its own",
         rich_help_panel=NETWORK)] = None,
     provider: Annotated[str, typer.Option(
         help="onnxruntime execution provider.", metavar="auto|cpu|cuda|…", rich_help_panel=NETWORK)] = "auto",
@@ -90,7 +96,7 @@ def render(
         "--verbose", "-v", help="Say which renderer, provider and passes run, and what was culled and why.",
         rich_help_panel=INSIGHT)] = False,
 ) -> None:
-    """Render frames of a scene as EXR and PNG.
+    """Render frames of a scene as EXR, PNG and video.
 
     Lengths are in the scene's own units, radiance in W/(sr m²), times in milliseconds.
 
@@ -100,7 +106,7 @@ def render(
 
     [cyan]python -m app sponza.glb --lighting sun --timing timing.json[/cyan]  [dim]# and its time per pass[/dim]
 
-    [cyan]python -m app room.obj --camera orbit --frames 60 --format png[/cyan]  [dim]# one turn in two seconds[/dim]
+    [cyan]python -m app room.obj --camera orbit --frames 60 --format mp4[/cyan]  [dim]# one turn in two seconds[/dim]
 
     [cyan]python -m app room.obj --aov final,normal,depth --format exr[/cyan]  [dim]# one EXR with three layers[/dim]
 
@@ -120,7 +126,8 @@ def render(
         from app.infer import check_provider  # imports onnxruntime
 
         check_provider(provider)
-    kinds = parse_names(formats, FORMATS, "--format")
+    kinds = parse_names(formats, (*FORMATS, *CODECS), "--format")
+    check_video([kind for kind in kinds if kind in CODECS], settings.size)
     if timing is not None and timing.is_dir():
         raise SettingsError(f"{timing} is a folder", "--timing", "expected the name of a JSON file")
     if scene is not None:
@@ -133,8 +140,12 @@ def render(
     for notice in loaded.notices:
         _note(notice)
     models = [find_model(name) for name in model if name != "none"]
+    grid = None if scale is None else parse_scale(scale, "--scale")
 
-    with Renderer(loaded, settings, models) as renderer:
+    with ExitStack() as stack:
+        if grid is not None:
+            models = _rescaled(models, grid, stack)
+        renderer = stack.enter_context(Renderer(loaded, settings, models))
         for name in renderer.missing:
             _note(f"{name} is all zero, nothing in this scene writes it")
         running = {p.name for p in renderer.plan.passes}
@@ -156,6 +167,16 @@ def render(
     if timing is not None:
         write_timing(timing, report)
     print_summary(report, images, timing, check=check)
+
+
+def _rescaled(models: list[Model], scale: float, stack: ExitStack) -> list[Model]:
+    """The same with copies of networks that have another grid, as long as ``stack`` is open."""
+    from app.bench.configurations import rescaled
+
+    if not any(isinstance(model, Path) for model in models):
+        raise SettingsError("a scale without a network", "--scale", "expected a --model that is one")
+    folder = Path(stack.enter_context(TemporaryDirectory()))
+    return [rescaled(model, scale, folder) if isinstance(model, Path) else model for model in models]
 
 
 def choose_camera(scene: Scene, name: str | None, frames: int) -> CameraPath:
@@ -187,8 +208,12 @@ def _draw(renderer: Renderer, path: CameraPath, settings: Settings, frames: int,
           kinds: tuple[str, ...]) -> list[Path]:
     """Draw the settling frames, then draw and write the others; the files written."""
     total = settle + frames
-    files: list[Path] = []
-    with Progress(console=Console(stderr=True), transient=True, disable=total == 1 or not sys.stderr.isatty()) as bar:
+    files = [out / f"video.{kind}" for kind in kinds if kind in CODECS]
+    stills = tuple(kind for kind in kinds if kind not in CODECS)
+    with ExitStack() as stack:
+        videos = [stack.enter_context(video(file, settings.size)) for file in files]
+        bar = stack.enter_context(Progress(console=Console(stderr=True), transient=True,
+                                           disable=total == 1 or not sys.stderr.isatty()))
         task = bar.add_task("rendering", total=total)
         for _ in range(settle):
             renderer.advance(path.at(0.0), 0.0)
@@ -196,7 +221,9 @@ def _draw(renderer: Renderer, path: CameraPath, settings: Settings, frames: int,
         for index in range(frames):
             time = index * FRAME_SECONDS
             images = renderer.render(path.at(time), time)
-            files += _write(images, settings, out / f"{index:04d}", kinds)
+            files += _write(images, settings, out / f"{index:04d}", stills)
+            for write in videos:
+                write(_shown(images, settings))
             bar.advance(task)
     return files
 
@@ -207,10 +234,14 @@ def _write(images: dict[str, Any], settings: Settings, stem: Path, kinds: tuple[
         if file.suffix == ".exr":
             write_exr(file, {"" if n == "final" else n: _stored(n, images[n]) for n in settings.outputs})
         else:
-            first = settings.outputs[0]
-            write_png(file, images["display"] if "final" in settings.outputs
-                      else preview(first, images[first], settings.exposure))
+            write_png(file, _shown(images, settings))
     return files
+
+
+def _shown(images: dict[str, Any], settings: Settings) -> np.ndarray[Any, np.dtype[np.uint8]]:
+    """What a PNG or a video shows: the finished picture, or else the first AOV."""
+    first = settings.outputs[0]
+    return images["display"] if "final" in settings.outputs else preview(first, images[first], settings.exposure)
 
 
 def _stored(name: str, values: np.ndarray[Any, np.dtype[np.float32]]) -> Image:

@@ -16,10 +16,10 @@ from typer.testing import CliRunner
 
 from app.cli import cli
 from app.cli.options import parse_names
-from app.cli.preview import preview
 from app.errors import DeviceError, SettingsError
 from app.graph import BoundPass, Pass, Plan
 from app.image import read_exr, read_png
+from app.preview import preview
 from app.scene import Camera
 from app.settings import Settings, parse_size
 

@@ -15,16 +15,17 @@ LAYERS = {
     "atomic": 1, "settings": 1, "math3d": 1, "contract": 1, "graph": 1, "extras": 1,
     "environment": 1,
     "image": 2, "gl": 2, "infer": 2, "kept": 1,
-    "load": 3, "surfels": 3, "bounces": 3,
+    "load": 3, "surfels": 3, "bounces": 3, "preview": 3, "video": 2,
     "passes": 4, "metrics": 4,
     "models": 4,
     "frame": 5,
     "renderer": 6,
     "golden": 7, "bench": 7,
-    "cli": 8,
-    "__main__": 9,
+    "view": 8,
+    "cli": 9,
+    "__main__": 10,
 }
-PACKAGES_WITH_INNER_IMPORTS = {"load", "gl", "surfels", "golden", "bench", "cli"}
+PACKAGES_WITH_INNER_IMPORTS = {"load", "gl", "surfels", "golden", "bench", "view", "cli"}
 FOREIGN = {"torch", "onnx", "mitsuba", "export", "tests"}
 
 

@@ -101,14 +101,15 @@ def test_root_installs_missing_packages(machine: Machine) -> None:
                      "apt-get install -y -qq --no-install-recommends libegl1 libgl1-mesa-dri"]
 
 
-def test_only_the_tests_get_the_path_tracers_library(machine: Machine) -> None:
-    machine.stand_in(machine.bin / "dpkg-query", '[[ "$*" == *libllvm* ]] || echo installed')
+@pytest.mark.parametrize(("package", "tests"), [("libllvm", "the path tracer's"), ("chromium", "the viewer's")])
+def test_only_the_tests_get_what_they_alone_need(machine: Machine, package: str, tests: str) -> None:
+    machine.stand_in(machine.bin / "dpkg-query", f'[[ "$*" == *{package}* ]] || echo installed')
     machine.stand_in(machine.bin / "id", "echo 0")
     machine.stand_in(machine.bin / "apt-get", "exit 1")
     machine.with_environment()
     assert not [call for call in machine.set_up()[2] if call.startswith("apt-get")]
     code, text, calls = machine.set_up("test export")
-    assert code == 0 and "the path tracer's tests will be skipped" in text
+    assert code == 0 and f"{tests} tests will be skipped" in text
     assert calls[0] == "apt-get update -qq"
     assert not [call for call in machine.set_up("test export")[2] if call.startswith("apt-get")]
 
