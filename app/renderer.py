@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from types import TracebackType
@@ -18,11 +19,11 @@ from app.gl.frame_state import CameraBlock, FrameState
 from app.gl.geometry import GpuScene
 from app.gl.lights import LightSet
 from app.gl.pool import Pool, Resources
-from app.gl.timer import Timer
+from app.gl.timer import NEWEST, Timer
 from app.graph import BoundPass, Buf, Tex
 from app.math3d import View, halton
 from app.models import load_models
-from app.scene import Camera, Scene
+from app.scene import Camera, Light, Scene
 from app.settings import Settings
 
 NEAR = 1e-4           # of the scene's longest edge
@@ -122,6 +123,18 @@ class Renderer:
             self._gl.ctx.finish()
         self._advance()
 
+    def expose(self, exposure: float) -> None:
+        """Another linear factor before the tone map, from the next frame on."""
+        self.settings = replace(self.settings, exposure=exposure)
+
+    def relight(self, lights: tuple[Light, ...]) -> bool:
+        """Other lights from the next frame on; False, with nothing changed, where they need other shaders or maps."""
+        scene = self.scene.with_lights(*lights)
+        if not self._lights.take(scene):
+            return False
+        self.scene = scene
+        return True
+
     def cut(self) -> None:
         """Forget all history: the next frame is a first frame."""
         self._previous, self._index = None, 0
@@ -146,12 +159,13 @@ class Renderer:
         with self._gl.ctx:
             return self._pixels(name, newest=True)
 
-    def timing(self) -> dict[str, Any]:
+    def timing(self, newest: int = NEWEST) -> dict[str, Any]:
         """``{"frame": …, "passes": {name: {"cpu_ms", "gpu_ms", "non_finite"}}}``; see ``Timer``.
 
+        Only the ``newest`` so many frames count.
         ``copy`` among the passes is the yardstick; it is no part of the frame.
         """
-        passes: dict[str, Any] = self._timer.report()
+        passes: dict[str, Any] = self._timer.report(newest)
         frame = passes.pop("frame", {"cpu_ms": {}, "gpu_ms": {}})
         for name, count in self._non_finite.items():
             if name in passes:

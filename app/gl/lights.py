@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,9 +78,20 @@ class LightSet:
             raise SceneError(f"{len(scene.lights)} lights", scene.name, f"expected at most {most} on {device.renderer}")
         self.lights = scene.lights
         self._bounds = scene.swept_bounds
+        self._max_size = device.max_size
         self.scale = radiance_scale(scene)
         self.tiles, self.atlas_size = lay_out(scene.lights, device.max_size)
         self.buffer = device.ctx.buffer(reserve=LIGHT_BYTES * max(1, len(self.lights)))
+
+    def take(self, scene: Scene) -> bool:
+        """Take over the lights of ``scene`` if shaders, shadow maps and scale stay the same by it; whether they do."""
+        other = copy(self)
+        other.lights, other.scale = scene.lights, radiance_scale(scene)
+        other.tiles, other.atlas_size = lay_out(scene.lights, self._max_size)
+        if (other.defines, other.tiles, other.scale) != (self.defines, self.tiles, self.scale):
+            return False
+        self.lights = scene.lights
+        return True
 
     @property
     def soft(self) -> bool:

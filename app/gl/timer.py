@@ -58,9 +58,9 @@ class Timer:
         if self._cpu.get(name):
             self._cpu[name][-1] += cpu_ms
 
-    def report(self) -> dict[str, dict[str, dict[str, float]]]:
-        """``{name: {"cpu_ms": {"median", "p95"}, "gpu_ms": {…}}}`` over the newest frames."""
-        return {name: {"cpu_ms": _summary(values), "gpu_ms": _summary(self._gpu[name])}
+    def report(self, newest: int = NEWEST) -> dict[str, dict[str, dict[str, float]]]:
+        """``{name: {"cpu_ms": {"median", "p95"}, "gpu_ms": {…}}}`` over the ``newest`` frames."""
+        return {name: {"cpu_ms": _summary([*values][-newest:]), "gpu_ms": _summary([*self._gpu[name]][-newest:])}
                 for name, values in self._cpu.items()}
 
     def clear(self) -> None:

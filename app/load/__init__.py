@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from app.load.scene import embedded_scene, load_scene
-from app.load.sidecar import load_camera
+from app.load.scene import Parts, embedded_scene, load_parts, load_scene
+from app.load.sidecar import load_camera, parse_camera, parse_light
 from app.load.views import auto_camera, orbit
 
-__all__ = ["auto_camera", "embedded_scene", "load_camera", "load_scene", "orbit"]
+__all__ = ["Parts", "auto_camera", "embedded_scene", "load_camera", "load_parts", "load_scene", "orbit", "parse_camera",
+           "parse_light"]

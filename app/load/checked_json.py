@@ -34,13 +34,35 @@ def read_checked(path: Path, definition: str = "", schema: str = SCHEMA) -> Any:
     except (OSError, ValueError) as error:  # UnicodeDecodeError, or a path with a null byte
         raise SceneError("can't read the JSON file", path, "expected a readable UTF-8 file") from error
     try:
-        content = json.loads(text, parse_float=_finite, parse_int=_finite, parse_constant=_finite)
+        content = parse(text)
     except (ValueError, RecursionError) as error:
         raise SceneError(f"not a JSON file ({error})", path, "expected valid JSON with finite numbers") from error
+    check(content, path, definition, schema)
+    return content
+
+
+def parse(text: str) -> Any:
+    """The value of a JSON text, all of whose numbers are finite floats.
+
+    Raises
+    ------
+    ValueError, RecursionError
+        For anything else.
+    """
+    return json.loads(text, parse_float=_finite, parse_int=_finite, parse_constant=_finite)
+
+
+def check(content: Any, path: Path, definition: str = "", schema: str = SCHEMA) -> None:
+    """See to it that a JSON value follows a schema of ``app/data``, or one of its definitions.
+
+    Raises
+    ------
+    SceneError
+        When it does not; it names the key, and ``path`` as its file.
+    """
     errors = list(_validator(schema, definition).iter_errors(content))
     if errors:
         raise _explain(next((e for e in errors if e.validator == "additionalProperties"), errors[0]), path)
-    return content
 
 
 def at(path: Path, *keys: object) -> str:

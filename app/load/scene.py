@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from app.load.gltf import read_gltf
 from app.load.motion import build_motion
 from app.load.obj import read_obj
 from app.load.ply import read_ply
-from app.load.sidecar import Sidecar, read_sidecar
+from app.load.sidecar import Lighting, Sidecar, read_sidecar
 from app.load.survey import Survey
 from app.load.views import AUTO, automatic_camera, automatic_light
 from app.scene import CameraPath, Environment, Scene, bounds_of
@@ -26,6 +26,31 @@ from app.scene import CameraPath, Environment, Scene, bounds_of
 READERS: dict[str, Callable[[Path, Draft], None]] = {
     ".obj": read_obj, ".gltf": read_gltf, ".glb": read_gltf, ".ply": read_ply,
 }
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """A scene, and what an editor needs to know of it.
+
+    Attributes
+    ----------
+    own_lights : int
+        How many of the scene's lights, the first ones, stand for no emissive surface.
+    objects : dict of str to tuple of int
+        Instances that each name of the file moves.
+    sidecar : Sidecar
+        What the scene JSON says.
+    """
+
+    scene: Scene
+    own_lights: int
+    objects: dict[str, tuple[int, ...]]
+    sidecar: Sidecar
+
+    @property
+    def lighting(self) -> Lighting | None:
+        """What the scene JSON says of the chosen lighting; None where the file's own lights shine."""
+        return self.sidecar.lightings.get(self.scene.lighting)
 
 
 def load_scene(path: str | Path, *, lighting: str | None = None, scene_json: str | Path | None = None) -> Scene:
@@ -46,6 +71,11 @@ def load_scene(path: str | Path, *, lighting: str | None = None, scene_json: str
         When a file is missing, corrupt or of an unknown kind, when nothing in it can be drawn, when the
         scene JSON has a mistake, or when there is no lighting of that name.
     """
+    return load_parts(path, lighting=lighting, scene_json=scene_json).scene
+
+
+def load_parts(path: str | Path, *, lighting: str | None = None, scene_json: str | Path | None = None) -> Parts:
+    """The same as ``load_scene``, with what an editor needs to know besides."""
     path = Path(path)
     draft = _read(path)
     sidecar = _sidecar(path, scene_json)
@@ -56,9 +86,13 @@ def load_scene(path: str | Path, *, lighting: str | None = None, scene_json: str
         draft.lights = list(sidecar.lightings[name].lights)
         draft.scale_emission(sidecar.lightings[name].emission)
         draft.environment = _environment(sidecar, name, draft.notice)
+    before = len(draft.lights)
     find_emitters(draft)
+    emitters = len(draft.lights) - before
     draft.drop_unused()
-    return _finish(draft, path, sidecar, name)
+    scene = _finish(draft, path, sidecar, name)
+    objects = {group: tuple(members) for group, members in draft.groups.items()}
+    return Parts(scene, len(scene.lights) - emitters, objects, sidecar)
 
 
 def embedded_scene(*, lighting: str | None = None) -> Scene:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from app.errors import SceneError
-from app.load.checked_json import at, read_checked
+from app.load.checked_json import at, check, read_checked
 from app.load.draft import vector
 from app.load.motion import MotionKey, motion_key
 from app.scene import Camera, CameraPath, DirectionalLight, Light, PointLight, RectLight, SpotLight
@@ -68,6 +68,32 @@ def load_camera(path: str | Path) -> CameraPath:
         When the file can't be read or a key is wrong; it names the key.
     """
     return _camera_path(read_checked(Path(path), "camera"), Path(path))
+
+
+def parse_camera(spec: object, where: str) -> Camera:
+    """A fixed camera, as under ``cameras`` in a scene JSON; ``where`` it comes from is for messages.
+
+    Raises
+    ------
+    SceneError
+        When a key is wrong; it names the key.
+    """
+    check(spec, Path(where), "fixed_camera")
+    assert isinstance(spec, dict)
+    return _camera(spec, Path(where))
+
+
+def parse_light(spec: object, where: str) -> Light:
+    """A light, as under ``lights`` in a scene JSON; ``where`` it comes from is for messages.
+
+    Raises
+    ------
+    SceneError
+        When a key is wrong; it names the key.
+    """
+    check(spec, Path(where), "light")
+    assert isinstance(spec, dict)
+    return _light(spec, Path(where))
 
 
 def _camera_path(spec: dict[str, Any], path: Path, *keys: object) -> CameraPath:
