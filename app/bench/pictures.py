@@ -19,15 +19,17 @@ F32 = NDArray[np.float32]
 QUALITY = 92
 
 
-def shown(pictures: dict[str, F32]) -> dict[str, dict[str, str]]:
-    """For each label the ``picture`` with the truth's exposure, and its ``flip`` map (dark is near the truth).
+def shown(pictures: dict[str, F32], reference: str = "truth") -> dict[str, dict[str, str]]:
+    """For each label the ``picture`` with the reference's exposure, and its ``flip`` map (dark is near the reference).
 
     Parameters
     ----------
     pictures : dict of str to ndarray, float32, shape (H, W, 3)
-        Linear; the one called ``truth`` is what the others are compared with.
+        Linear.
+    reference : str
+        Which of them the others are compared with.
     """
-    truth = pictures["truth"]
+    truth = pictures[reference]
     exposure = exposure_of(truth)
     magma = extra_module("matplotlib", "judge").colormaps["magma"]
     return {label: {"picture": _uri(to_8bit(tone_map(image, exposure))),

@@ -39,11 +39,18 @@ def html_report(results: Json, pictures: dict[str, dict[str, F32]]) -> str:
     width, height = results["scenes"][0]["truth"]["size"]
     # "</" would end the script.
     data = json.dumps({scene: shown(images) for scene, images in pictures.items()}).replace("</", "<\\/")
-    page = (resources.files("app.bench") / "page.html").read_text("utf-8")
-    return Template(page).substitute(
+    return fill_page(
+        "page.html", pictures=data,
         machine=_machine(results), headlines=_headlines(results["headlines"]), judged=f"{width}×{height}",
         scatter=scatter(results), stages=stages(results), scenes="\n".join(map(_scene, results["scenes"])),
-        growth=_growth(results["growth"]) if "growth" in results else "", pictures=data)
+        growth=_growth(results["growth"]) if "growth" in results else "")
+
+
+def fill_page(name: str, **parts: str) -> str:
+    """A page of this package with its ``parts``, and what sliders between two pictures need."""
+    folder = resources.files("app.bench")
+    style, script = ((folder / f"slider.{kind}").read_text("utf-8").rstrip("\n") for kind in ("css", "js"))
+    return Template((folder / name).read_text("utf-8")).substitute(slider_style=style, slider=script, **parts)
 
 
 def _machine(results: Json) -> str:
@@ -67,7 +74,7 @@ def _headlines(found: Sequence[Json]) -> str:
         for key, what in (("speed_up", "speed-up at equal error"), ("error_ratio", "error ratio at equal time")):
             own = [_ratio(row["scenes"][s][key]) if s in row["scenes"] else "–" for s in scenes]
             body.append([f"{row['model']} against {row['against']}: {what}", _ratio(row[key]), *own])
-    return _table(["", "mean", *scenes], body) if found else "<p>No network was measured beside a rival.</p>"
+    return html_table(["", "mean", *scenes], body) if found else "<p>No network was measured beside a rival.</p>"
 
 
 def _scene(scene: Json) -> str:
@@ -92,7 +99,7 @@ def _errors(scene: Json) -> str:
     body = [[label, "–" if ms is None else number(ms),
              *(number(errors[layer][m]) if layer in errors else "–" for layer in LAYERS for m in COLUMNS)]
             for label, ms, errors in entries]
-    return "<h3>Errors</h3>" + _table(head, body, above)
+    return "<h3>Errors</h3>" + html_table(head, body, above)
 
 
 def _times(scene: Json) -> str:
@@ -105,7 +112,7 @@ def _times(scene: Json) -> str:
             body += [["start-up s", *(number(c["fresh"]["startup_s"]) if c["fresh"] else "–" for c in entries)],
                      ["peak memory MB", *(number(c["fresh"]["peak_mb"]) if c["fresh"] else "–" for c in entries)]]
         heads = [c["label"] + (f" ({c['grid'][0]}×{c['grid'][1]})" if c["grid"] else "") for c in entries]
-        parts.append(_table([f"{size[0]}×{size[1]}", *heads], body))
+        parts.append(html_table([f"{size[0]}×{size[1]}", *heads], body))
     return "".join(parts)
 
 
@@ -118,11 +125,12 @@ def _growth(found: Json) -> str:
         body = [[name, *map(number, s["ms"]),
                  "–" if s["exponent"] is None else f"{s['exponent']:.2f} ± {s['error']:.2f}"]
                 for name, s in data["stages"].items()]
-        parts.append(_table([quantity, *map(str, data["counts"]), "exponent"], body))
+        parts.append(html_table([quantity, *map(str, data["counts"]), "exponent"], body))
     return "".join(parts)
 
 
-def _table(head: Sequence[str], body: Iterable[Sequence[str]], above: str = "") -> str:
+def html_table(head: Sequence[str], body: Iterable[Sequence[str]], above: str = "") -> str:
+    """A table of texts, which scrolls where it is too wide; ``above`` are rows before its head."""
     lines = [above, "<tr>" + "".join(f"<th>{escape(cell)}" for cell in head)]
     lines += ["<tr>" + "".join(f"<td>{escape(cell)}" for cell in row) for row in body]
     return "<div class=scroll><table>" + "".join(lines) + "</table></div>"

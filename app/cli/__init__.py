@@ -8,6 +8,7 @@ import typer
 
 from app import __version__
 from app.cli.bench import bench
+from app.cli.compare import compare
 from app.cli.golden import golden
 from app.cli.group import DefaultGroup
 from app.cli.models import models
@@ -24,6 +25,7 @@ cli = typer.Typer(
 )
 cli.command("render")(render)
 cli.command("models")(models)
+cli.command("compare")(compare)
 cli.command("bench")(bench)
 cli.add_typer(golden, name="golden")
 

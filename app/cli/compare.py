@@ -1,0 +1,99 @@
+"""``python -m app compare``: models beside each other and the truth, on one page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from app.atomic import prepare_folders, write_text
+from app.errors import SettingsError
+from app.settings import Settings, parse_size
+
+if TYPE_CHECKING:
+    from app.bench.truth import Truth
+    from app.scene import Camera, Scene
+
+AUTO = "auto"
+LEAST_SIDE = 11  # SSIM's window
+
+
+def compare(
+    scene: Annotated[Path | None, typer.Argument(
+        help="OBJ, glTF, GLB or PLY file; the embedded Cornell box without it.", metavar="[SCENE]",
+        show_default=False)] = None,
+    models: Annotated[str, typer.Option(
+        help="Names and paths as for --model, and truth. What the others are compared with is the truth, or else the "
+             "last one.", metavar="NAME,…")] = "none,radiosity,ember,truth",
+    size: Annotated[str, typer.Option(help="Width and height in pixels.", metavar="WxH")] = "512x384",
+    camera: Annotated[str | None, typer.Option(
+        help="A camera of the scene.", metavar="NAME", show_default="the scene's own")] = None,
+    lighting: Annotated[str | None, typer.Option(
+        help="A named lighting of the scene's JSON file.", metavar="NAME", show_default="the scene's own")] = None,
+    reference: Annotated[str, typer.Option(
+        help="Folder with the truth, or auto: path-traced and kept.", metavar="DIR|auto")] = AUTO,
+    spp: Annotated[int, typer.Option(help="Samples per pixel of a truth that is made.", min=8, metavar="N")] = 256,
+    provider: Annotated[str, typer.Option(
+        help="onnxruntime execution provider.", metavar="auto|cpu|cuda|…")] = "auto",
+    out: Annotated[Path, typer.Option(help="The page.", metavar="FILE.html")] = Path("out/compare.html"),
+) -> None:
+    """Compare models on one page: sliders between any two, FLIP maps and numbers, in a single file.
+
+    Needs the extra [bold]judge[/bold], and for the truth [bold]export[/bold].
+
+    [bold]Examples[/bold]
+
+    [cyan]python -m app compare[/cyan]  [dim]# the embedded Cornell box against the path tracer[/dim]
+
+    [cyan]python -m app compare room.glb --models ssgi,mine.onnx,truth[/cyan]  [dim]# your own network[/dim]
+    """
+    from app.bench.configurations import expand
+    from app.bench.run import JUDGE
+    from app.bench.side_by_side import TRUTH, side_by_side
+    from app.extras import extra_module
+    from app.infer import check_provider
+    from app.load import load_scene
+    from app.paths import data_dir
+
+    names = list(dict.fromkeys(part.strip() for part in models.split(",") if part.strip()))
+    drawn = [name for name in names if name != TRUTH]
+    if not drawn or len(names) < 2:
+        raise SettingsError(f"nothing to compare in {models!r}", "--models", "expected two or more, such as none,truth")
+    pixels = Settings(size=parse_size(size)).size
+    if min(pixels) < LEAST_SIDE:
+        raise SettingsError(f"bad size {size!r}", "--size", f"expected sides of at least {LEAST_SIDE}, SSIM's window")
+    if out.is_dir():
+        raise SettingsError(f"{out} is a folder", "--out", "expected the name of an HTML file")
+    check_provider(provider)
+    for name in JUDGE:  # says at once what is missing
+        extra_module(name, "judge")
+    configurations, _ = expand(drawn, [pixels])
+    file = scene or data_dir() / "cornell-box.obj"
+    loaded = load_scene(file, lighting=lighting)
+    if camera is not None and camera not in loaded.cameras:
+        raise SettingsError(f"no camera {camera!r}", "--camera", f"expected one of {', '.join(loaded.cameras)}")
+    seen = loaded.cameras[camera or loaded.default_camera].at(0.0)
+    prepare_folders(out.parent)
+    truth = None
+    if TRUTH in names:
+        _say("truth")
+        truth = _truth(reference, file, lighting, camera, loaded, seen, pixels, spp)
+    write_text(out, side_by_side(loaded, seen, configurations, truth, provider, _say))
+    typer.echo(f"wrote {out}")
+
+
+def _truth(reference: str, file: Path, lighting: str | None, camera: str | None, scene: Scene, seen: Camera,
+           size: tuple[int, int], spp: int) -> Truth:
+    from app.bench.truth import Order, make_truth, read_truth
+
+    if reference == AUTO:
+        return make_truth(Order(file, lighting, camera, size), scene, seen, spp)
+    truth = read_truth(Path(reference))
+    if truth.size != size:
+        raise SettingsError(f"the truth is {truth.size[0]}x{truth.size[1]}", reference, "expected the size of --size")
+    return truth
+
+
+def _say(line: str) -> None:
+    typer.secho(line, err=True, dim=True)

@@ -1,0 +1,85 @@
+"""A viewer in a process of its own, as a user starts it, and a browser that looks at it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from app.errors import DeviceError
+from app.gl.context import Device
+
+ROOT = Path(__file__).parents[2]
+CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
+
+
+@dataclass
+class Viewer:
+    """A running viewer; ``link`` is what it printed."""
+
+    process: subprocess.Popen[str]
+    link: str
+
+    @property
+    def socket(self) -> str:
+        return self.link.replace("http://", "ws://").replace("/?", "/live?") + ("" if "?" in self.link else "live")
+
+    def end(self) -> str:
+        """Ctrl-C; what it printed after its link."""
+        self.process.send_signal(signal.SIGINT)
+        out, err = self.process.communicate(timeout=20)
+        assert self.process.returncode == 0, err
+        assert "Traceback" not in err
+        return out
+
+
+@contextmanager
+def running(*args: str) -> Iterator[Viewer]:
+    """A viewer with these arguments; it is ended by Ctrl-C if it has not ended."""
+    process = subprocess.Popen([sys.executable, "-m", "app", "view", *args], text=True, cwd=ROOT,
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    try:
+        assert process.stdout is not None and process.stderr is not None
+        line = process.stdout.readline()
+        if not line:
+            pytest.fail(process.stderr.read())
+        viewer = Viewer(process, line.split()[-1])
+        yield viewer
+        if process.poll() is None:
+            viewer.end()
+    finally:
+        process.kill()
+        process.wait()
+
+
+@pytest.fixture(scope="session")
+def egl() -> None:
+    """Skips where there is no OpenGL context."""
+    try:
+        Device().close()
+    except DeviceError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Debian's Chromium, headless; where it is missing the test is skipped, but never in CI."""
+    found = next(filter(None, map(shutil.which, CHROMIUM)), None)
+    if found is None:
+        leave = pytest.fail if os.environ.get("CI") == "true" else pytest.skip
+        leave("no Chromium; on Debian: apt-get install chromium")
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=found, args=["--no-sandbox", "--disable-gpu"])
+        yield chromium
+        chromium.close()

@@ -1,0 +1,73 @@
+"""The comparison page: one file, with every picture, a map and the numbers of each model."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from app.cli import cli
+from app.image import write_exr
+
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "coarse_shadows")]
+
+SIZE = (64, 48)
+
+
+def pictures_of(page: str) -> dict[str, dict[str, np.ndarray]]:
+    """By label, decoded."""
+    data = json.loads(re.search(r"const pictures = (\{.*\});", page)[1])
+    (scene,) = data.values()
+    return {label: {kind: np.asarray(Image.open(io.BytesIO(base64.b64decode(uri.split(",")[1]))))
+                    for kind, uri in kinds.items()} for label, kinds in scene.items()}
+
+
+def compare(out: Path, *args: str) -> str:
+    done = CliRunner().invoke(cli, ["compare", "--size", "64x48", "--out", str(out), *args])
+    assert done.exit_code == 0, done.output
+    return out.read_text("utf-8")
+
+
+def test_without_a_truth_the_last_is_what_others_are_compared_with(tmp_path: Path) -> None:
+    page = compare(tmp_path / "page.html", "--models", "none,ssgi")
+    found = pictures_of(page)
+    assert list(found) == ["none", "ssgi"]
+    assert found["ssgi"]["picture"].shape == (48, 64, 3)
+    assert found["ssgi"]["picture"].mean() > found["none"]["picture"].mean() + 2
+    assert found["none"]["flip"].std() > 3 * found["ssgi"]["flip"].std()
+    assert 'data-reference="ssgi"' in page and "against ssgi" in page
+    assert not re.search(r"(src|href)=[\"']?(?!data:)\w", page)  # nothing from elsewhere
+    assert [p.name for p in tmp_path.iterdir()] == ["page.html"]
+
+
+def test_against_a_truth_every_layer_has_its_errors(tmp_path: Path) -> None:
+    flat = {name: np.full((48, 64, 3), 0.5, np.float32) for name in ("", "direct", "indirect", "albedo")}
+    (tmp_path / "truth").mkdir()
+    write_exr(tmp_path / "truth" / "truth.exr", {**flat, "depth": np.ones((48, 64, 1), np.float32)})
+    (tmp_path / "truth" / "truth.json").write_text('{"spp": 7, "notices": ["made up"]}')
+    page = compare(tmp_path / "page.html", "--models", "truth,none", "--reference", str(tmp_path / "truth"))
+    assert list(pictures_of(page)) == ["none", "truth"]
+    assert "truth of 7 samples per pixel; made up" in page
+    for layer in ("final", "direct", "indirect"):
+        assert f"<th colspan=4>{layer}" in page
+
+
+@pytest.mark.parametrize(("args", "said"), [
+    (["--models", "truth"], "nothing to compare"), (["--models", "ember"], "nothing to compare"),
+    (["--models", "none,missing"], "missing"), (["--size", "8x8"], "at least 11"), (["--camera", "nobody"], "nobody"),
+    (["--out", "."], "is a folder"), (["--models", "none,truth", "--reference", "nowhere"], "nowhere"),
+])
+def test_user_errors_are_one_line(args: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(cli, ["compare", "--size", "64x48", *args])
+    assert done.exit_code == 2
+    line, = [x for x in done.stderr.splitlines() if x.startswith("error: ")]
+    assert said in line
+    assert not list(tmp_path.glob("**/*.html"))
