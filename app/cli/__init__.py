@@ -13,6 +13,7 @@ from app.cli.golden import golden
 from app.cli.group import DefaultGroup
 from app.cli.models import models
 from app.cli.render import render
+from app.cli.view import view
 
 cli = typer.Typer(
     name="afterglow",
@@ -25,6 +26,7 @@ cli = typer.Typer(
 )
 cli.command("render")(render)
 cli.command("models")(models)
+cli.command("view")(view)
 cli.command("compare")(compare)
 cli.command("bench")(bench)
 cli.add_typer(golden, name="golden")
@@ -51,6 +53,8 @@ def _about(
     [cyan]python -m app[/cyan]  [dim]# the embedded Cornell box, into out/[/dim]
 
     [cyan]python -m app scene.glb --size 640x480 --camera orbit --frames 60[/cyan]  [dim]# a turn around a scene[/dim]
+
+    [cyan]python -m app view scene.glb[/cyan]  [dim]# the same scene live, in a browser[/dim]
 
     [cyan]python -m app models[/cyan]  [dim]# the networks that come along[/dim]
     """

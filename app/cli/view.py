@@ -1,0 +1,91 @@
+"""``python -m app view``: a page in the browser that steers the renderer."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from app.settings import Settings, parse_size
+
+SCENE, SERVER, NETWORK = "Scene", "Server", "Network and device"
+
+
+def view(
+    scene: Annotated[Path | None, typer.Argument(
+        help="OBJ, glTF, GLB or PLY file; the embedded Cornell box without it.", metavar="[SCENE]",
+        show_default=False)] = None,
+    camera: Annotated[str | None, typer.Option(
+        help="auto, a camera of the scene, or a FILE.json.", metavar="auto|NAME|FILE.json",
+        show_default="the scene's own", rich_help_panel=SCENE)] = None,
+    lighting: Annotated[str | None, typer.Option(
+        help="A named lighting of the scene's JSON file.", metavar="NAME", show_default="the scene's own",
+        rich_help_panel=SCENE)] = None,
+    scene_json: Annotated[Path | None, typer.Option(
+        "--scene-json", help="Cameras, lightings and motion.", metavar="FILE",
+        show_default="same stem beside the scene", rich_help_panel=SCENE)] = None,
+    size: Annotated[str, typer.Option(
+        help="Pixels, until a page says how large its window is.", metavar="WxH", rich_help_panel=SCENE)] = "1024x768",
+    host: Annotated[str, typer.Option(
+        help="Address to listen on; the link of another than this machine's own holds a token.", metavar="ADDRESS",
+        rich_help_panel=SERVER)] = "127.0.0.1",
+    port: Annotated[int, typer.Option(
+        help="Port; 0 for a free one.", min=0, max=65535, metavar="N", rich_help_panel=SERVER)] = 0,
+    model: Annotated[str, typer.Option(
+        help="What is shown first: a name that `models` lists, a path to an .onnx file, or none.",
+        metavar="NAME|PATH|none", rich_help_panel=NETWORK)] = "ember",
+    provider: Annotated[str, typer.Option(
+        help="onnxruntime execution provider.", metavar="auto|cpu|cuda|…", rich_help_panel=NETWORK)] = "auto",
+    strict_device: Annotated[bool, typer.Option(
+        "--strict-device", help="Refuse a software renderer.", rich_help_panel=NETWORK)] = False,
+) -> None:
+    """See a scene live, in a browser: orbit, drag lights, compare models with each other and with the truth.
+
+    Serves one page and prints its link; Ctrl-C ends it. Needs the extra [bold]view[/bold], and for the truth
+    [bold]export[/bold].
+
+    [bold]Examples[/bold]
+
+    [cyan]python -m app view[/cyan]  [dim]# the embedded Cornell box[/dim]
+
+    [cyan]python -m app view sponza.glb --lighting sun --model radiosity[/cyan]  [dim]# another model[/dim]
+
+    [cyan]python -m app view room.obj --host 0.0.0.0 --port 8080[/cyan]  [dim]# for others, by a secret link[/dim]
+    """
+    from app.bench.configurations import NONE, all_models
+    from app.cli.render import choose_camera
+    from app.contract import find_model
+    from app.extras import extra_module
+    from app.gl.context import Device
+    from app.infer import check_provider
+    from app.load import load_parts
+    from app.paths import data_dir
+    from app.view.drawing import shown_outputs
+    from app.view.protocol import Choices
+    from app.view.server import EXTRA, serve
+    from app.view.session import Session
+    from app.view.state import State
+
+    extra_module("aiohttp", EXTRA)
+    check_provider(provider)
+    if model != NONE:
+        find_model(model)
+    Device(strict_device).close()  # says what is missing, if anything is
+    file = (scene or data_dir() / "cornell-box.obj").resolve()
+    parts = load_parts(file, lighting=lighting, scene_json=scene_json)
+    for notice in parts.scene.notices:
+        typer.secho(f"note: {notice}", err=True, dim=True)
+    models = tuple(dict.fromkeys((*all_models(), model)))
+    still = {name: members for name, members in parts.objects.items()
+             if all(parts.scene.instances[i].motion is None for i in members)}
+    state = State(Settings(size=parse_size(size)).size, choose_camera(parts.scene, camera, 1).at(0.0),
+                  parts.scene.lights[:parts.own_lights], model)
+    session = Session(file, parts, state, Choices(models, shown_outputs(), still), provider)
+    asyncio.run(serve(session, host, port, _say))
+    typer.echo("ended")
+
+
+def _say(link: str) -> None:
+    typer.echo(f"Afterglow is at {link}\nCtrl-C ends it")

@@ -1,0 +1,82 @@
+"""One model's picture of the newest state, by a renderer that is kept as long as it will do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from app.bench.configurations import expand
+from app.contract import Model
+from app.errors import ModelError
+from app.frame import AOVS
+from app.renderer import Renderer
+from app.settings import Settings
+from app.view.stage import Stage
+from app.view.state import FINAL, State
+
+NEWEST = 60  # frames whose median time is told
+
+
+class Drawing:
+    """A renderer, changed where it can be and made anew where it can't.
+
+    Parameters
+    ----------
+    folder : Path
+        Where copies of networks with another scale are written.
+    """
+
+    def __init__(self, stage: Stage, provider: str, folder: Path) -> None:
+        self._stage, self._provider, self._folder = stage, provider, folder
+        self._renderer: Renderer | None = None
+        self._made_for: object = None
+
+    def draw(self, state: State, model: str) -> Mapping[str, Any]:
+        """The images of the newest frame, as ``Renderer.render`` gives them.
+
+        Raises
+        ------
+        AfterglowError
+            When scene, model and device don't fit together.
+        """
+        scene = self._stage.scene(state)
+        wanted = (model, state.scale, state.precision, state.size, state.aov, state.taa, self._stage.movable)
+        if self._renderer is None or wanted != self._made_for or not self._renderer.relight(scene.lights):
+            self.close()
+            settings = Settings(state.size, (state.aov,), taa=state.taa, provider=self._provider, timing=True)
+            self._renderer = Renderer(scene, settings, _file(state, model, self._folder))
+            self._made_for = wanted
+        self._renderer.expose(state.exposure)
+        return self._renderer.render(state.camera, self._stage.time)
+
+    def report(self) -> dict[str, Any]:
+        """Median milliseconds of each pass over the newest frames, what was culled and why, and the device."""
+        if self._renderer is None:
+            return {}
+        times = self._renderer.timing(NEWEST)
+        return {
+            "passes": {name: p["cpu_ms"]["median"] for name, p in times["passes"].items() if name != "copy"},
+            "frame_ms": times["frame"]["cpu_ms"].get("median", 0.0), "culled": dict(self._renderer.plan.culled),
+            "missing": list(self._renderer.missing), "device": self._renderer.device,
+        }
+
+    def close(self) -> None:
+        """Give the renderer back."""
+        if self._renderer is not None:
+            self._renderer.close()
+        self._renderer = self._made_for = None
+
+
+def _file(state: State, model: str, folder: Path) -> Model | None:
+    """What ``Renderer`` takes for a model in the state's scale and precision."""
+    found, absent = expand((model,), (state.size,), (state.scale,) if state.scale else (),
+                           (state.precision,) if state.precision else (), folder)
+    if not found:
+        raise ModelError("; ".join(absent), "precision", "expected one that the model has")
+    return found[0].file
+
+
+def shown_outputs() -> tuple[str, ...]:
+    """What of a frame can be shown, the finished picture first."""
+    return (FINAL, *(name for name in AOVS if name != FINAL))

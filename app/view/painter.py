@@ -1,0 +1,108 @@
+"""The thread that owns the OpenGL contexts: takes states from the desk, draws, and hands the frames on."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Thread
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.preview import preview
+from app.view.desk import Desk, Task
+from app.view.drawing import NEWEST, Drawing
+from app.view.encoder import jpeg, packed
+from app.view.stage import Stage
+from app.view.state import FINAL, Json, State, camera_json
+
+REPORT_SECONDS = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """A frame that was drawn.
+
+    Attributes
+    ----------
+    message : bytes
+        As it goes to the pages.
+    radiance : list of ndarray, float32, shape (H, W, 3)
+        The finished picture of each model; empty while something else is shown.
+    report : dict or None
+        Times and what runs; every half a second.
+    """
+
+    task: Task
+    message: bytes
+    radiance: list[NDArray[np.float32]]
+    report: Json | None
+
+
+class Painter(Thread):
+    """Draws until the desk closes.
+
+    Parameters
+    ----------
+    deliver : callable
+        Takes each frame; the next one is drawn when it returns, so that a frame leaves before new work begins.
+    complain : callable
+        Takes the error of a state that can't be drawn.
+    """
+
+    def __init__(self, desk: Desk, stage: Stage, provider: str, folder: Path, deliver: Callable[[Drawn], object],
+                 complain: Callable[[Exception], object]) -> None:
+        super().__init__(name="painter", daemon=True)
+        self._desk, self._deliver, self._complain = desk, deliver, complain
+        self._drawings = [Drawing(stage, provider, folder) for _ in range(2)]
+        self._ends: deque[float] = deque(maxlen=NEWEST)
+        self._reported = 0.0
+        self._number = 0
+
+    def run(self) -> None:
+        with ExitStack() as stack:
+            for drawing in self._drawings:
+                stack.callback(drawing.close)
+            while (task := self._desk.take()) is not None:
+                try:
+                    drawn = self._draw(task)
+                except Exception as error:  # of the driver, too: the pages are told, and the last good state comes back
+                    self._desk.refuse(task)
+                    self._complain(error)
+                else:
+                    self._desk.accept(task)
+                    self._deliver(drawn)
+
+    def _draw(self, task: Task) -> Drawn:
+        state = task.state
+        begin = perf_counter()
+        frames = [d.draw(state, model) for d, model in zip(self._drawings, state.models, strict=False)]
+        for unused in self._drawings[len(frames):]:
+            unused.close()
+        parts = [jpeg(_shown(images, state)) for images in frames]
+        self._number += 1
+        if task.repeat == 0 and self._ends and begin - self._ends[-1] > 1:
+            self._ends.clear()  # nothing was drawn meanwhile
+        self._ends.append(perf_counter())
+        header = {"kind": "frame", "number": self._number, "input": task.input, "repeat": task.repeat,
+                  "size": state.size, "camera": camera_json(state.camera)}
+        radiance = [images[FINAL] for images in frames] if state.aov == FINAL else []
+        return Drawn(task, packed(header, parts), radiance, self._report())
+
+    def _report(self) -> Json | None:
+        now = perf_counter()
+        if now - self._reported < REPORT_SECONDS:
+            return None
+        self._reported = now
+        gaps = np.diff(self._ends)
+        return {"fps": float(1 / np.median(gaps)) if len(gaps) else 0.0,
+                "models": [report for d in self._drawings if (report := d.report())]}
+
+
+def _shown(images: Any, state: State) -> NDArray[np.uint8]:
+    return images["display"] if state.aov == FINAL else preview(state.aov, images[state.aov], state.exposure)

@@ -1,0 +1,100 @@
+"""The path-traced truth of what is seen, refined in the background while nothing moves, and kept per camera."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from app.bench.content import content_key
+from app.bench.truth import Truth, exporter_version, read_truth
+from app.errors import AfterglowError
+from app.load import Parts
+from app.view.process import run_module
+from app.view.scene_file import NAME, write_scene_json
+from app.view.state import TRUTH, State
+
+SAMPLES = (8, 32, 128, 512)  # per pixel, of one refinement after the other
+REST_SECONDS = 0.7           # for which nothing moves before a truth is begun
+MOST_KEPT = 64
+
+
+class Truths:
+    """Traces the truth of the newest state.
+
+    Parameters
+    ----------
+    tell : callable
+        Takes each truth as soon as it is there, or None when there is none for what is seen now.
+    complain : callable
+        Takes what went wrong.
+
+    Attributes
+    ----------
+    newest : Truth or None
+        That of the state that was followed last.
+    """
+
+    def __init__(self, file: Path, parts: Parts, folder: Path, tell: Callable[[Truth | None], object],
+                 complain: Callable[[Exception], object]) -> None:
+        self._file, self._parts, self._folder = file, parts, folder
+        self._tell, self._complain = tell, complain
+        self._kept: dict[str, tuple[int, Path]] = {}  # how refined it is, and where
+        self._key = ""
+        self._work: asyncio.Task[None] | None = None
+        self.newest: Truth | None = None
+
+    def follow(self, state: State) -> None:
+        """Have the truth of ``state``, if it is wanted, and stop tracing any other."""
+        key = content_key(state.truth_key) if state.split == TRUTH else ""
+        if key == self._key:
+            return
+        self.stop()
+        self._key = key
+        if self.newest is not None:
+            self.newest = None
+            self._tell(None)
+        if key:
+            self._work = asyncio.create_task(self._refine(key, replace(state, bookmarks=())))
+
+    def stop(self) -> None:
+        """Trace no further."""
+        self._key = ""
+        if self._work is not None:
+            self._work.cancel()
+            self._work = None
+
+    async def _refine(self, key: str, state: State) -> None:
+        done, folder = self._kept.get(key, (0, Path()))
+        try:
+            if done:
+                await self._show(folder)
+            else:
+                await asyncio.sleep(REST_SECONDS)
+            for number, spp in list(enumerate(SAMPLES, 1))[done:]:
+                folder = self._folder / f"{key}-{spp}"
+                await self._trace(state, spp, folder)
+                self._keep(key, number, folder)
+                await self._show(folder)
+        except AfterglowError as error:
+            self._complain(error)
+
+    async def _trace(self, state: State, spp: int, folder: Path) -> None:
+        exporter_version(self._parts.scene)  # says what is missing, if anything is
+        folder.mkdir(parents=True, exist_ok=True)
+        file = folder / "scene.json"
+        write_scene_json(file, state, self._parts)
+        await run_module("export", ["reference", str(self._file), "--scene-json", str(file), "--camera", NAME,
+                                    "--lighting", NAME, "--size", f"{state.size[0]}x{state.size[1]}",
+                                    "--spp", str(spp), "--out", str(folder)], nice=True)
+
+    def _keep(self, key: str, number: int, folder: Path) -> None:
+        self._kept.pop(key, None)
+        self._kept[key] = number, folder
+        if len(self._kept) > MOST_KEPT:
+            del self._kept[next(iter(self._kept))]
+
+    async def _show(self, folder: Path) -> None:
+        self.newest = await asyncio.to_thread(read_truth, folder)
+        self._tell(self.newest)
