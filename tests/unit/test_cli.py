@@ -10,6 +10,7 @@ import types
 from collections.abc import Callable
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -116,6 +117,14 @@ def test_frames_advance_by_a_thirtieth_and_settling_stays_at_the_first(invoke, t
         assert read_exr(tmp_path / "out" / f"{index:04d}.exr")[""].max() == index
 
 
+def test_a_video_holds_all_frames_and_is_one_file(invoke, tmp_path: Path) -> None:
+    result = invoke("--size", "16x12", "--frames", "3", "--format", "mp4,png")
+    assert result.exit_code == 0, result.output
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["0000.png", "0001.png", "0002.png", "video.mp4"]
+    with av.open(str(tmp_path / "out" / "video.mp4")) as container:
+        assert len(list(container.decode(video=0))) == 3
+
+
 def test_aovs_are_layers_and_the_first_one_is_the_picture(invoke, tmp_path: Path) -> None:
     result = invoke("--size", "4x2", "--aov", "normal,depth,motion")
     assert result.exit_code == 0, result.output
@@ -157,6 +166,9 @@ def test_verbose_tells_what_runs(invoke) -> None:
     (["--aov", "normals"], "did you mean 'normal'"),
     (["--aov", ","], "--aov"),
     (["--format", "jpg"], "--format"),
+    (["--format", "mp4", "--size", "15x12"], "divisible by 2"),
+    (["--scale", "2"], "--scale"),
+    (["--scale", "1/8"], "a scale without a network"),
     (["--frames", "0"], "--frames"),
     (["--frames", "many"], "--frames"),
     (["--exposure", "nan"], "--exposure"),
