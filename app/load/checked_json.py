@@ -106,6 +106,8 @@ def _explain(error: ValidationError, path: Path) -> SceneError:
         return SceneError(f"unknown value {value!r}", at(path, *keys), did_you_mean(str(value), rule))
     if error.validator == "type":
         return SceneError(f"wrong kind of value {_short(value)}", at(path, *keys), f"expected {_KINDS[rule]}")
+    if error.validator == "minLength":
+        return SceneError("an empty text", at(path, *keys), "expected a name")
     if error.validator in ("minItems", "maxItems", "minProperties"):
         return SceneError(f"{len(value)} values", at(path, *keys), f"expected {_amount(error)} {rule}")
     return SceneError(f"{_short(value)} is out of range", at(path, *keys), f"expected {_amount(error)} {rule:g}")

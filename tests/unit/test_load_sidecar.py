@@ -289,6 +289,7 @@ def test_a_black_environment_is_none(load):
     ({"type": "dome"}, "environment"), ({"radiance": [1, 1, 1]}, "type"),
     ({"type": "image", "file": "quad.mtl"}, "expected one of .exr, .hdr"), ({"type": "constant"}, "radiance"),
     ({"type": "image", "file": "\ud800.exr"}, "can't read"),
+    ({"type": "image", "file": ""}, "an empty text, .*file, expected a name"),
     ({"type": "constant", "radiance": [1, -1, 1]}, "radiance"), ({"type": "image", "file": "no.exr"}, r"no\.exr"),
     ({"type": "gradient", "zenith": [1, 1, 1], "horizon": [1, 1, 1]}, "ground"),
     ({"type": "constant", "radiance": [1, 1, 1], "file": "x"}, "file"),
