@@ -16,14 +16,13 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from app.channels import CHANNELS, HALF_MAX, INDIRECT, SCREEN
+from app.channels import BOUNCES, CHANNELS, HALF_MAX, INDIRECT, SCREEN
 from app.contract import TensorSpec
 from app.errors import SettingsError
 
 if TYPE_CHECKING:
     from app.infer import F32, Network  # imports onnxruntime
 
-COUNT = "bounces"  # the channel that networks which count them read
 ALBEDO = "bounces.albedo"  # the tensor that is packed besides the network's own
 SENT = ("direct.rgb", "radiance.rgb")  # channels with the light that surfaces send
 
@@ -83,7 +82,7 @@ def with_bounces(model: Network | Literal["ssgi"] | None, bounces: int) -> Netwo
         return model
     contract = model.contract
     read = {(name, spec.grid) for spec in contract.inputs.values() for name in spec.channels}
-    if any(name == COUNT for name, _ in read):
+    if any(name == BOUNCES for name, _ in read):
         return model
     if contract.bounces == "multi":
         raise SettingsError(f"{contract.name} gives all bounces at once", "--bounces", "expected none, or a model that "

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 SCREEN, CUBE, PANORAMA, SURFELS, RAYS, VECTOR = "screen", "cube", "panorama", "surfels", "rays", "vector"
 SEEN = (SCREEN, CUBE, PANORAMA)  # texels, drawn from the camera; no others have a sky
+BOUNCES = "bounces"
 INDIRECT, DIFFUSE, SPECULAR = "indirect.rgb", "direct.diffuse.rgb", "direct.specular.rgb"
 ENVIRONMENT = (DIFFUSE, SPECULAR)                             # what shades an environment writes
 COARSE_CHANNELS = ("coarse.diffuse.rgb", "coarse.specular.rgb")  # ... and alone may read
@@ -101,7 +102,7 @@ CHANNELS: dict[str, Channel] = {
         Channel("environment.sh", 75, "W/(sr m²)", (-HALF_MAX, HALF_MAX), 0.0, (VECTOR,),
                 "the environment in real spherical harmonics to order 4, camera space: red's 25, green's, blue's",
                 radiance=True),
-        Channel("bounces", 1, "1", (1.0, ALL_BOUNCES), ALL_BOUNCES, (VECTOR,),
+        Channel(BOUNCES, 1, "1", (1.0, ALL_BOUNCES), ALL_BOUNCES, (VECTOR,),
                 f"how many bounces of indirect light are wanted; {ALL_BOUNCES:g} for all"),
         Channel("coarse.diffuse.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, (SCREEN,),
                 "irradiance / π by the environment with nothing in its way, from 64 directions", radiance=True),

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from app.channels import (
+    BOUNCES,
     CHANNELS,
     COARSE_CHANNELS,
     CUBE,
@@ -205,12 +206,16 @@ class ModelContract:
         made = {name for spec in self.outputs.values() for name in spec.channels}
         need(len(made & set(ENVIRONMENT)) in (0, len(made)), f"outputs {', '.join(sorted(made))}",
              "indirect light, or what shades an environment")
-        need(not made & set(ENVIRONMENT) or DIFFUSE in made, f"outputs without {DIFFUSE}", f"{DIFFUSE} at least")
+        need(made & set(ENVIRONMENT) in (set(), set(ENVIRONMENT)), f"outputs {', '.join(sorted(made))} alone",
+             f"both of {', '.join(ENVIRONMENT)}")
         for name in dict.fromkeys(name for spec in self.inputs.values() for name in spec.channels):
             need(self.shades_environment or name not in COARSE_CHANNELS, f"channel {name!r} of a network for indirect "
                  "light", "it to be read by one that shades an environment")
-            need(not self.shades_environment or name not in LIT, f"channel {name!r} of a network that shades an "
-                 "environment", "none of what that network lights itself")
+            need(not self.shades_environment or name not in (*LIT, BOUNCES), f"channel {name!r} of a network that "
+                 "shades an environment", "none of what that network lights itself, and no bounces")
+        for tensor, spec in self.inputs.items():
+            need(not self.shades_environment or spec.grid in (SCREEN, VECTOR), f"grid {spec.grid!r} of tensor "
+                 f"{tensor!r} of a network that shades an environment", f"{SCREEN} or {VECTOR}")
         need(self.kept_from in (None, *self.inputs), f"bad kept_from {self.kept_from!r}", _one_of(self.inputs))
         need(not faces or self.cube_axes is not None, "no cube_axes", "'world' or 'camera', since a tensor is a cube")
 

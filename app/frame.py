@@ -47,8 +47,8 @@ AOVS: dict[str, str] = {
     "depth": "distance along the camera's -z in scene units; 0 where nothing is seen",
     "position": "surface point, world space, scene units",
     "motion": "pixels moved since the last frame (current - previous, +y down)",
-    "direct": "diffuse radiance by direct light, W/(sr m²)",
-    "specular": "highlights of direct light, W/(sr m²)",
+    "direct": "diffuse radiance by direct light, that of a shaded environment too, W/(sr m²)",
+    "specular": "highlights of the same, W/(sr m²)",
     "indirect": "indirect radiance divided by albedo, W/(sr m²)",
     "emission": "emitted radiance, W/(sr m²)",
     "background": "radiance of the environment where nothing is seen, W/(sr m²)",
@@ -145,9 +145,13 @@ def _shading(scene: Scene, environment: Environment, settings: Settings, lights:
         if _reads_vectors(model):
             passes.append(vector.declare(model.contract, tensors, environment, lights.scale, None,
                                          "environment_vector"))
+        else:
+            absent["environment_vector"] = "the network reads no vector"
         targets = {name: low[kind] for name, kind in ((DIFFUSE, "diffuse"), (SPECULAR, "specular")) if kind in low}
         passes += [downsample.declare(model.contract, settings.size, scene.longest_edge, "environment_downsample"),
                    network.declare(model, tensors, grid, targets, "environment_network")]
+    if not shiny:
+        absent |= dict.fromkeys(("fill_specular", "upsample_specular"), "no material has highlights")
     for kind in kinds:
         light = f"environment_{kind}"
         passes += [fill.declare(grid, light, surface, f"fill_{kind}"),

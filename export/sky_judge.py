@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,7 +18,7 @@ from app.renderer import Renderer
 from app.settings import Settings
 from export.dataset.key import scene_key
 from export.dataset.skies import under_sky
-from export.denoise import denoise
+from export.denoise import denoise, denoiser_version
 from export.reference import RAYS_AT_ONCE, Still
 from export.sky_tracer import SkyTracer
 from export.validation import View, views
@@ -30,6 +31,7 @@ SEED = 2       # first number of every seed: neither the dataset's nor that of t
 ALL = "mean"   # of all views, in place of a scene's name
 NONE = "none"  # no light of the environment at all
 LIT = 0.2      # least share of the surfaces that get a hundredth of what comes from everywhere
+MADE_BY = [Path(__file__).with_name(name) for name in ("sky_tracer.py", "path_tracer.py", "mitsuba_scene.py")]
 METRICS: dict[str, Callable[..., float]] = {"psnr": metrics.psnr, "ssim": metrics.ssim, "flip": metrics.flip}
 
 
@@ -64,7 +66,9 @@ def sky_views(scenes: Path) -> list[View]:
 
 def sky_truth(still: Still, spp: int, folder: Path) -> SkyTruth:
     """Traced and denoised, kept in ``folder``."""
-    path = folder / f"{scene_key(still.scene, still.camera, still.size, still.time, spp)}.exr"
+    made_by = hashlib.sha256(b"".join(file.read_bytes() for file in MADE_BY)).hexdigest()
+    key = scene_key(still.scene, still.camera, still.size, still.time, spp, denoiser_version(), made_by)
+    path = folder / f"{key}.exr"
     names = ("diffuse", "specular", "highlight", "albedo")
     if not path.exists():
         w, h = still.size

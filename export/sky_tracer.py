@@ -87,7 +87,9 @@ class SkyTracer(PathTracer):
         roughness = si.shape.eval_attribute_1("vertex_roughness", si, hit)
         specular, highlight = self._gathered(si, normal, v, f0, roughness, sampler, hit)
         rim = dr.maximum(1 - roughness, f0) - f0
-        reflectance = f0 + rim * dr.power(1 - dr.maximum(dr.dot(normal, v), 0), 5)
+        shiny = dr.max(f0) > 0  # other materials have no highlight at all
+        reflectance = dr.select(shiny, f0 + rim * dr.power(1 - dr.maximum(dr.dot(normal, v), 0), 5), 0.0)
+        highlight = dr.select(shiny, highlight, 0.0)
         found = [dr.select(hit, x, 0.0) for x in (diffuse, specular, highlight, _albedo(si, hit), reflectance, normal,
                                               si.t / dr.opaque(mi.Float, scene.scale))]
         dr.eval(found)

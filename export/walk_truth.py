@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +47,7 @@ class Truth:
 
 def truth_of(walk: Walk, size: tuple[int, int], spp: int, folder: Path, progress: Progress) -> Truth:
     """The path-traced truth of every judged frame, from ``folder`` where it was made before."""
-    tracer = cache(lambda moment: PathTracer(walk.scene, moment))
+    tracer = lru_cache(maxsize=1)(lambda moment: PathTracer(walk.scene, moment))
     frames = []
     for k, (camera, moment) in enumerate(zip(walk.judged, walk.moments[::walk.apart], strict=True)):
         progress(f"{walk.name}: truth of frame {k + 1} of {walk.frames}")

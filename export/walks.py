@@ -132,7 +132,7 @@ def shuttered_room(seconds: float) -> Scene:
     assembly.lights.append(DirectionalLight((0.15, -1.0, -0.7), (14.0, 12.5, 10.0), angular_radius_deg=0.27))
     scene = assembly.place("shuttered room", []).scene
     shutter = Assembly(np.random.default_rng(0))
-    shutter.add(slab((-1.5, 0.5, 0.3), (1.5, 3.6, 0.35)), white)  # high enough for the sun, which is above it
+    shutter.add(slab((-2.0, 0.2, t + 0.01), (2.0, 3.2, t + 0.06)), white)  # the sun comes from above
     made = shutter.place("shutter", []).scene
     up = np.stack([translation(np.array([0.0, 3.0 * share, 0.0])) for share in (0.0, 0.0, 1.0)])
     motion = Motion(seconds * np.array([0.0, 0.1, 0.75]), up)

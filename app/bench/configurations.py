@@ -23,7 +23,7 @@ class Configuration:
     ----------
     label : str
         The model's name, with the scale and precision that were asked for.
-    file : Path, ``ssgi`` or None
+    file : Path, ``ssgi``, ``coarse`` or None
         What ``Renderer`` takes as its model.
     size : tuple of int
         Width and height of the image.
@@ -45,8 +45,8 @@ class Configuration:
 
 
 def all_models() -> tuple[str, ...]:
-    """No indirect light, the classical method, and the bundled networks; of two precisions the single one."""
-    bundled = bundled_models()
+    """No indirect light, the classical method, and the bundled networks for such; of two precisions the single one."""
+    bundled = {name: file for name, file in bundled_models().items() if not read_contract(file).shades_environment}
     return NONE, SSGI, *(name for name in bundled
                          if not name.endswith(HALF) or name.removesuffix(HALF) not in bundled)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,9 +18,10 @@ from app.atomic import prepare_folders
 from app.channels import HALF_MAX
 from app.cli.options import FORMATS, parse_folder, parse_names, parse_scale, unknown
 from app.cli.report import print_summary, write_timing
-from app.contract import Model, find_model
+from app.contract import COARSE, Model, find_model, read_contract
 from app.errors import SettingsError
 from app.image import Image, write_exr, write_png
+from app.models import shades_environment
 from app.preview import preview
 from app.scene import CameraPath, Scene
 from app.settings import Settings, parse_size
@@ -149,10 +151,8 @@ def render(
         for name in renderer.missing:
             _note(f"{name} is all zero, nothing in this scene writes it")
         running = {p.name for p in renderer.plan.passes}
-        if "background" in running and {"direct", "surfels", "coarse"} & running == {"direct"}:
-            _note("the environment is shown and lights nothing: ember, ndr and coarse take light from it")
-        if "coarse" in running and "environment_network" not in running:
-            _note("the environment lights without shadows: --model ndr has them")
+        for notice in _about_environment(loaded, models):
+            _note(notice)
         if verbose:
             _describe(renderer)
         prepare_folders(out, *([timing.parent] if timing is not None else []))
@@ -169,14 +169,34 @@ def render(
     print_summary(report, images, timing, check=check)
 
 
+def _about_environment(scene: Scene, models: Sequence[Model]) -> Iterator[str]:
+    """What is to be known of how the environment lights, or does not."""
+    shading = [model for model in models if shades_environment(model)]
+    if scene.environment is None:
+        if shading:
+            yield "the scene has no environment to shade"
+    elif COARSE in shading:
+        yield "the environment lights without shadows: no network puts them in"
+    elif not shading and not any(_sees_sky(model) for model in models):
+        yield "the environment is shown and lights nothing: ember takes light from it, and coarse shades by it"
+
+
+def _sees_sky(model: Model) -> bool:
+    """Whether a network for indirect light reads what an environment sends."""
+    specs = read_contract(model).inputs.values() if isinstance(model, Path) else ()
+    return any(name in ("glow.rgb", "lumination.rgb", "environment.sh") for spec in specs for name in spec.channels)
+
+
 def _rescaled(models: list[Model], scale: float, stack: ExitStack) -> list[Model]:
     """The same with copies of networks that have another grid, as long as ``stack`` is open."""
     from app.bench.configurations import rescaled
 
     if not any(isinstance(model, Path) for model in models):
         raise SettingsError("a scale without a network", "--scale", "expected a --model that is one")
-    folder = Path(stack.enter_context(TemporaryDirectory()))
-    return [rescaled(model, scale, folder) if isinstance(model, Path) else model for model in models]
+    def copy(model: Path) -> Path:
+        return rescaled(model, scale, Path(stack.enter_context(TemporaryDirectory())))
+
+    return [copy(model) if isinstance(model, Path) else model for model in models]
 
 
 def choose_camera(scene: Scene, name: str | None, frames: int) -> CameraPath:

@@ -6,11 +6,12 @@ import json
 from pathlib import Path
 
 from app.atomic import write_text
-from app.bench.configurations import PRECISIONS
-from app.contract import HALF
+from app.bench.configurations import NONE, PRECISIONS
+from app.contract import COARSE, HALF, SSGI
 from app.load import Parts
 from app.view.state import Json, State, camera_json, light_json
 
+CLASSICAL = (NONE, SSGI, COARSE)  # models that are no networks
 NAME = "view"  # of the camera and the lighting
 
 
@@ -42,12 +43,13 @@ def arguments(state: State, scene: Path, file: Path | str, settle: int, aovs: tu
     found = [str(scene), "--scene-json", str(file), "--size", f"{state.size[0]}x{state.size[1]}",
              "--settle", str(settle), "--exposure", repr(state.exposure), "--model", model_name(state),
              "--aov", ",".join(aovs), "--format", formats, "--provider", provider]
-    return found + (["--scale", repr(state.scale)] if state.scale else []) + ([] if state.taa else ["--no-taa"])
+    scaled = state.scale and state.model not in CLASSICAL
+    return found + (["--scale", repr(state.scale)] if scaled else []) + ([] if state.taa else ["--no-taa"])
 
 
 def model_name(state: State) -> str:
     """The model in the precision that was chosen, as ``--model`` takes it."""
-    if not state.precision or state.model in ("none", "ssgi"):
+    if not state.precision or state.model in CLASSICAL:
         return state.model
     path = Path(state.model)
     return str(path.with_stem(path.stem.removesuffix(HALF) + PRECISIONS[state.precision]))

@@ -65,7 +65,10 @@ def validate(
     if fit is not None:
         network = find_model(SCALED)
         assert isinstance(network, Path)
-        constant = fitted_constant(Dataset(fit), network, pairs=200)
+        pairs = Dataset(fit)
+        if pairs.config.environment:
+            raise SettingsError("a dataset of environments", fit, "expected one with indirect light")
+        constant = fitted_constant(pairs, network, pairs=200)
     rows = judge(chosen, judged, spp, truth, constant, provider, tell, oracle)
     times = frame_times(chosen, judged, size, provider, tell) if size is not None else None
     write_text(out / "validation.csv", to_csv(by_view(rows)))

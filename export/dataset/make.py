@@ -16,7 +16,7 @@ from export.dataset.pair import Pair
 from export.dataset.place import FRAME_SECONDS
 from export.dataset.plan import Choice, Group, pair_at, place_of
 from export.dataset.store import Origin, encode
-from export.dataset.target import VERSION, trace_sky, trace_target
+from export.dataset.target import SKY_VERSION, VERSION, trace_sky, trace_target
 from export.path_tracer import PathTracer
 from export.sky_tracer import SkyTracer
 
@@ -59,7 +59,8 @@ def _one_thread() -> Iterator[None]:
 def key_of(config: Config, pair: Pair) -> str:
     """The content key of a pair and of all that its target depends on."""
     previous, current = pair.previous, pair.current
-    options = (VERSION, config.paths, config.max_bounces, config.denoised, *(("sky",) if config.environment else ()))
+    sky = (SKY_VERSION,) if config.environment else ()
+    options = (VERSION, config.paths, config.max_bounces, config.denoised, *sky)
     moved_lights = () if previous.scene is current.scene else previous.scene.lights
     return scene_key(current.scene, options, moved_lights,
                      [(still.camera, still.size, still.time) for still in (previous, current)])

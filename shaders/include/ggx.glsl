@@ -7,6 +7,7 @@
 // (Lagarde 2011, "Adopting a physically based shading model"); gloss holds F0 and roughness.
 vec3 environment_reflectance(vec4 gloss, float n_v)
 {
+    if (max(max(gloss.r, gloss.g), gloss.b) <= 0.0) return vec3(0.0);
     return gloss.rgb + (max(vec3(1.0 - gloss.a), gloss.rgb) - gloss.rgb) * pow(1.0 - n_v, 5.0);
 }
 

@@ -175,7 +175,11 @@ def test_two_models_for_the_same_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("changes", "expected"), [
-    ({"outputs": {"y": {"channels": [SPECULAR]}}}, "without direct.diffuse.rgb"),
+    ({"outputs": {"y": {"channels": [SPECULAR]}}}, "expected both of"),
+    ({"outputs": {"y": {"channels": [DIFFUSE]}}}, "expected both of"),
+    ({"inputs": {"x": {"channels": ["albedo.rgb"], "grid": "cube", "size": 8}}, "cube_axes": "world"},
+     "screen or vector"),
+    ({"inputs": {"x": {"channels": ["bounces"], "grid": "vector"}}}, "and no bounces"),
     ({"outputs": {"y": {"channels": [DIFFUSE, "indirect.rgb"]}}}, "indirect light, or what shades"),
     ({"inputs": {"x": {"channels": ["direct.rgb"]}}}, "lights itself"),
     ({"outputs": {"y": {"channels": ["indirect.rgb"]}}}, "read by one that shades"),

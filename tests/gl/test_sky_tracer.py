@@ -56,6 +56,9 @@ def test_half_a_sky_behind_a_wall_gives_half_the_light() -> None:
                   camera=Camera((0, 0.3, 1e-2), (0, 0, 1e-2), (0, 0, -1), 5.0))
     found = shaded(scene)
     np.testing.assert_allclose(found.diffuse.mean(axis=0), 0.35, rtol=0.03)
+    away = shaded(replace(scene, meshes=scene.meshes[:1], instances=scene.instances[:1]))
+    np.testing.assert_allclose(found.specular.mean(axis=0), 0.5 * away.specular.mean(axis=0), rtol=0.05)
+    np.testing.assert_allclose(found.highlight.mean(axis=0), 0.5 * away.highlight.mean(axis=0), rtol=0.05)
 
 
 def test_a_bright_spot_is_found_by_both_ways_of_looking() -> None:
@@ -80,6 +83,16 @@ def test_coarse_shading_is_the_same_where_nothing_is_hidden() -> None:
     made = (found.reflectance * found.specular).mean(axis=0)
     np.testing.assert_allclose(middle(drawn["specular"]), made, rtol=0.12)
     np.testing.assert_allclose(made, found.highlight.mean(axis=0), rtol=0.1)
+
+
+def test_dull_materials_reflect_no_sky() -> None:
+    """Neither traced nor drawn, not even at the rim, beside one that does."""
+    dull = replace(shiny(0.2, 0.0, 0.3))
+    scene = under(WHITE, floor(3.0, material=dull), quad((-1, 0.01, -1), (0.2, 0, 0), (0, 0, 0.2), shiny(0.3)),
+                  camera=Camera((0, 0.3, 2.9), (0, 0, 0), fov_y_deg=10.0))
+    found = shaded(scene, 256)
+    assert not found.reflectance.any() and not found.highlight.any() and found.diffuse.any()
+    assert not draw(scene, SIZE, ("specular",), model=COARSE)["specular"][SIZE[1] // 2, SIZE[0] // 2].any()
 
 
 def test_each_mesh_has_its_own_roughness() -> None:

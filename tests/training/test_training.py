@@ -132,7 +132,7 @@ def test_every_second_texel_is_a_coarser_grid_of_the_same_view(tmp_path: Path) -
 def test_points_and_numbers_of_the_frame_are_not_picked_from() -> None:
     inputs = {"x": TensorSpec(("direct.rgb",)), "cube": TensorSpec(("direct.rgb",), "cube", size=4),
               "sky": TensorSpec(("environment.sh",), "vector")}
-    contract = replace(CONTRACT, inputs=inputs, cube_axes="view")
+    contract = replace(CONTRACT, inputs=inputs, cube_axes="camera")
     shapes = {"x": (1, 3, 8, 8), "cube": (1, 3, 6, 4, 4), "sky": (1, 75)}
     batch = {f"{frame}.{t}": torch.rand(shape) for frame in ("current", "previous") for t, shape in shapes.items()}
     found = coarser({**batch, "target": torch.rand(1, 3, 8, 8), "motion": torch.zeros(1, 2, 8, 8)}, contract, 4)

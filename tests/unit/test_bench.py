@@ -33,6 +33,7 @@ from app.bench.tables import rows, to_csv
 from app.cli import cli as app_cli
 from app.contract import HALF, find_model, read_contract
 from app.errors import MissingExtraError, ModelError, SceneError, SettingsError, TruthError
+from app.golden.catalogue import PROBE_ENVIRONMENT
 from app.image import write_exr
 from app.load import embedded_scene
 from app.scene import Scene
@@ -233,8 +234,10 @@ def test_a_variant_in_half_precision_is_found_beside_its_network(tmp_path: Path)
 
 def test_all_models_has_each_network_once(monkeypatch: pytest.MonkeyPatch) -> None:
     names = ("both", f"both{HALF}", f"half{HALF}")
-    monkeypatch.setattr(configurations, "bundled_models", lambda: dict.fromkeys(names, Path()))
+    monkeypatch.setattr(configurations, "bundled_models", lambda: dict.fromkeys(names, find_model("gather")))
     assert all_models() == ("none", "ssgi", "both", f"half{HALF}")
+    monkeypatch.setattr(configurations, "bundled_models", lambda: {"sky": PROBE_ENVIRONMENT})
+    assert all_models() == ("none", "ssgi"), "what shades an environment makes no indirect light"
 
 
 def test_scales_are_told_apart(tmp_path: Path) -> None:
