@@ -34,8 +34,7 @@ class Models:
     @property
     def provider(self) -> str:
         """Execution provider of the networks, or ``none``."""
-        return next((getattr(m, "provider", "none") for m in (self.indirect, self.environment)
-                     if not isinstance(m, str | None)), "none")
+        return next((m.provider for m in (self.indirect, self.environment) if not isinstance(m, str | None)), "none")
 
 
 def load_models(chosen: Sequence[Model], settings: Settings, has_environment: bool) -> Models:

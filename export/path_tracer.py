@@ -84,13 +84,7 @@ class PathTracer:
             Image positions in [0, 1], x to the right, y down.
         """
         mi, scene = self._mi, self._scene
-        sampler = mi.load_dict({"type": "independent"})
-        # Numbers as data, and gathered: the kernel would be compiled anew for other literals, and for other alignments.
-        sampler.seed(dr.opaque(mi.UInt32, seed), len(pixels))
-        image = (2 * pixels - 1) * (1, -1) * view.tan_half
-        towards = np.concatenate([image, np.full((len(pixels), 1), -1.0)], axis=1) @ view.rotation
-        origin = [dr.opaque(mi.Float, x) for x in ((view.eye - scene.origin) * scene.scale).tolist()]
-        ray = mi.Ray3f(mi.Point3f(*origin), dr.unravel(mi.Vector3f, mi.Float(towards.astype(np.float32).ravel())))
+        sampler, ray = self._camera_rays(view, pixels, seed)
         si = self._intersect(scene.seen, ray)
         hit = si.is_valid()
         normal = _facing_normal(si)
@@ -131,6 +125,18 @@ class PathTracer:
         for spp in (1, 2):  # compiles, for one sample per pixel and for more
             once(spp)
         return measure
+
+    def _camera_rays(self, view: View, pixels: F64, seed: int) -> tuple[Any, Any]:
+        """A sampler, and rays through points of the image, whose z is -1 in camera space."""
+        mi, scene = self._mi, self._scene
+        sampler = mi.load_dict({"type": "independent"})
+        # Numbers as data, and gathered: the kernel would be compiled anew for other literals, and for other alignments.
+        sampler.seed(dr.opaque(mi.UInt32, seed), len(pixels))
+        image = (2 * pixels - 1) * (1, -1) * view.tan_half
+        towards = np.concatenate([image, np.full((len(pixels), 1), -1.0)], axis=1) @ view.rotation
+        origin = [dr.opaque(mi.Float, x) for x in ((view.eye - scene.origin) * scene.scale).tolist()]
+        return sampler, mi.Ray3f(mi.Point3f(*origin),
+                                 dr.unravel(mi.Vector3f, mi.Float(towards.astype(np.float32).ravel())))
 
     @dr.syntax
     def _indirect(self, si: Any, normal: Any, sampler: Any, active: Any) -> Any:

@@ -19,8 +19,8 @@ from app.settings import Settings
 from export.dataset.key import scene_key
 from export.dataset.skies import under_sky
 from export.denoise import denoise, denoiser_version
-from export.reference import RAYS_AT_ONCE, Still
-from export.sky_tracer import SkyTracer
+from export.reference import Still
+from export.sky_tracer import SkyTracer, mean_shaded
 from export.validation import View, views
 
 F32 = NDArray[np.float32]
@@ -73,18 +73,10 @@ def sky_truth(still: Still, spp: int, folder: Path) -> SkyTruth:
     if not path.exists():
         w, h = still.size
         x, y = np.meshgrid((np.arange(w) + 0.5) / w, (np.arange(h) + 0.5) / h)
-        points = np.stack([x.ravel(), y.ravel()], axis=1)
-        tracer, total = SkyTracer(still.scene, still.time), dict.fromkeys(names, np.zeros((h, w, 3)))
-        at_once = max(1, RAYS_AT_ONCE // len(points))
-        for batch, begin in enumerate(range(0, spp, at_once)):
-            count = min(at_once, spp - begin)
-            samples = tracer.shade(still.view, np.tile(points, (count, 1)), batch)
-            for name in names:
-                total[name] = total[name] + getattr(samples, name).reshape(count, h, w, 3).sum(axis=0)
-        normal = samples.normal[:len(points)].reshape(h, w, 3)
-        layers = {name: (image / spp).astype(np.float32) for name, image in total.items()}
-        layers |= {name: denoise(layers[name], normal) for name in names[:3]}
-        layers["depth"] = samples.depth[:len(points)].reshape(h, w, 1)
+        means = mean_shaded(SkyTracer(still.scene, still.time), still, np.stack([x.ravel(), y.ravel()], axis=1), spp, 0)
+        layers = {name: getattr(means, name).reshape(h, w, 3) for name in names}
+        layers |= {name: denoise(layers[name], means.normal.reshape(h, w, 3)) for name in names[:3]}
+        layers["depth"] = means.depth.reshape(h, w, 1)
         path.parent.mkdir(parents=True, exist_ok=True)
         write_exr(path, layers)
     layers = read_exr(path)

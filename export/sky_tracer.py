@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import drjit as dr
@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from app.math3d import View
 from app.scene import Scene
 from export.path_tracer import PathTracer, _albedo, _facing, _facing_normal
+from export.reference import RAYS_AT_ONCE, Still
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
-SHARPEST = 2e-3  # alpha, as in shaders/coarse.frag
+SHARPEST = 2e-3  # alpha, as in shaders/include/ggx_lobe.glsl
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,12 +73,7 @@ class SkyTracer(PathTracer):
     def shade(self, view: View, pixels: F64, seed: int) -> SkySamples:
         """One sample through each point of the image, shape (N, 2) in [0, 1], x to the right, y down."""
         mi, scene = self._mi, self._scene
-        sampler = mi.load_dict({"type": "independent"})
-        sampler.seed(dr.opaque(mi.UInt32, seed), len(pixels))
-        image = (2 * pixels - 1) * (1, -1) * view.tan_half
-        towards = np.concatenate([image, np.full((len(pixels), 1), -1.0)], axis=1) @ view.rotation
-        origin = [dr.opaque(mi.Float, x) for x in ((view.eye - scene.origin) * scene.scale).tolist()]
-        ray = mi.Ray3f(mi.Point3f(*origin), dr.unravel(mi.Vector3f, mi.Float(towards.astype(np.float32).ravel())))
+        sampler, ray = self._camera_rays(view, pixels, seed)
         si = self._intersect(scene.seen, ray)
         hit = si.is_valid()
         normal = _facing_normal(si)
@@ -136,6 +132,19 @@ class SkyTracer(PathTracer):
         seen.wi = -l
         add(environment.eval(seen, active), density_of_lobe(l) + density_of_sky(l), l)
         return specular, highlight
+
+
+def mean_shaded(tracer: SkyTracer, still: Still, points: F64, spp: int, seed: int) -> SkySamples:
+    """Means of ``spp`` samples through each point of the image, shape (N, 2)."""
+    at_once = max(1, RAYS_AT_ONCE // len(points))
+    total: dict[str, Any] = dict.fromkeys((f.name for f in fields(SkySamples)), 0.0)
+    for batch, begin in enumerate(range(0, spp, at_once)):
+        count = min(at_once, spp - begin)
+        samples = tracer.shade(still.view, np.tile(points, (count, 1)), seed * 2**8 + batch)
+        for name in total:
+            found = getattr(samples, name)
+            total[name] += found.reshape(count, len(points), *found.shape[1:]).sum(axis=0, dtype=np.float64)
+    return SkySamples(**{name: (x / spp).astype(np.float32) for name, x in total.items()})
 
 
 def _mirrored(mi: Any, normal: Any, v: Any, alpha: Any, u: Any) -> Any:

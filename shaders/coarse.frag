@@ -4,8 +4,6 @@
 #include "pick.glsl"
 #include "ggx_lobe.glsl"
 
-const float SHARPEST = 2e-3;  // alpha, as of analytic lights
-
 uniform vec4 directions[DIRECTIONS];  // world axes; w: radius of what each stands for, as an angle
 uniform vec3 powers[DIRECTIONS];      // radiance times solid angle
 uniform vec2 ratio;                   // full-resolution texels per low-resolution texel

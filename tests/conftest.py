@@ -9,9 +9,19 @@ import pytest
 
 from app.contract import find_model
 from app.errors import DeviceError
+from app.gl.context import Device
 from tests.coarse_shadows import coarse_shadow_maps
 
 SMALL_EMBER = 256, 36  # surfels, and rays of each
+
+
+@pytest.fixture(scope="session")
+def egl() -> None:
+    """Skips where there is no OpenGL context."""
+    try:
+        Device().close()
+    except DeviceError as error:
+        pytest.skip(str(error))
 
 
 @pytest.fixture(scope="session")

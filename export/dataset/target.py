@@ -12,7 +12,7 @@ from export import picks
 from export.denoise import denoise
 from export.path_tracer import PathTracer
 from export.reference import RAYS_AT_ONCE, Still
-from export.sky_tracer import SkyTracer
+from export.sky_tracer import SkyTracer, mean_shaded
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -76,20 +76,11 @@ def trace_target(tracer: PathTracer, still: Still, spp: int, seed: int, denoised
 def trace_sky(tracer: SkyTracer, still: Still, spp: int, seed: int, denoised: bool) -> Target:
     """What comes straight from the environment, from ``spp`` samples through each picked texel."""
     grid = picked(still.size)
-    points = grid.reshape(-1, 2)
-    at_once = max(1, RAYS_AT_ONCE // len(points))
-    total = dict.fromkeys(SKY_LAYERS, np.zeros((len(points), 3)))
-    for batch, begin in enumerate(range(0, spp, at_once)):
-        count = min(at_once, spp - begin)
-        samples = tracer.shade(still.view, np.tile(points, (count, 1)), seed * 2**8 + batch)
-        for name in SKY_LAYERS:
-            found = getattr(samples, name).reshape(count, -1, 3)
-            total[name] = total[name] + found.sum(axis=0, dtype=np.float64)
-    seen, normal = samples.depth[:len(points)] > 0, samples.normal[:len(points)].reshape(*grid.shape[:2], 3)
-    layers = {name: (x / spp).reshape(*grid.shape[:2], 3).astype(np.float32) for name, x in total.items()}
+    means = mean_shaded(tracer, still, grid.reshape(-1, 2), spp, seed)
+    layers = {name: getattr(means, name).reshape(*grid.shape[:2], 3) for name in SKY_LAYERS}
     for name in LIGHT_LAYERS if denoised else ():
-        layers[name] = denoise(layers[name], normal)
-    return Target(layers, seen.reshape(grid.shape[:2]))
+        layers[name] = denoise(layers[name], means.normal.reshape(*grid.shape[:2], 3))
+    return Target(layers, (means.depth > 0).reshape(grid.shape[:2]))
 
 
 def picked(size: tuple[int, int]) -> F64:

@@ -89,8 +89,8 @@ class Examples:
         targets = _targets(self.contract)
         wanted = {name: [name] for name in self._arrays if name not in (DONE, *LIGHT.values(), *SKY.values())}
         wanted |= {name: [LIGHT.get(part) or SKY[part] for part in parts] for name, parts in targets.items()}
-        return {name: torch.from_numpy(np.stack([np.concatenate([self._arrays[k][i] for k in kept]) if len(kept) > 1
-                                                 else self._arrays[kept[0]][i] for i in indices]).astype(np.float32))
+        return {name: torch.from_numpy(np.stack([np.concatenate([self._arrays[k][i] for k in kept])
+                                                 for i in indices]).astype(np.float32))
                 for name, kept in wanted.items()}
 
 

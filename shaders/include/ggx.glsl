@@ -17,7 +17,7 @@ vec3 ggx_highlight(Light light, vec3 p, vec3 n, vec4 gloss)
     if (max(max(gloss.r, gloss.g), gloss.b) <= 0.0) return vec3(0.0);
     vec3 v = -normalize(p);
     vec3 mirrored = reflect(-v, n);
-    float alpha = max(gloss.a * gloss.a, 2e-3);
+    float alpha = max(gloss.a * gloss.a, SHARPEST);
     int kind = int(light.color.w);
     vec3 l = light.position.xyz;
     vec3 arriving = light.color.rgb;  // irradiance on a facing surface

@@ -15,9 +15,6 @@ from typing import Any
 
 import pytest
 
-from app.errors import DeviceError
-from app.gl.context import Device
-
 ROOT = Path(__file__).parents[2]
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 
@@ -59,15 +56,6 @@ def running(*args: str) -> Iterator[Viewer]:
     finally:
         process.kill()
         process.wait()
-
-
-@pytest.fixture(scope="session")
-def egl() -> None:
-    """Skips where there is no OpenGL context."""
-    try:
-        Device().close()
-    except DeviceError as error:
-        pytest.skip(str(error))
 
 
 @pytest.fixture(scope="module")
