@@ -36,6 +36,14 @@ Image = NDArray[Any]
 Execute = Callable[[FrameState, Resources], None]
 
 
+class _GivenUpError(Exception):
+    """The frame is no longer wanted."""
+
+
+def _always() -> bool:
+    return True
+
+
 class Renderer:
     """Draws ``scene``; a context manager.
 
@@ -106,22 +114,45 @@ class Renderer:
             An output that the scene can't have (``emission`` without emitters) is zeros.
         """
         with self._gl.ctx:
-            self._draw(camera, time)
-            start = perf_counter()
-            images = {name: self._read(name, camera) for name in self.settings.outputs}
+            self._draw(camera, time, _always)
+            if self._yardstick is not None:
+                with self._timer.measure("copy"):
+                    self._yardstick.run()
+            images = {name: self.read(name) for name in self.settings.outputs}
             if "final" in images:
-                images["display"] = self._pixels("display")[..., :3]
-            for name in ("output", "frame"):
-                self._timer.extend(name, (perf_counter() - start) * 1e3)
-        self._advance()
+                images["display"] = self.read("display")[..., :3]
         return images
 
-    def advance(self, camera: Camera, time: float = 0.0) -> None:
-        """Draw one frame without reading it back, so that temporal anti-aliasing settles."""
+    def advance(self, camera: Camera, time: float = 0.0, wanted: Callable[[], bool] = _always) -> bool:
+        """Draw one frame without reading it back, as temporal anti-aliasing needs to settle.
+
+        Parameters
+        ----------
+        wanted : callable
+            Asked before each pass. Where it says no, the frame is given up, and all is as if it had never been begun.
+            Only a frame like the one before, of the same camera, time and lights, can be given up so.
+
+        Returns
+        -------
+        bool
+            False where the frame was given up.
+        """
         with self._gl.ctx:
-            self._draw(camera, time)
+            try:
+                self._draw(camera, time, wanted)
+            except _GivenUpError:
+                return False
             self._gl.ctx.finish()
-        self._advance()
+        return True
+
+    def read(self, output: str) -> Image:
+        """One of the settings' outputs of the newest frame, as ``render`` gives them; of ``display`` [H, W, 4]."""
+        start = perf_counter()
+        with self._gl.ctx:
+            image = self._pixels(output, newest=True) if output == "display" else self._read(output)
+        for name in ("output", "frame"):
+            self._timer.extend(name, (perf_counter() - start) * 1e3)
+        return image
 
     def expose(self, exposure: float) -> None:
         """Another linear factor before the tone map, from the next frame on."""
@@ -163,7 +194,7 @@ class Renderer:
         """``{"frame": …, "passes": {name: {"cpu_ms", "gpu_ms", "non_finite"}}}``; see ``Timer``.
 
         Only the ``newest`` so many frames count.
-        ``copy`` among the passes is the yardstick; it is no part of the frame.
+        ``copy`` among the passes is the yardstick, run after each frame that is read back; it is no part of the frame.
         """
         passes: dict[str, Any] = self._timer.report(newest)
         frame = passes.pop("frame", {"cpu_ms": {}, "gpu_ms": {}})
@@ -193,7 +224,7 @@ class Renderer:
                  trace: TracebackType | None) -> None:
         self.close()
 
-    def _draw(self, camera: Camera, time: float) -> None:
+    def _draw(self, camera: Camera, time: float, wanted: Callable[[], bool]) -> None:
         cut = self._previous is None
         self._override_count += any(callable(value) for value in self._overrides.values())  # wants what a pass wrote
         view = View.of(camera, self.settings.size, NEAR * self.scene.longest_edge)
@@ -207,17 +238,15 @@ class Renderer:
         self._camera.upload(frame)
         with self._timer.frame():
             for bound, execute, resources in self._executors:
+                if not wanted():
+                    raise _GivenUpError
                 with self._timer.measure(bound.name):
                     execute(frame, resources)
                 self._apply_overrides(bound)
                 if self.settings.check:
                     self._non_finite[bound.name] += sum(self._count_non_finite(w) for w in bound.writes)
-        if self._yardstick is not None:
-            with self._timer.measure("copy"):
-                self._yardstick.run()
+        # Only now does anything of this frame become the next one's past, so that until here it can be given up.
         self._previous = view
-
-    def _advance(self) -> None:
         self._pool.swap()
         self._index += 1
 
@@ -227,16 +256,17 @@ class Renderer:
         w, h = self.settings.size
         return (2 * halton(i, 2) - 1) / w, (2 * halton(i, 3) - 1) / h
 
-    def _read(self, name: str, camera: Camera) -> Image:
+    def _read(self, name: str) -> Image:
         w, h = self.settings.size
         channels = COMPONENTS.get(name, 3)
         source = self._sources[name]
         if source is None:
             return np.zeros((h, w, channels), np.float32)
-        image = self._pixels(source)
+        image = self._pixels(source, newest=True)
         if name == "position":
-            seen = image[..., 3:] > 0
-            return np.where(seen, image[..., :3] + np.asarray(camera.eye, np.float32), np.float32(0))
+            assert self._previous is not None, "no frame was drawn"
+            seen, eye = image[..., 3:] > 0, self._previous.eye.astype(np.float32)
+            return np.where(seen, image[..., :3] + eye, np.float32(0))
         if name in RADIANCE and self._lights.scale != 1:
             image = image * np.float32(1 / self._lights.scale)  # whole rows, before channels are left out: faster
         return image[..., :channels]

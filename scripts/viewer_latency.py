@@ -1,7 +1,8 @@
 """Print how long the viewer takes from an input to its picture, and what serving adds to the time of a frame.
 
 ``python scripts/viewer_latency.py [SIZE] [MODEL]…`` starts the renderer, then the viewer, with the same moving camera;
-the client decodes each picture, as a page does.
+the client decodes each picture, as a page does. A frame's time is that between two frames: of the renderer without the
+yardstick that it times beside them, of the viewer in the midst of a drag.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, astuple, dataclass
+from itertools import cycle, pairwise
 from time import perf_counter
 from typing import Any
 
@@ -32,6 +34,7 @@ from app.view.desk import QUIET
 from app.view.encoder import unpacked
 
 FRAMES, WARM_UP = 24, 4
+INPUTS = 60  # a second, in a drag
 TURNS = 2   # of headless and served, one after the other
 
 
@@ -49,7 +52,8 @@ def headless(size: tuple[int, int], model: str) -> float:
         for camera in cameras():
             renderer.render(camera)
             ends.append(perf_counter())
-    return float(np.median(np.diff(ends[WARM_UP:]))) * 1e3
+        yardstick = renderer.timing()["passes"]["copy"]["cpu_ms"]["median"]
+    return float(np.median(np.diff(ends[WARM_UP:]))) * 1e3 - float(yardstick)
 
 
 @contextmanager
@@ -65,10 +69,11 @@ def viewer(size: tuple[int, int], model: str) -> Iterator[str]:
 
 @dataclass
 class Times:
-    """Milliseconds: of inputs that come at rest, of those that come while still frames are drawn, between frames."""
+    """Milliseconds: of inputs at rest, while still frames are drawn, and in a drag; between the frames of the drag."""
 
     at_rest: list[float]
     refining: list[float]
+    dragged: list[float]
     gaps: list[float]
 
 
@@ -112,23 +117,44 @@ async def answered(page: Page, frame: float, refining: bool) -> list[float]:
     return found[WARM_UP:]
 
 
+async def dragged(page: Page) -> tuple[list[float], list[float]]:
+    """Milliseconds from each input of a drag to the first picture that shows it, and from one picture to the next."""
+    sent: dict[int, float] = {}
+
+    async def send() -> None:
+        for number, camera in enumerate(cycle(cameras()), page.next):
+            page.next, sent[number] = number + 1, perf_counter()
+            await page.send(camera, number)
+            await asyncio.sleep(1 / INPUTS)
+
+    first = page.next
+    sending = asyncio.create_task(send())
+    while await page.picture() < first:
+        pass
+    page.frames.clear()
+    for _ in range(FRAMES):
+        await page.picture()
+    sending.cancel()
+    found = [(time - sent[number]) * 1e3 for (_, shown), (time, newest) in pairwise(page.frames)
+             for number in range(shown + 1, newest + 1)]
+    return found, (np.diff([time for time, _ in page.frames]) * 1e3).tolist()
+
+
 async def served(address: str, frame: float) -> Times:
     aiohttp = extra_module("aiohttp", "view")
     async with aiohttp.ClientSession() as session, session.ws_connect(address, max_msg_size=2**26) as socket:
         page = Page(socket)
         await page.picture()
         await answered(page, frame, refining=False)  # surfels, shaders, caches
-        page.frames.clear()
-        at_once = await answered(page, frame, refining=False)
-        gaps = np.diff([time for time, _ in page.frames]) * 1e3
-        return Times(at_once, await answered(page, frame, refining=True), gaps.tolist())
+        at_rest = await answered(page, frame, refining=False)
+        return Times(at_rest, await answered(page, frame, refining=True), *await dragged(page))
 
 
 def main() -> None:
     arguments = sys.argv[1:] or ["640x480"]
     size = parse_size(arguments[0])
     for model in arguments[1:] or ["none", "ember"]:
-        alone, times = [], Times([], [], [])
+        alone, times = [], Times([], [], [], [])
         for _ in range(TURNS):
             alone.append(headless(size, model))
             with viewer(size, model) as address:
@@ -136,7 +162,8 @@ def main() -> None:
             times = Times(*(a + b for a, b in zip(astuple(times), astuple(found), strict=True)))
         frame, gap = float(np.median(alone)), float(np.median(times.gaps))
         print(f"{arguments[0]} {model}: headless {frame:.1f} ms a frame, served {gap:.1f} ms ({gap / frame - 1:+.1%})")
-        for name, values in (("at rest", times.at_rest), ("while still frames are drawn", times.refining)):
+        for name, values in (("at rest", times.at_rest), ("while still frames are drawn", times.refining),
+                             ("in a drag", times.dragged)):
             median, most = np.percentile(values, (50, 95))
             print(f"  input to picture {name}: median {median:.1f} ms (a frame + {median - frame:.1f}), "
                   f"95 % within {most:.1f} ms (a frame + {most - frame:.1f})")

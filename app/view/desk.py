@@ -10,6 +10,7 @@ from app.view.state import State
 
 STILL_FRAMES = 64  # of an unchanged state, until temporal anti-aliasing shows nothing new
 QUIET = 0.05       # seconds after a changed frame until the first such one, for whose end the next input would wait
+BREATH = 0.001     # seconds between passes of such a frame, since OpenGL calls let no other thread hear of an input
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,11 @@ class Desk:
             self._repeat = self._repeat + 1 if self._version == self._drawn else 0
             self._drawn = self._version
             return Task(self._state, self._version, self._repeat, self._input)
+
+    def wants(self, task: Task) -> bool:
+        """Whether to go on with ``task``: what answers an input is always finished, other frames till the next one."""
+        with self._changed:
+            return task.repeat == 0 or not self._changed.wait_for(self._is_new, BREATH)
 
     def accept(self, task: Task) -> None:
         """The state of ``task`` could be drawn."""

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from app.bench.configurations import expand
 from app.contract import Model
 from app.errors import ModelError
 from app.frame import AOVS
+from app.preview import preview
 from app.renderer import Renderer
 from app.settings import Settings
 from app.view.stage import Stage
@@ -32,8 +36,8 @@ class Drawing:
         self._renderer: Renderer | None = None
         self._made_for: object = None
 
-    def draw(self, state: State, model: str) -> Mapping[str, Any]:
-        """The images of the newest frame, as ``Renderer.render`` gives them.
+    def draw(self, state: State, model: str, wanted: Callable[[], bool]) -> bool:
+        """Draw a frame, or give it up where it is no longer ``wanted``; whether it was drawn.
 
         Raises
         ------
@@ -41,14 +45,26 @@ class Drawing:
             When scene, model and device don't fit together.
         """
         scene = self._stage.scene(state)
-        wanted = (model, state.scale, state.precision, state.size, state.aov, state.taa, self._stage.movable)
-        if self._renderer is None or wanted != self._made_for or not self._renderer.relight(scene.lights):
+        needs = (model, state.scale, state.precision, state.size, state.aov, state.taa, self._stage.movable)
+        if self._renderer is None or needs != self._made_for or not self._renderer.relight(scene.lights):
             self.close()
             settings = Settings(state.size, (state.aov,), taa=state.taa, provider=self._provider, timing=True)
             self._renderer = Renderer(scene, settings, _file(state, model, self._folder))
-            self._made_for = wanted
+            self._made_for = needs
         self._renderer.expose(state.exposure)
-        return self._renderer.render(state.camera, self._stage.time)
+        return self._renderer.advance(state.camera, self._stage.time, wanted)
+
+    def shown(self, state: State) -> NDArray[np.uint8]:
+        """What the page sees of the newest frame, one of ``state``; [H, W, 3], or 4 of which the last says nothing."""
+        assert self._renderer is not None
+        if state.aov == FINAL:
+            return self._renderer.read("display")
+        return preview(state.aov, self._renderer.read(state.aov), state.exposure)
+
+    def radiance(self) -> NDArray[np.float32]:
+        """The finished picture of the newest frame, linear, [H, W, 3]."""
+        assert self._renderer is not None
+        return self._renderer.read(FINAL)
 
     def report(self) -> dict[str, Any]:
         """Median milliseconds of each pass over the newest frames, what was culled and why, and the device."""
@@ -56,7 +72,7 @@ class Drawing:
             return {}
         times = self._renderer.timing(NEWEST)
         return {
-            "passes": {name: p["cpu_ms"]["median"] for name, p in times["passes"].items() if name != "copy"},
+            "passes": {name: p["cpu_ms"]["median"] for name, p in times["passes"].items()},
             "frame_ms": times["frame"]["cpu_ms"].get("median", 0.0), "culled": dict(self._renderer.plan.culled),
             "missing": list(self._renderer.missing), "device": self._renderer.device,
         }

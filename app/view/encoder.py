@@ -20,9 +20,12 @@ Pixels = NDArray[np.uint8]
 
 
 def jpeg(pixels: Pixels) -> bytes:
-    """An sRGB-encoded picture, shape (H, W, 3), as a JPEG file."""
+    """An sRGB-encoded picture, shape (H, W, 3), or (H, W, 4) whose last counts for nothing, as a JPEG file."""
+    height, width, components = pixels.shape
+    mode = "RGBX" if components == 4 else "RGB"  # four go to the encoder as they lie there, three are copied twice
+    picture = Image.frombuffer(mode, (width, height), np.ascontiguousarray(pixels), "raw", mode, 0, 1)
     data = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(pixels)).save(data, "jpeg", quality=QUALITY, subsampling=FULL_COLOUR)
+    picture.save(data, "jpeg", quality=QUALITY, subsampling=FULL_COLOUR)
     return data.getvalue()
 
 

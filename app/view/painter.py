@@ -6,20 +6,19 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from threading import Thread
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.preview import preview
 from app.view.desk import Desk, Task
 from app.view.drawing import NEWEST, Drawing
 from app.view.encoder import jpeg, packed
 from app.view.stage import Stage
-from app.view.state import FINAL, Json, State, camera_json
+from app.view.state import FINAL, TRUTH, Json, camera_json
 
 REPORT_SECONDS = 0.5
 
@@ -33,7 +32,7 @@ class Drawn:
     message : bytes
         As it goes to the pages.
     radiance : list of ndarray, float32, shape (H, W, 3)
-        The finished picture of each model; empty while something else is shown.
+        The finished picture of each model, where it is compared with the truth.
     report : dict or None
         Times and what runs; every half a second.
     """
@@ -75,23 +74,28 @@ class Painter(Thread):
                     self._desk.refuse(task)
                     self._complain(error)
                 else:
-                    self._desk.accept(task)
-                    self._deliver(drawn)
+                    if drawn is not None:
+                        self._desk.accept(task)
+                        self._deliver(drawn)
 
-    def _draw(self, task: Task) -> Drawn:
-        state = task.state
+    def _draw(self, task: Task) -> Drawn | None:
+        """Nothing where an input came meanwhile, and the frame was none that answers one."""
+        state, wanted = task.state, partial(self._desk.wants, task)
         begin = perf_counter()
-        frames = [d.draw(state, model) for d, model in zip(self._drawings, state.models, strict=False)]
-        for unused in self._drawings[len(frames):]:
-            unused.close()
-        parts = [jpeg(_shown(images, state)) for images in frames]
+        used, unused = self._drawings[:len(state.models)], self._drawings[len(state.models):]
+        for drawing in unused:
+            drawing.close()
+        if not all(drawing.draw(state, model, wanted) for drawing, model in zip(used, state.models, strict=True)):
+            return None
+        parts = [jpeg(drawing.shown(state)) for drawing in used]
         self._number += 1
         if task.repeat == 0 and self._ends and begin - self._ends[-1] > 1:
             self._ends.clear()  # nothing was drawn meanwhile
         self._ends.append(perf_counter())
         header = {"kind": "frame", "number": self._number, "input": task.input, "repeat": task.repeat,
                   "size": state.size, "camera": camera_json(state.camera)}
-        radiance = [images[FINAL] for images in frames] if state.aov == FINAL else []
+        judged = state.aov == FINAL and state.split == TRUTH
+        radiance = [drawing.radiance() for drawing in used] if judged else []
         return Drawn(task, packed(header, parts), radiance, self._report())
 
     def _report(self) -> Json | None:
@@ -102,7 +106,3 @@ class Painter(Thread):
         gaps = np.diff(self._ends)
         return {"fps": float(1 / np.median(gaps)) if len(gaps) else 0.0,
                 "models": [report for d in self._drawings if (report := d.report())]}
-
-
-def _shown(images: Any, state: State) -> NDArray[np.uint8]:
-    return images["display"] if state.aov == FINAL else preview(state.aov, images[state.aov], state.exposure)

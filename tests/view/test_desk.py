@@ -49,6 +49,22 @@ def test_a_still_picture_is_drawn_until_it_has_settled() -> None:
     assert task is not None and task.repeat == 0
 
 
+def test_an_input_ends_what_only_refines_and_never_what_answers_another() -> None:
+    at = desk()
+    exposed(2, 1, at)
+    answer = at.take()
+    assert answer is not None
+    exposed(3, 2, at)
+    assert at.wants(answer)
+    again, refining = at.take(), at.take()
+    assert again is not None and refining is not None
+    assert at.wants(refining)
+    exposed(4, 3, at)
+    assert at.wants(again) and not at.wants(refining)
+    task = at.take()
+    assert task is not None and (task.input, task.repeat) == (3, 0)
+
+
 def test_without_anti_aliasing_one_frame_is_enough() -> None:
     at = desk()
     at.change(lambda state: replace(state, taa=False))
