@@ -229,6 +229,7 @@ class Renderer:
         self._override_count += any(callable(value) for value in self._overrides.values())  # wants what a pass wrote
         view = View.of(camera, self.settings.size, NEAR * self.scene.longest_edge)
         self._geometry.update(time, cut)
+        self._lights.cover(self._geometry.boxes)
         gathered = any(b.name == "taa" for b in self.plan.passes)
         jitter = self._jitter() if gathered else (0.0, 0.0)
         frame = FrameState(self.settings.size, view, self._previous or view, jitter, not cut, gathered,

@@ -77,7 +77,7 @@ class LightSet:
         if len(scene.lights) > most:
             raise SceneError(f"{len(scene.lights)} lights", scene.name, f"expected at most {most} on {device.renderer}")
         self.lights = scene.lights
-        self._bounds = scene.swept_bounds
+        self._bounds = self._swept = scene.swept_bounds
         self._max_size = device.max_size
         self.scale = radiance_scale(scene)
         self.tiles, self.atlas_size = lay_out(scene.lights, device.max_size)
@@ -92,6 +92,11 @@ class LightSet:
             return False
         self.lights = scene.lights
         return True
+
+    def cover(self, boxes: F64) -> None:
+        """Have shadow maps reach to world-space ``boxes``, shape (N, 2, 3), that lie outside of where things move."""
+        low, high = boxes[:, 0].min(axis=0, initial=np.inf), boxes[:, 1].max(axis=0, initial=-np.inf)
+        self._bounds = np.stack([np.minimum(self._swept[0], low), np.maximum(self._swept[1], high)])
 
     @property
     def soft(self) -> bool:

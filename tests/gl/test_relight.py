@@ -9,8 +9,9 @@ import pytest
 
 from app.load import embedded_scene
 from app.renderer import Renderer
-from app.scene import DirectionalLight, PointLight
+from app.scene import DirectionalLight, Light, PointLight
 from app.settings import Settings
+from tests.gl.scenes import box, floor, make_scene, slide
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "coarse_shadows")]
 
@@ -59,3 +60,25 @@ def test_times_of_the_newest_frames_alone() -> None:
         newest, all_ = renderer.timing(1)["frame"]["cpu_ms"], renderer.timing()["frame"]["cpu_ms"]
         assert newest["median"] == newest["p95"]
         assert all_["median"] < all_["p95"]
+
+
+@pytest.mark.parametrize("light", [DirectionalLight((0.0, -1.0, 0.1), (1.0, 1.0, 1.0)),
+                                   PointLight((0.0, 80.0, 0.0), (6400.0,) * 3)], ids=["sun", "lamp"])
+def test_an_object_that_is_put_far_out_of_the_scene_keeps_its_shadow(light: Light) -> None:
+    """As the viewer does, which writes another place into the motion of a scene that is drawn already."""
+    settings, up = Settings((64, 48), ("direct",), taa=False), (0.0, 40.0, -4.0)
+
+    def plate(place: tuple[float, float, float]) -> object:
+        return make_scene([floor(2.0), box((-0.5, 0.1, -0.5), (1.0, 0.1, 1.0), motion=slide([0.0], [place]))], [light])
+
+    scene = plate((0.0, 0.0, 0.0))
+    there = replace(plate(up), bounds=scene.bounds)
+    camera = scene.cameras[scene.default_camera].at(0.0)
+    with Renderer(scene, settings) as renderer, Renderer(there, settings) as fresh:
+        before = renderer.render(camera)["direct"]
+        scene.instances[1].motion.transforms[0, :3, 3] = up
+        now, wanted = renderer.render(camera, 1e-6)["direct"], fresh.render(camera)["direct"]
+        assert np.array_equal(now, wanted)
+        assert (now < 0.01 * before.max()).sum() > 20  # the shadow on the floor
+        scene.instances[1].motion.transforms[0, :3, 3] = 0.0
+        assert np.array_equal(renderer.render(camera, 2e-6)["direct"], before)
