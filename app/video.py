@@ -48,13 +48,18 @@ def check_video(kinds: Iterable[str], size: tuple[int, int]) -> None:
     Raises
     ------
     MissingExtraError
-        When there is no encoder.
+        When PyAV is not installed.
     SettingsError
-        When one can't take this width and height.
+        When it has no encoder for a kind, or one can't take this width and height.
     """
     for kind in kinds:
-        extra_module("av", EXTRA)
-        n = CODECS[kind].multiple_of
+        av, codec = extra_module("av", EXTRA), CODECS[kind]
+        try:
+            av.codec.Codec(codec.name, "w")
+        except ValueError:
+            raise SettingsError(f"no encoder {codec.name} for {kind}", "--format", "expected a kind that this build of "
+                                f"PyAV can write: the one of pip install 'afterglow[{EXTRA}]' can") from None
+        n = codec.multiple_of
         if any(side % n for side in size):
             raise SettingsError(f"{kind} can't be {size[0]}x{size[1]}", "--size", f"expected sides divisible by {n}")
 

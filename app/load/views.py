@@ -11,7 +11,7 @@ from app.load.draft import vector
 from app.load.survey import RAYS, Survey
 from app.scene import F64, Camera, DirectionalLight, Light, PointLight, Scene
 
-AUTO = "auto"
+AUTO, ORBIT, CAMERA_FILE = "auto", "orbit", ".json"
 _ROOM_FOV, _OBJECT_FOV = 60.0, 40.0
 _AZIMUTHS = 24
 _OBJECT_VIEW = np.array([0.55, 0.4, 0.73])
@@ -19,6 +19,11 @@ _MEAN_IRRADIANCE = 0.5 * math.pi
 _SUN_IRRADIANCE = math.pi
 _SUN_RADIUS_DEG = 0.27
 _UP = np.array([0.0, 1.0, 0.0])
+
+
+def is_camera_word(name: str) -> bool:
+    """Whether ``--camera`` takes ``name`` for something else than a camera of the scene."""
+    return name in (AUTO, ORBIT) or name.endswith(CAMERA_FILE)
 
 
 def auto_camera(scene: Scene) -> Camera:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from app.bench.truth import Truth
 from app.errors import AfterglowError
 from app.metrics import flip, psnr, rel_mse
+from app.view.newest import Newest
 
 F32 = NDArray[np.float32]
 Errors = list[dict[str, float]]
@@ -30,26 +31,22 @@ class Judge:
 
     def __init__(self, tell: Callable[[Errors], object]) -> None:
         self._tell = tell
-        self._work: asyncio.Task[None] | None = None
-        self._next: tuple[Sequence[F32], F32, bool] | None = None
+        self._work = Newest(self._judge)
 
     def offer(self, pictures: Sequence[F32], truth: Truth, still: bool) -> None:
         """Judge linear ``pictures`` soon; FLIP, which takes long, only if ``still``."""
-        self._next = (pictures, truth.layers["final"], still) if pictures else None
-        if self._work is None or self._work.done():
-            self._work = asyncio.create_task(self._judge())
+        if pictures:
+            self._work.offer((pictures, truth.layers["final"], still))
 
     def stop(self) -> None:
         """Judge no further."""
-        if self._work is not None:
-            self._work.cancel()
+        self._work.stop()
 
-    async def _judge(self) -> None:
-        while self._next is not None:
-            (pictures, truth, still), self._next = self._next, None
-            if all(picture.shape == truth.shape for picture in pictures):
-                self._tell([await asyncio.to_thread(errors_of, picture, truth, still) for picture in pictures])
-            await asyncio.sleep(SECONDS)
+    async def _judge(self, asked: tuple[Sequence[F32], F32, bool]) -> None:
+        pictures, truth, still = asked
+        if all(picture.shape == truth.shape for picture in pictures):
+            self._tell([await asyncio.to_thread(errors_of, picture, truth, still) for picture in pictures])
+        await asyncio.sleep(SECONDS)
 
 
 def errors_of(picture: F32, truth: F32, still: bool) -> dict[str, float]:

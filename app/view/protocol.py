@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import SceneError, SettingsError
-from app.load import parse_camera, parse_light
+from app.load import is_camera_word, parse_camera, parse_light
 from app.load.checked_json import check, did_you_mean, parse
+from app.view.scene_file import NAME
 from app.view.state import TRUTH, Json, State
 
 SCHEMA = "view.schema.json"
@@ -112,6 +113,9 @@ def _bookmarked(state: State, message: Json) -> State:
     name, kept = message["name"], dict(state.bookmarks)
     if not name.isprintable() or not 0 < len(name.strip()) <= LONGEST_NAME:
         raise SettingsError(f"bad name {name[:40]!r}", "bookmark", f"expected 1 to {LONGEST_NAME} printable characters")
+    if is_camera_word(name.strip()) or name.strip() == NAME:
+        raise SettingsError(f"{name!r} would name no bookmark", "bookmark",
+                            f"expected another name: auto, orbit, *.json and {NAME} mean something else to --camera")
     if message.get("forget", False):
         kept.pop(name, None)
     else:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import shlex
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,22 +17,25 @@ from app.view.state import State
 SCENE_JSON = "afterglow.json"
 SETTLE = 16
 FORMATS = ("json", "png", "exr")
+MOST_KEPT = 8  # that can be fetched; older ones are deleted
 
 
 @dataclass(frozen=True)
 class Saved:
-    """A file for the page to fetch, and the command that makes it again from the scene JSON."""
+    """A file for the page to fetch by its number, and the command that makes it again from the scene JSON."""
 
+    number: int
     file: Path
     command: str
 
 
 class Saver:
-    """Keeps what was saved in ``folder``, a new one inside it for each call."""
+    """Keeps what was saved last in ``folder``, a new one inside it for each call."""
 
     def __init__(self, scene: Path, parts: Parts, folder: Path, provider: str) -> None:
         self._scene, self._parts, self._folder, self._provider = scene, parts, folder, provider
         self._count = 0
+        self._kept: dict[int, Saved] = {}
 
     async def save(self, state: State, kind: str, settle: int = SETTLE) -> Saved:
         """Save ``state`` as one of ``FORMATS``: its scene JSON, a PNG of what is shown, or an EXR with all AOVs.
@@ -43,6 +48,22 @@ class Saver:
         self._count += 1
         folder = self._folder / str(self._count)
         folder.mkdir(parents=True)
+        try:
+            saved = await self._made(state, kind, settle, folder)
+        except BaseException:
+            shutil.rmtree(folder)
+            raise
+        self._kept[saved.number] = saved
+        if len(self._kept) > MOST_KEPT:
+            oldest = self._kept.pop(next(iter(self._kept)))
+            await asyncio.to_thread(shutil.rmtree, oldest.file.parent)
+        return saved
+
+    def file(self, number: int) -> Path | None:
+        """What was saved under that number, as long as it is kept."""
+        return self._kept[number].file if number in self._kept else None
+
+    async def _made(self, state: State, kind: str, settle: int, folder: Path) -> Saved:
         write_scene_json(folder / SCENE_JSON, state, self._parts)
         aovs = shown_outputs() if kind == "exr" else (state.aov,)
         formats = "exr,png" if kind == "json" else kind
@@ -53,4 +74,4 @@ class Saver:
         if kind != "json":
             await run_module("app", [*told(folder / SCENE_JSON), "--out", str(folder)])
         file = folder / (SCENE_JSON if kind == "json" else f"0000.{kind}")
-        return Saved(file, shlex.join(["python", "-m", "app", *told(SCENE_JSON)]))
+        return Saved(self._count, file, shlex.join(["python", "-m", "app", *told(SCENE_JSON)]))

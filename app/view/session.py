@@ -11,20 +11,20 @@ from types import TracebackType
 
 from app.bench.truth import Truth
 from app.errors import AfterglowError, SettingsError
-from app.image import srgb_encode, to_8bit
 from app.load import Parts
 from app.view.client import Client
 from app.view.desk import Desk
-from app.view.encoder import jpeg, packed
 from app.view.judge import Judge
+from app.view.newest import Newest
 from app.view.painter import Drawn, Painter
 from app.view.pick import Picker
 from app.view.protocol import CHANGES, Choices, changed
 from app.view.saving import SETTLE, Saver
 from app.view.scene_info import scene_info
 from app.view.stage import Stage
-from app.view.state import FINAL, Json, State, state_json
+from app.view.state import Json, State, state_json
 from app.view.truth import Truths
+from app.view.truth_picture import truth_picture
 
 PATIENCE = 10.0  # seconds for the thread to finish its frame
 LONGEST_LINE = 400
@@ -59,7 +59,7 @@ class Session:
         self._judge = Judge(lambda errors: self._tell({"type": "errors", "errors": errors}))
         self._saver = Saver(file, parts, folder / "saved", provider)
         self._picker = Picker(parts)
-        self._files: list[Path] = []
+        self._truth_pictures = Newest(self._show_truth)
         self._errands: dict[str, asyncio.Task[None]] = {}
         self._newest: dict[str, bytes] = {}
         self._drawn: Drawn | None = None
@@ -74,6 +74,7 @@ class Session:
         self._desk.close()
         self._truths.stop()
         self._judge.stop()
+        self._truth_pictures.stop()
         for errand in self._errands.values():
             errand.cancel()
         await asyncio.to_thread(self._painter.join, PATIENCE)
@@ -137,7 +138,7 @@ class Session:
 
     def file(self, number: int) -> Path | None:
         """What was saved under that number."""
-        return self._files[number] if 0 <= number < len(self._files) else None
+        return self._saver.file(number)
 
     def _run_errand(self, client: Client, kind: str, work: Coroutine[None, None, Json]) -> None:
         """Begin what takes long and ends with a reply; one of each kind at a time."""
@@ -150,6 +151,9 @@ class Session:
                 reply = await work
             except AfterglowError as error:
                 reply = {"type": "refused", "message": one_line(error)}
+            except Exception as error:  # of the disk, too: whoever asked is told instead of waiting for ever
+                reply = {"type": "error", "message": f"{kind} failed: {one_line(error)}"}
+                self._loop.call_exception_handler({"message": f"{kind} failed", "exception": error})
             with suppress(ConnectionError):
                 await client.reply(reply)
 
@@ -161,8 +165,7 @@ class Session:
 
     async def _save(self, message: Json) -> Json:
         saved = await self._saver.save(self.state, message["kind"], int(message.get("settle", SETTLE)))
-        self._files.append(saved.file)
-        return {"type": "saved", "kind": message["kind"], "number": len(self._files) - 1, "name": saved.file.name,
+        return {"type": "saved", "kind": message["kind"], "number": saved.number, "name": saved.file.name,
                 "command": saved.command}
 
     def _deliver(self, drawn: Drawn) -> None:
@@ -190,10 +193,12 @@ class Session:
             self._tell({"type": "truth", "spp": 0})
             return
         self._offer_to_judge()
-        state = self.state
-        layer = state.aov if state.aov in ("direct", "indirect", "albedo") else FINAL
-        picture = to_8bit(srgb_encode(truth.layers[layer] * state.exposure))
-        self._show_picture("truth", packed({"kind": "truth", "spp": truth.about["spp"]}, [jpeg(picture)]))
+        self._truth_pictures.offer((truth, self.state))
+
+    async def _show_truth(self, asked: tuple[Truth, State]) -> None:
+        message = await asyncio.to_thread(truth_picture, *asked)
+        if self._truths.newest is asked[0]:
+            self._show_picture("truth", message)
 
     def _show_picture(self, kind: str, message: bytes) -> None:
         self._newest[kind] = message
@@ -217,6 +222,8 @@ class Session:
         self._loop.call_soon_threadsafe(self._complain, error)
 
     def _complain(self, error: Exception) -> None:
-        """Tell all pages what went wrong, and which state holds now."""
+        """Tell all pages what went wrong, and which state holds now; what nobody foresaw is logged, too."""
+        if not isinstance(error, AfterglowError):
+            self._loop.call_exception_handler({"message": "the viewer goes on", "exception": error})
         self._tell({"type": "error", "message": one_line(error)})
         self._tell_state()

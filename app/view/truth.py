@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 from app.bench.content import content_key
 from app.bench.truth import Truth, exporter_version, read_truth
-from app.errors import AfterglowError
 from app.load import Parts
 from app.view.process import run_module
 from app.view.scene_file import NAME, write_scene_json
@@ -74,10 +74,14 @@ class Truths:
                 await asyncio.sleep(REST_SECONDS)
             for number, spp in list(enumerate(SAMPLES, 1))[done:]:
                 folder = self._folder / f"{key}-{spp}"
-                await self._trace(state, spp, folder)
+                try:
+                    await self._trace(state, spp, folder)
+                except BaseException:
+                    _delete(folder)
+                    raise
                 self._keep(key, number, folder)
                 await self._show(folder)
-        except AfterglowError as error:
+        except Exception as error:  # of the disk, too: the pages are told instead of waiting for ever
             self._complain(error)
 
     async def _trace(self, state: State, spp: int, folder: Path) -> None:
@@ -90,11 +94,18 @@ class Truths:
                                     "--spp", str(spp), "--out", str(folder)], nice=True)
 
     def _keep(self, key: str, number: int, folder: Path) -> None:
-        self._kept.pop(key, None)
+        """Have the truth in ``folder`` in place of a coarser one, and none of the oldest beyond ``MOST_KEPT``."""
+        dropped = [self._kept.pop(key)] if key in self._kept else []
         self._kept[key] = number, folder
         if len(self._kept) > MOST_KEPT:
-            del self._kept[next(iter(self._kept))]
+            dropped.append(self._kept.pop(next(iter(self._kept))))
+        for _, old in dropped:
+            _delete(old)
 
     async def _show(self, folder: Path) -> None:
         self.newest = await asyncio.to_thread(read_truth, folder)
         self._tell(self.newest)
+
+
+def _delete(folder: Path) -> None:
+    shutil.rmtree(folder, ignore_errors=True)

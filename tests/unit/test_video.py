@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -94,4 +95,10 @@ def test_a_missing_encoder_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setitem(sys.modules, "av", None)
     with pytest.raises(AfterglowError, match=r"pip install 'afterglow\[video\]'"):
+        check_video(["mp4"], SIZE)
+
+
+def test_a_codec_that_pyav_lacks_is_named_before_anything_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(CODECS, "mp4", replace(CODECS["mp4"], name="libnone"))
+    with pytest.raises(AfterglowError, match="no encoder libnone for mp4, --format, expected"):
         check_video(["mp4"], SIZE)

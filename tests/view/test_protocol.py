@@ -93,3 +93,9 @@ def test_bookmarks_are_bounded() -> None:
         for index in range(100):
             state = changed(state, read_message(json.dumps({"type": "bookmark", "name": str(index)})), CHOICES)
     assert len(state.bookmarks) == 64
+
+
+@pytest.mark.parametrize("name", ["view", "auto", "orbit", " auto ", "low.json"])
+def test_a_bookmark_that_a_camera_option_would_not_find_is_refused(name: str) -> None:
+    with pytest.raises(AfterglowError, match="expected another name"):
+        apply(type="bookmark", name=name)

@@ -1,0 +1,40 @@
+"""Work of which only the newest matters, one piece after the other."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
+
+
+class Newest(Generic[T]):
+    """Does ``work`` for what it is offered; what is overtaken while it works is never done.
+
+    Parameters
+    ----------
+    work : callable
+        A coroutine function; what takes long in it runs in a thread.
+    """
+
+    def __init__(self, work: Callable[[T], Awaitable[None]]) -> None:
+        self._work = work
+        self._next: list[T] = []
+        self._task: asyncio.Task[None] | None = None
+
+    def offer(self, item: T) -> None:
+        """Do this next, in place of what was to be done next."""
+        self._next[:] = [item]
+        if self._task is None or self._task.done():
+            self._task = asyncio.create_task(self._run())
+
+    def stop(self) -> None:
+        """Do no more."""
+        self._next.clear()
+        if self._task is not None:
+            self._task.cancel()
+
+    async def _run(self) -> None:
+        while self._next:
+            await self._work(self._next.pop())

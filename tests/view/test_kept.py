@@ -1,0 +1,154 @@
+"""What the viewer keeps on disk, what it deletes, and what whoever waits is told when that fails."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.errors import SceneError
+from app.image import write_exr
+from app.load import load_parts
+from app.paths import data_dir
+from app.view import saving, truth
+from app.view.newest import Newest
+from app.view.saving import MOST_KEPT, Saver
+from app.view.state import TRUTH, State
+from app.view.truth import SAMPLES, Truths
+
+BOX = data_dir() / "cornell-box.obj"
+PARTS = load_parts(BOX)
+STATE = State((16, 12), PARTS.scene.cameras[PARTS.scene.default_camera].at(0.0), PARTS.scene.lights, "none",
+              split=TRUTH)
+
+
+async def traced(module: str, arguments: list[str], **options: Any) -> str:
+    """A path tracer that is done at once."""
+    folder, grey = Path(arguments[arguments.index("--out") + 1]), np.full((12, 16, 3), 0.5, np.float32)
+    layers = dict.fromkeys(("", "direct", "indirect", "albedo"), grey)
+    write_exr(folder / "truth.exr", {**layers, "depth": grey[..., :1]})
+    (folder / "truth.json").write_text(f'{{"spp": {arguments[arguments.index("--spp") + 1]}}}')
+    return ""
+
+
+async def fails(module: str, arguments: list[str], **options: Any) -> str:
+    raise OSError("no room")
+
+
+def followed(folder: Path, states: list[State]) -> tuple[list[object], list[Exception]]:
+    """What is told of the truths of these states, each traced to its end, and what goes wrong."""
+    told: list[object] = []
+    wrong: list[Exception] = []
+
+    async def follow() -> None:
+        truths = Truths(BOX, PARTS, folder, told.append, wrong.append)
+        for state in states:
+            truths.follow(state)
+            assert truths._work is not None
+            await truths._work
+
+    asyncio.run(follow())
+    return told, wrong
+
+
+@pytest.fixture(autouse=True)
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(truth, "REST_SECONDS", 0.0)
+    monkeypatch.setattr(truth, "exporter_version", lambda scene: "")
+
+
+def test_of_a_truth_the_finest_is_kept_and_of_truths_the_newest(tmp_path: Path,
+                                                                monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(truth, "run_module", traced)
+    monkeypatch.setattr(truth, "MOST_KEPT", 2)
+    states = [replace(STATE, camera=replace(STATE.camera, fov_y_deg=40.0 + i)) for i in range(3)]
+    told, wrong = followed(tmp_path, states)
+    assert not wrong
+    assert [found.about["spp"] for found in told if found is not None] == 3 * list(SAMPLES)
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_tracer_that_fails_is_told_of_and_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(truth, "run_module", fails)
+    told, wrong = followed(tmp_path, [STATE])
+    assert told == [] and [str(error) for error in wrong] == ["no room"]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_newest_saves_are_kept(tmp_path: Path) -> None:
+    async def save() -> None:
+        saver = Saver(BOX, PARTS, tmp_path, "cpu")
+        saved = [await saver.save(STATE, "json") for _ in range(MOST_KEPT + 2)]
+        assert [saver.file(one.number) for one in saved[2:]] == [one.file for one in saved[2:]]
+        assert [saver.file(one.number) for one in saved[:2]] == [None, None]
+        assert saver.file(0) is None
+        assert len(list(tmp_path.iterdir())) == MOST_KEPT
+        assert all(one.file.is_file() for one in saved[2:])
+
+    asyncio.run(save())
+
+
+def test_a_save_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(saving, "run_module", fails)
+    with pytest.raises(OSError):
+        asyncio.run(Saver(BOX, PARTS, tmp_path, "cpu").save(STATE, "png"))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_overtaken_is_never_done_and_the_loop_stays_free() -> None:
+    done: list[int] = []
+
+    async def work(item: int) -> None:
+        await asyncio.sleep(0.02)
+        done.append(item)
+
+    async def drag() -> None:
+        newest = Newest(work)
+        for item in range(100):
+            newest.offer(item)
+            await asyncio.sleep(0.001)
+        await asyncio.sleep(0.1)
+        assert len(done) < 20 and done[-1] == 99
+        newest.offer(100)
+        newest.stop()
+        await asyncio.sleep(0.05)
+        assert done[-1] == 99
+
+    asyncio.run(drag())
+
+
+@pytest.mark.parametrize("error", [OSError("no room"), SceneError("bad", "scene", "expected better")])
+def test_whoever_saves_is_told_when_it_fails(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    from app.view.protocol import Choices
+    from app.view.session import Session
+
+    class Client:
+        def __init__(self) -> None:
+            self.replies: list[dict[str, Any]] = []
+
+        def note(self, message: object) -> None: ...
+
+        async def reply(self, message: dict[str, Any]) -> None:
+            self.replies.append(message)
+
+    async def refused(*args: object) -> None:
+        raise error
+
+    async def ask() -> None:
+        session = Session(BOX, PARTS, STATE, Choices(("none",), ("final",), {}), "cpu")
+        session._loop = asyncio.get_running_loop()
+        session._loop.set_exception_handler(lambda loop, context: None)
+        monkeypatch.setattr(session._saver, "save", refused)
+        client: Any = Client()
+        for _ in range(2):
+            client.replies.clear()
+            session.handle(client, {"type": "save", "kind": "png"})
+            await session._errands["save"]
+            (reply,) = client.replies
+            assert reply["type"] in ("error", "refused") and str(error) in reply["message"]
+
+    asyncio.run(ask())
