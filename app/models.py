@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from app.bounces import with_bounces
 from app.contract import COARSE, SSGI, Model, read_contract
 from app.errors import SettingsError
+from app.scene import Scene
 from app.settings import Settings
 
 if TYPE_CHECKING:
@@ -65,6 +67,18 @@ def shades_environment(model: Model) -> bool:
     return model == COARSE or (model != SSGI and read_contract(model).shades_environment)
 
 
+def about_environment(scene: Scene, models: Sequence[Model]) -> Iterator[str]:
+    """What is to be known of how the environment lights, or does not."""
+    shading = [model for model in models if shades_environment(model)]
+    if scene.environment is None:
+        if shading:
+            yield "the scene has no environment to shade"
+    elif COARSE in shading:
+        yield "the environment lights without shadows: no network puts them in"
+    elif not shading and not any(_sees_sky(model) for model in models):
+        yield "the environment is shown and lights nothing: ember takes light from it, and coarse shades by it"
+
+
 def _load(model: Model, settings: Settings) -> Any:
     if isinstance(model, str):
         return model
@@ -72,3 +86,9 @@ def _load(model: Model, settings: Settings) -> Any:
 
     grid = read_contract(model).screen_size(settings.size)
     return Network(model, grid, settings.provider, settings.strict_device)
+
+
+def _sees_sky(model: Model) -> bool:
+    """Whether a network for indirect light reads what an environment sends."""
+    specs = read_contract(model).inputs.values() if isinstance(model, Path) else ()
+    return any(name in ("glow.rgb", "lumination.rgb", "environment.sh") for spec in specs for name in spec.channels)

@@ -1,4 +1,4 @@
-"""Texts of the command line into values."""
+"""Options that commands share, and texts of the command line into values."""
 
 from __future__ import annotations
 
@@ -6,10 +6,37 @@ import difflib
 from collections.abc import Collection
 from fractions import Fraction
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from app.errors import SettingsError
 
 FORMATS = ("exr", "png")
+DEFAULT_MODEL = "ember"
+SCENE, NETWORK = "Scene", "Network and device"  # panels of the help
+
+SceneFile = Annotated[Path | None, typer.Argument(
+    help="OBJ, glTF, GLB or PLY file; the embedded Cornell box without it.", metavar="[SCENE]", show_default=False)]
+Lighting = Annotated[str | None, typer.Option(
+    help="A named lighting of the scene's JSON file.", metavar="NAME", show_default="the scene's own",
+    rich_help_panel=SCENE)]
+SceneJson = Annotated[Path | None, typer.Option(
+    "--scene-json", help="Cameras, lightings and motion.", metavar="FILE", show_default="same stem beside the scene",
+    rich_help_panel=SCENE)]
+ModelNames = Annotated[list[str], typer.Option(
+    help="A name that `models` lists, a path to an .onnx file, or none; twice for one that makes indirect light "
+         "and one that shades an environment.", metavar="NAME|PATH|none", show_default=DEFAULT_MODEL,
+    rich_help_panel=NETWORK)]
+Bounces = Annotated[int | None, typer.Option(
+    help="Bounces of indirect light, of models that count them (ember, radiosity) and of networks of one bounce "
+         "that see the screen alone, which are applied again.", metavar="N", show_default="what the model gives",
+    rich_help_panel=NETWORK)]
+Provider = Annotated[str, typer.Option(
+    help="onnxruntime execution provider.", metavar="auto|cpu|cuda|…", rich_help_panel=NETWORK)]
+StrictDevice = Annotated[bool, typer.Option(
+    "--strict-device", help="Refuse a software renderer, or a provider other than the one asked for.",
+    rich_help_panel=NETWORK)]
 
 
 def parse_folder(text: str | Path) -> Path:

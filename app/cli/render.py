@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,12 +15,28 @@ from rich.progress import Progress
 
 from app.atomic import prepare_folders
 from app.channels import HALF_MAX
-from app.cli.options import FORMATS, parse_folder, parse_names, parse_scale, unknown
+from app.cli.options import (
+    DEFAULT_MODEL,
+    FORMATS,
+    NETWORK,
+    SCENE,
+    Bounces,
+    Lighting,
+    ModelNames,
+    Provider,
+    SceneFile,
+    SceneJson,
+    StrictDevice,
+    parse_folder,
+    parse_names,
+    parse_scale,
+    unknown,
+)
 from app.cli.report import print_summary, write_timing
-from app.contract import COARSE, Model, find_model, read_contract
+from app.contract import Model, find_model
 from app.errors import SettingsError
 from app.image import Image, write_exr, write_png
-from app.models import shades_environment
+from app.models import about_environment
 from app.preview import preview
 from app.scene import CameraPath, Scene
 from app.settings import Settings, parse_size
@@ -32,25 +47,18 @@ if TYPE_CHECKING:
 
 FRAME_SECONDS = 1 / 30
 SETTLE_STILL = 16
-DEFAULT_MODEL = "ember"
 GEOMETRY = ("depth", "position", "motion")
 
-SCENE, PICTURE, NETWORK, INSIGHT = "Scene", "Picture", "Network and device", "Insight"
+PICTURE, INSIGHT = "Picture", "Insight"
 
 
 def render(
-    scene: Annotated[Path | None, typer.Argument(
-        help="OBJ, glTF, GLB or PLY file; the embedded Cornell box without it.", metavar="[SCENE]",
-        show_default=False)] = None,
+    scene: SceneFile = None,
     camera: Annotated[str | None, typer.Option(
         help="auto, orbit (one turn over all frames), a camera of the scene, or a FILE.json.",
         metavar="auto|orbit|NAME|FILE.json", show_default="the scene's own", rich_help_panel=SCENE)] = None,
-    lighting: Annotated[str | None, typer.Option(
-        help="A named lighting of the scene's JSON file.", metavar="NAME", show_default="the scene's own",
-        rich_help_panel=SCENE)] = None,
-    scene_json: Annotated[Path | None, typer.Option(
-        "--scene-json", help="Cameras, lightings and motion.", metavar="FILE",
-        show_default="same stem beside the scene", rich_help_panel=SCENE)] = None,
+    lighting: Lighting = None,
+    scene_json: SceneJson = None,
     out: Annotated[Path, typer.Option(
         help="Folder for the frames; made if missing.", metavar="DIR", parser=parse_folder,
         rich_help_panel=PICTURE)] = Path("out"),
@@ -73,22 +81,13 @@ def render(
         "--taa/--no-taa", help="Temporal anti-aliasing.", rich_help_panel=PICTURE)] = True,
     seed: Annotated[int, typer.Option(
         help="Turns the sampling patterns.", metavar="N", rich_help_panel=PICTURE)] = 0,
-    model: Annotated[list[str], typer.Option(
-        help="A name that `models` lists, a path to an .onnx file, or none; twice for one that makes indirect light "
-             "and one that shades an environment.", metavar="NAME|PATH|none", show_default=DEFAULT_MODEL,
-        rich_help_panel=NETWORK)] = [DEFAULT_MODEL],  # noqa: B006
-    bounces: Annotated[int | None, typer.Option(
-        help="Bounces of indirect light, of models that count them (ember, radiosity) and of networks of one bounce "
-             "that see the screen alone, which are applied again.", metavar="N", show_default="what the model gives",
-        rich_help_panel=NETWORK)] = None,
+    model: ModelNames = [DEFAULT_MODEL],  # noqa: B006
+    bounces: Bounces = None,
     scale: Annotated[str | None, typer.Option(
         help="A network's grid relative to the image, such as 1/8.", metavar="SCALE", show_default="its own",
         rich_help_panel=NETWORK)] = None,
-    provider: Annotated[str, typer.Option(
-        help="onnxruntime execution provider.", metavar="auto|cpu|cuda|…", rich_help_panel=NETWORK)] = "auto",
-    strict_device: Annotated[bool, typer.Option(
-        "--strict-device", help="Refuse a software renderer, or a provider other than the one asked for.",
-        rich_help_panel=NETWORK)] = False,
+    provider: Provider = "auto",
+    strict_device: StrictDevice = False,
     timing: Annotated[Path | None, typer.Option(
         help="Write milliseconds per pass (median, p95), the device and what was culled.", metavar="FILE.json",
         show_default=False, rich_help_panel=INSIGHT)] = None,
@@ -151,7 +150,7 @@ def render(
         for name in renderer.missing:
             _note(f"{name} is all zero, nothing in this scene writes it")
         running = {p.name for p in renderer.plan.passes}
-        for notice in _about_environment(loaded, models):
+        for notice in about_environment(loaded, models):
             _note(notice)
         if verbose:
             _describe(renderer)
@@ -167,24 +166,6 @@ def render(
     if timing is not None:
         write_timing(timing, report)
     print_summary(report, images, timing, check=check)
-
-
-def _about_environment(scene: Scene, models: Sequence[Model]) -> Iterator[str]:
-    """What is to be known of how the environment lights, or does not."""
-    shading = [model for model in models if shades_environment(model)]
-    if scene.environment is None:
-        if shading:
-            yield "the scene has no environment to shade"
-    elif COARSE in shading:
-        yield "the environment lights without shadows: no network puts them in"
-    elif not shading and not any(_sees_sky(model) for model in models):
-        yield "the environment is shown and lights nothing: ember takes light from it, and coarse shades by it"
-
-
-def _sees_sky(model: Model) -> bool:
-    """Whether a network for indirect light reads what an environment sends."""
-    specs = read_contract(model).inputs.values() if isinstance(model, Path) else ()
-    return any(name in ("glow.rgb", "lumination.rgb", "environment.sh") for spec in specs for name in spec.channels)
 
 
 def _rescaled(models: list[Model], scale: float, stack: ExitStack) -> list[Model]:

@@ -3,29 +3,33 @@
 from __future__ import annotations
 
 import asyncio
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from app.cli.options import (
+    DEFAULT_MODEL,
+    SCENE,
+    Bounces,
+    Lighting,
+    ModelNames,
+    Provider,
+    SceneFile,
+    SceneJson,
+    StrictDevice,
+)
 from app.settings import Settings, parse_size
 
-SCENE, SERVER, NETWORK = "Scene", "Server", "Network and device"
+SERVER = "Server"
 
 
 def view(
-    scene: Annotated[Path | None, typer.Argument(
-        help="OBJ, glTF, GLB or PLY file; the embedded Cornell box without it.", metavar="[SCENE]",
-        show_default=False)] = None,
+    scene: SceneFile = None,
     camera: Annotated[str | None, typer.Option(
         help="auto, a camera of the scene, or a FILE.json.", metavar="auto|NAME|FILE.json",
         show_default="the scene's own", rich_help_panel=SCENE)] = None,
-    lighting: Annotated[str | None, typer.Option(
-        help="A named lighting of the scene's JSON file.", metavar="NAME", show_default="the scene's own",
-        rich_help_panel=SCENE)] = None,
-    scene_json: Annotated[Path | None, typer.Option(
-        "--scene-json", help="Cameras, lightings and motion.", metavar="FILE",
-        show_default="same stem beside the scene", rich_help_panel=SCENE)] = None,
+    lighting: Lighting = None,
+    scene_json: SceneJson = None,
     size: Annotated[str, typer.Option(
         help="Pixels, until a page says how large its window is.", metavar="WxH", rich_help_panel=SCENE)] = "1024x768",
     host: Annotated[str, typer.Option(
@@ -33,13 +37,10 @@ def view(
         rich_help_panel=SERVER)] = "127.0.0.1",
     port: Annotated[int, typer.Option(
         help="Port; 0 for a free one.", min=0, max=65535, metavar="N", rich_help_panel=SERVER)] = 0,
-    model: Annotated[str, typer.Option(
-        help="What is shown first: a name that `models` lists, a path to an .onnx file, or none.",
-        metavar="NAME|PATH|none", rich_help_panel=NETWORK)] = "ember",
-    provider: Annotated[str, typer.Option(
-        help="onnxruntime execution provider.", metavar="auto|cpu|cuda|…", rich_help_panel=NETWORK)] = "auto",
-    strict_device: Annotated[bool, typer.Option(
-        "--strict-device", help="Refuse a software renderer.", rich_help_panel=NETWORK)] = False,
+    model: ModelNames = [DEFAULT_MODEL],  # noqa: B006
+    bounces: Bounces = None,
+    provider: Provider = "auto",
+    strict_device: StrictDevice = False,
 ) -> None:
     """See a scene live, in a browser: orbit, drag lights, compare models with each other and with the truth.
 
@@ -61,6 +62,7 @@ def view(
     from app.gl.context import Device
     from app.infer import check_provider
     from app.load import load_parts
+    from app.models import about_environment, load_models, shades_environment
     from app.paths import data_dir
     from app.view.drawing import shown_outputs
     from app.view.protocol import Choices
@@ -70,18 +72,21 @@ def view(
 
     extra_module("aiohttp", EXTRA)
     check_provider(provider)
-    if model != NONE:
-        find_model(model)
+    settings = Settings(size=parse_size(size), bounces=bounces, provider=provider, strict_device=strict_device)
+    chosen = {name: find_model(name) for name in model if name != NONE}
     Device(strict_device).close()  # says what is missing, if anything is
     file = (scene or data_dir() / "cornell-box.obj").resolve()
     parts = load_parts(file, lighting=lighting, scene_json=scene_json)
-    for notice in parts.scene.notices:
+    load_models([*chosen.values()], settings, parts.scene.environment is not None)  # says what does not fit together
+    for notice in (*parts.scene.notices, *about_environment(parts.scene, [*chosen.values()])):
         typer.secho(f"note: {notice}", err=True, dim=True)
-    models = tuple(dict.fromkeys((*all_models(), model)))
+    shading = [name for name, file in chosen.items() if shades_environment(file)]
+    indirect = [name for name in chosen if name not in shading] or [NONE]
+    models = tuple(dict.fromkeys((*all_models(), *indirect)))
     still = {name: members for name, members in parts.objects.items()
              if all(parts.scene.instances[i].motion is None for i in members)}
-    state = State(Settings(size=parse_size(size)).size, choose_camera(parts.scene, camera, 1).at(0.0),
-                  parts.scene.lights[:parts.own_lights], model)
+    state = State(settings.size, choose_camera(parts.scene, camera, 1).at(0.0), parts.scene.lights[:parts.own_lights],
+                  indirect[0], environment=next(iter(shading), ""), bounces=bounces)
     session = Session(file, parts, state, Choices(models, shown_outputs(), still), provider)
     asyncio.run(serve(session, host, port, _say))
     typer.echo("ended")

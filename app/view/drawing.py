@@ -16,6 +16,7 @@ from app.frame import AOVS
 from app.preview import preview
 from app.renderer import Renderer
 from app.settings import Settings
+from app.view.scene_file import bounces_of
 from app.view.stage import Stage
 from app.view.state import FINAL, State
 
@@ -48,8 +49,9 @@ class Drawing:
         needs = (model, state.scale, state.precision, state.size, state.aov, state.taa, self._stage.movable)
         if self._renderer is None or needs != self._made_for or not self._renderer.relight(scene.lights):
             self.close()
-            settings = Settings(state.size, (state.aov,), taa=state.taa, provider=self._provider, timing=True)
-            self._renderer = Renderer(scene, settings, _file(state, model, self._folder))
+            settings = Settings(state.size, (state.aov,), taa=state.taa, bounces=bounces_of(state, model),
+                                provider=self._provider, timing=True)
+            self._renderer = Renderer(scene, settings, _files(state, model, self._folder))
             self._made_for = needs
         self._renderer.expose(state.exposure)
         return self._renderer.advance(state.camera, self._stage.time, wanted)
@@ -84,13 +86,15 @@ class Drawing:
         self._renderer = self._made_for = None
 
 
-def _file(state: State, model: str, folder: Path) -> Model | None:
-    """What ``Renderer`` takes for a model in the state's scale and precision."""
-    found, absent = expand((model,), (state.size,), (state.scale,) if state.scale else (),
-                           (state.precision,) if state.precision else (), folder)
+def _files(state: State, model: str, folder: Path) -> list[Model]:
+    """What ``Renderer`` takes for a model in the state's scale and precision, and for what shades the environment."""
+    scales = (state.scale,) if state.scale else ()
+    found, absent = expand((model,), (state.size,), scales, (state.precision,) if state.precision else (), folder)
     if not found:
         raise ModelError("; ".join(absent), "precision", "expected one that the model has")
-    return found[0].file
+    if state.environment:
+        found += expand((state.environment,), (state.size,), scales, (), folder)[0]
+    return [configuration.file for configuration in found if configuration.file is not None]
 
 
 def shown_outputs() -> tuple[str, ...]:

@@ -43,8 +43,19 @@ def arguments(state: State, scene: Path, file: Path | str, settle: int, aovs: tu
     found = [str(scene), "--scene-json", str(file), "--size", f"{state.size[0]}x{state.size[1]}",
              "--settle", str(settle), "--exposure", repr(state.exposure), "--model", model_name(state),
              "--aov", ",".join(aovs), "--format", formats, "--provider", provider]
-    scaled = state.scale and state.model not in CLASSICAL
-    return found + (["--scale", repr(state.scale)] if scaled else []) + ([] if state.taa else ["--no-taa"])
+    if state.environment:
+        found += ["--model", state.environment]
+    if state.scale and not {state.model, state.environment} <= {*CLASSICAL, ""}:
+        found += ["--scale", repr(state.scale)]
+    bounces = bounces_of(state, state.model)
+    if bounces is not None:
+        found += ["--bounces", str(bounces)]
+    return found + ([] if state.taa else ["--no-taa"])
+
+
+def bounces_of(state: State, model: str) -> int | None:
+    """Those that ``model`` is held to: none where it makes no indirect light."""
+    return None if model == NONE else state.bounces
 
 
 def model_name(state: State) -> str:

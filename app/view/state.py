@@ -37,6 +37,10 @@ class State:
         What of the frame is shown.
     split : str
         What is right of the slider: another model, ``truth``, or nothing.
+    environment : str
+        What shades surfaces by the scene's environment, whichever model is chosen; or nothing.
+    bounces : int or None
+        Of indirect light, where a model makes any; None for what it gives by itself.
     """
 
     size: tuple[int, int]
@@ -51,6 +55,8 @@ class State:
     precision: str = ""
     aov: str = FINAL
     split: str = ""
+    environment: str = ""
+    bounces: int | None = None
 
     @property
     def models(self) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -94,3 +95,8 @@ def test_the_command_says_what_was_chosen(parts: Parts) -> None:
     assert told[-1] == "--no-taa"
     assert model_name(replace(state, model="none")) == "none"
     assert NAME == "view"
+    both = replace(state, model="ember", environment="coarse", bounces=2, scale=0.0, precision="")
+    told = arguments(both, BOX, "saved.json", 4, ("final",), "png", "cpu")
+    assert [name for option, name in pairwise(told) if option == "--model"] == ["ember", "coarse"]
+    assert told[told.index("--bounces") + 1] == "2"
+    assert "--bounces" not in arguments(replace(both, model="none"), BOX, "saved.json", 4, ("final",), "png", "cpu")
