@@ -121,7 +121,7 @@ def test_an_orbit_drag_changes_the_picture(page: Any) -> None:
     assert difference(before, settle(page)) < 2  # and back again
 
 
-def test_keys_wheel_and_touch_move_the_camera(page: Any) -> None:
+def test_keys_and_wheel_move_the_camera(page: Any) -> None:
     eye = "JSON.stringify(afterglow.navigation.camera.eye)"
     for act in (lambda: page.keyboard.press("w", delay=100), lambda: page.mouse.wheel(0, 200),
                 lambda: page.keyboard.press("+")):
@@ -130,6 +130,97 @@ def test_keys_wheel_and_touch_move_the_camera(page: Any) -> None:
         page.focus("#view")
         act()
         until(page, f"before => {eye} !== before", before)
+
+
+def camera_of(page: Any) -> dict[str, np.ndarray[Any, Any]]:
+    """Eye, target and pivot, and which way right, up and forward are."""
+    found = page.evaluate("({...afterglow.navigation.camera, pivot: afterglow.navigation.pivot})")
+    eye, target, up = (np.array(found[name], float) for name in ("eye", "target", "up"))
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(forward, up) / np.linalg.norm(np.cross(forward, up))
+    return {"eye": eye, "target": target, "pivot": np.array(found["pivot"], float), "right": right,
+            "up": np.cross(right, forward), "forward": forward}
+
+
+def touch(page: Any, *fingers: tuple[tuple[float, float], tuple[float, float]], steps: int = 5) -> None:
+    """Put fingers down, move each from its first place to its second, and lift them."""
+    devtools = page.context.new_cdp_session(page)
+    devtools.send("Emulation.setTouchEmulationEnabled", {"enabled": True, "maxTouchPoints": 2})
+    for step in range(steps + 1):
+        points = [{"id": i, "x": a[0] + (b[0] - a[0]) * step / steps, "y": a[1] + (b[1] - a[1]) * step / steps}
+                  for i, (a, b) in enumerate(fingers)]
+        kind = "touchMove" if step else "touchStart"
+        devtools.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    devtools.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    devtools.send("Emulation.setTouchEmulationEnabled", {"enabled": False})
+    devtools.detach()
+
+
+def test_one_finger_orbits_about_the_pivot(page: Any) -> None:
+    before, picture = camera_of(page), settle(page)
+    touch(page, ((90, 150), (150, 150)))
+    after = camera_of(page)
+    arm = after["eye"] - after["pivot"]
+    assert np.allclose(after["pivot"], before["pivot"])
+    assert np.linalg.norm(arm) == pytest.approx(np.linalg.norm(before["eye"] - before["pivot"]))
+    turned = np.degrees(np.arccos(arm @ (before["eye"] - before["pivot"]) / (arm @ arm)))
+    assert turned == pytest.approx(np.degrees(3.5 * 60 / 240), abs=2)  # 3.5 rad for as long as the picture is high
+    assert difference(picture, settle(page)) > 8
+
+
+def test_two_fingers_pinch_and_pan(page: Any) -> None:
+    before = camera_of(page)
+    touch(page, ((140, 150), (100, 150)), ((180, 150), (220, 150)))  # 40 pixels apart, then 120
+    apart = camera_of(page)
+    arm = np.linalg.norm(before["eye"] - before["pivot"])
+    assert np.linalg.norm(apart["eye"] - apart["pivot"]) == pytest.approx(arm / 3, rel=0.05)
+    assert np.allclose(apart["forward"], before["forward"])
+    touch(page, ((100, 150), (140, 150)), ((220, 150), (180, 150)))
+    assert np.linalg.norm(camera_of(page)["eye"] - camera_of(page)["pivot"]) == pytest.approx(arm, rel=0.05)
+    still = camera_of(page)
+    touch(page, ((100, 150), (150, 130)), ((180, 150), (230, 130)))
+    panned = camera_of(page)
+    by = panned["eye"] - still["eye"]
+    assert np.allclose(by, panned["target"] - still["target"]) and np.allclose(by, panned["pivot"] - still["pivot"])
+    assert by @ still["right"] < 0 and by @ still["up"] < 0  # what is seen follows the fingers
+    assert abs(by @ still["forward"]) < 1e-6
+    assert page.evaluate("afterglow.navigation.pointers.size") == 0
+
+
+@pytest.mark.parametrize(("key", "axis", "sign"), [
+    ("w", "forward", 1), ("s", "forward", -1), ("d", "right", 1), ("a", "right", -1), ("e", "up", 1), ("q", "up", -1)])
+def test_a_held_key_flies_and_shift_is_faster(page: Any, key: str, axis: str, sign: int) -> None:
+    ways = []
+    for held in ((key,), ("Shift", key)):
+        reset(page)
+        before, begin = camera_of(page), page.evaluate("performance.now()")
+        for name in held:
+            page.keyboard.down(name)
+        page.wait_for_timeout(300)
+        for name in reversed(held):
+            page.keyboard.up(name)
+        after, end = camera_of(page), page.evaluate("performance.now()")
+        by = after["eye"] - before["eye"]
+        assert by @ before[axis] * sign > 0 and np.linalg.norm(by) == pytest.approx(abs(by @ before[axis]))
+        assert np.allclose(by, after["target"] - before["target"])
+        ways.append(float(np.linalg.norm(by)) / (end - begin))
+        page.wait_for_timeout(60)
+        assert np.array_equal(camera_of(page)["eye"], after["eye"])  # it stops with the key
+    assert ways[1] > 2 * ways[0]
+
+
+def test_arrow_keys_look_around_from_where_the_eye_is(page: Any) -> None:
+    for key, axis, sign in (("ArrowRight", "right", 1), ("ArrowLeft", "right", -1), ("ArrowUp", "up", 1),
+                            ("ArrowDown", "up", -1)):
+        reset(page)
+        before = camera_of(page)
+        page.focus("#view")
+        page.keyboard.down(key)
+        page.wait_for_timeout(200)
+        page.keyboard.up(key)
+        after = camera_of(page)
+        assert np.array_equal(after["eye"], before["eye"])
+        assert after["forward"] @ before[axis] * sign > 0.02, key
 
 
 def test_a_light_drag_moves_the_shadow(page: Any) -> None:

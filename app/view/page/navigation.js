@@ -105,6 +105,6 @@ export class Navigation {
     const way = add(add(mul(right, on("d") - on("a")), mul(up, on("e") - on("q"))), mul(forward, on("w") - on("s")));
     if (length(way)) this.shift(mul(unit(way), FLY * this.extent * seconds * (fast ? FAST : 1)));
     const dx = on("arrowright") - on("arrowleft"), dy = on("arrowdown") - on("arrowup");
-    if (dx || dy) this.look(-dx * seconds, -dy * seconds);
+    if (dx || dy) this.look(dx * seconds, dy * seconds);
   }
 }
