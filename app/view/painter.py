@@ -93,7 +93,7 @@ class Painter(Thread):
             self._ends.clear()  # nothing was drawn meanwhile
         self._ends.append(perf_counter())
         header = {"kind": "frame", "number": self._number, "input": task.input, "repeat": task.repeat,
-                  "size": state.size, "camera": camera_json(state.camera)}
+                  "size": state.size, "models": state.models, "camera": camera_json(state.camera)}
         judged = state.aov == FINAL and state.split == TRUTH
         radiance = [drawing.radiance() for drawing in used] if judged else []
         return Drawn(task, packed(header, parts), radiance, self._report())

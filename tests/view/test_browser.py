@@ -254,7 +254,7 @@ def test_the_split_shows_two_models(page: Any) -> None:
     until(page, "!document.getElementById('right').hidden && document.getElementById('right').width === 320")
     right = pixels(page, "right")
     assert right.mean() > left.mean() + 3  # light that bounced
-    assert page.inner_text("#label-right") == "ssgi"
+    assert (page.inner_text("#label-left"), page.inner_text("#label-right")) == ("none", "ssgi")
     page.locator("#divider").focus()
     box = page.locator("#divider").bounding_box()
     drag(page, (box["x"] + box["width"] / 2, 60), (50, 0))
@@ -264,6 +264,16 @@ def test_the_split_shows_two_models(page: Any) -> None:
     assert difference(screenshot[inside], left[inside]) < difference(screenshot[inside], right[inside])
     beyond = np.s_[100:200, 225:270]
     assert difference(screenshot[beyond], right[beyond]) < difference(screenshot[beyond], left[beyond])
+
+
+def test_the_button_in_the_picture_hides_the_panel_and_shows_it_again(page: Any) -> None:
+    page.click("#toggle")
+    assert not page.is_visible("#panel")
+    until(page, "view.clientWidth === 620 && afterglow.state.size[0] === 620")
+    page.click("#toggle")
+    assert page.is_visible("#panel")
+    until(page, "afterglow.state.size[0] === 320")
+    assert page.evaluate("afterglow.navigation.pointers.size") == 0
 
 
 def test_double_click_sets_the_pivot_and_chooses_the_object(page: Any) -> None:

@@ -116,7 +116,7 @@ function showNumbers() {
 }
 
 function showSides() {
-  if (state) screen.sides(state.model, state.split, truth);
+  if (state) screen.sides(state.split, truth);
 }
 
 function showLights() {
@@ -256,6 +256,7 @@ for (const button of document.querySelectorAll("[data-save]"))
   };
 
 view.addEventListener("dblclick", e => {
+  if (e.target.closest("button")) return;
   const box = view.getBoundingClientRect();
   connection.send({type: "pick", at: [(e.clientX - box.left) / box.width, (e.clientY - box.top) / box.height]});
 });

@@ -31,7 +31,7 @@ export class Navigation {
   }
 
   down(e) {
-    if (!this.camera) return;
+    if (!this.camera || e.target.closest("button")) return; // a button whose pointer is captured is never clicked
     this.view.focus({preventScroll: true});
     this.view.setPointerCapture(e.pointerId);
     this.pointers.set(e.pointerId, [e.clientX, e.clientY]);

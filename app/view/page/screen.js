@@ -10,7 +10,7 @@ export class Screen {
     this.cut = 0.5;
     this.newest = {};
     this.busy = {};
-    this.split = "";
+    this.split = ""; this.truth = 0;
     this.header = null;
     this.divider.addEventListener("pointerdown", e => { this.divider.setPointerCapture(e.pointerId); e.stopPropagation(); });
     this.divider.addEventListener("pointermove", e => {
@@ -32,15 +32,15 @@ export class Screen {
     this.divider.setAttribute("aria-valuenow", Math.round(100 * this.cut));
   }
 
-  /** What the two sides show: names for the labels; no right one, no split. */
-  sides(model, split, truth) {
-    this.split = split;
-    const there = split !== "" && (split !== "truth" || truth > 0);
+  /** What is wanted right of the slider, if anything, and how many samples the truth has; labels tell what is shown. */
+  sides(split, truth) {
+    this.split = split; this.truth = truth;
+    const [model, other] = this.header?.models ?? [], there = split === "truth" ? truth > 0 : split !== "" && other === split;
     this.right.hidden = !there;
     this.divider.hidden = $("label-left").hidden = $("label-right").hidden = split === "";
-    $("label-left").textContent = model;
-    $("label-right").textContent =
-      split !== "truth" ? split : truth ? `truth, ${truth} samples per pixel` : "truth, being traced …";
+    $("label-left").textContent = model ?? "";
+    $("label-right").textContent = split !== "truth" ? there ? split : `${split}, being drawn …`
+      : truth ? `truth, ${truth} samples per pixel` : "truth, being traced …";
     this.slide(this.cut);
   }
 
@@ -59,6 +59,7 @@ export class Screen {
         draw(this.left, images[0]);
         if (images[1]) draw(this.right, images[1]);
         this.header = newest;
+        this.sides(this.split, this.truth);
         this.shown(newest);
       }
       images.forEach(image => image.close());
