@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
+from app.atomic import write_text
 from app.bench.content import content_key
 from app.bench.truth import Truth, exporter_version, read_truth
+from app.image import write_exr
 from app.load import Parts
 from app.view.process import run_module
 from app.view.scene_file import NAME, write_scene_json
-from app.view.state import TRUTH, State
+from app.view.state import FINAL, TRUTH, State
 
-SAMPLES = (8, 32, 128, 512)  # per pixel, of one refinement after the other
-REST_SECONDS = 0.7           # for which nothing moves before a truth is begun
+SAMPLES = (8, 24, 96, 384)  # per pixel, that one refinement after the other adds
+REST_SECONDS = 0.7          # for which nothing moves before a truth is begun
 MOST_KEPT = 64
 
 
@@ -72,26 +77,31 @@ class Truths:
                 await self._show(folder)
             else:
                 await asyncio.sleep(REST_SECONDS)
-            for number, spp in list(enumerate(SAMPLES, 1))[done:]:
-                folder = self._folder / f"{key}-{spp}"
+            for number in range(done, len(SAMPLES)):
+                finer = self._folder / f"{key}-{number}"
                 try:
-                    await self._trace(state, spp, folder)
+                    await self._trace(state, number, finer)
+                    if number:
+                        await asyncio.to_thread(_add, finer, folder)
                 except BaseException:
-                    _delete(folder)
+                    _delete(finer)
                     raise
-                self._keep(key, number, folder)
+                folder = finer
+                self._keep(key, number + 1, folder)
                 await self._show(folder)
         except Exception as error:  # of the disk, too: the pages are told instead of waiting for ever
             self._complain(error)
 
-    async def _trace(self, state: State, spp: int, folder: Path) -> None:
+    async def _trace(self, state: State, number: int, folder: Path) -> None:
+        """Trace the samples of one refinement, which are like those of no other, into ``folder``."""
         exporter_version(self._parts.scene)  # says what is missing, if anything is
         folder.mkdir(parents=True, exist_ok=True)
         file = folder / "scene.json"
         write_scene_json(file, state, self._parts)
         await run_module("export", ["reference", str(self._file), "--scene-json", str(file), "--camera", NAME,
                                     "--lighting", NAME, "--size", f"{state.size[0]}x{state.size[1]}",
-                                    "--spp", str(spp), "--out", str(folder)], nice=True)
+                                    "--spp", str(SAMPLES[number]), "--seed", str(number), "--out", str(folder)],
+                         nice=True)
 
     def _keep(self, key: str, number: int, folder: Path) -> None:
         """Have the truth in ``folder`` in place of a coarser one, and none of the oldest beyond ``MOST_KEPT``."""
@@ -105,6 +115,17 @@ class Truths:
     async def _show(self, folder: Path) -> None:
         self.newest = await asyncio.to_thread(read_truth, folder)
         self._tell(self.newest)
+
+
+def _add(folder: Path, other: Path) -> None:
+    """Make the truth in ``folder`` the mean over its own samples and those of ``other``."""
+    truths = read_truth(folder), read_truth(other)
+    counts = [truth.about["spp"] for truth in truths]
+    layers = {name: np.average([truth.layers[name] for truth in truths], axis=0, weights=counts).astype(np.float32)
+              for name in truths[0].layers}
+    write_exr(folder / "truth.exr", {"" if name == FINAL else name: layer for name, layer in layers.items()})
+    known = {name: value for name, value in truths[0].about.items() if name not in ("noise", "seed", "seconds")}
+    write_text(folder / "truth.json", json.dumps({**known, "spp": sum(counts)}))
 
 
 def _delete(folder: Path) -> None:

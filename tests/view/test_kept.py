@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from app.bench.truth import Truth
 from app.errors import SceneError
 from app.image import write_exr
 from app.load import load_parts
@@ -27,11 +29,12 @@ STATE = State((16, 12), PARTS.scene.cameras[PARTS.scene.default_camera].at(0.0),
 
 
 async def traced(module: str, arguments: list[str], **options: Any) -> str:
-    """A path tracer that is done at once."""
-    folder, grey = Path(arguments[arguments.index("--out") + 1]), np.full((12, 16, 3), 0.5, np.float32)
+    """A path tracer that is done at once: of each seed another grey."""
+    told = dict(pairwise(arguments))
+    folder, grey = Path(told["--out"]), np.full((12, 16, 3), 1.0 + int(told["--seed"]), np.float32)
     layers = dict.fromkeys(("", "direct", "indirect", "albedo"), grey)
     write_exr(folder / "truth.exr", {**layers, "depth": grey[..., :1]})
-    (folder / "truth.json").write_text(f'{{"spp": {arguments[arguments.index("--spp") + 1]}}}')
+    (folder / "truth.json").write_text(f'{{"spp": {told["--spp"]}}}')
     return ""
 
 
@@ -39,9 +42,9 @@ async def fails(module: str, arguments: list[str], **options: Any) -> str:
     raise OSError("no room")
 
 
-def followed(folder: Path, states: list[State]) -> tuple[list[object], list[Exception]]:
+def followed(folder: Path, states: list[State]) -> tuple[list[Truth | None], list[Exception]]:
     """What is told of the truths of these states, each traced to its end, and what goes wrong."""
-    told: list[object] = []
+    told: list[Truth | None] = []
     wrong: list[Exception] = []
 
     async def follow() -> None:
@@ -68,7 +71,9 @@ def test_of_a_truth_the_finest_is_kept_and_of_truths_the_newest(tmp_path: Path,
     states = [replace(STATE, camera=replace(STATE.camera, fov_y_deg=40.0 + i)) for i in range(3)]
     told, wrong = followed(tmp_path, states)
     assert not wrong
-    assert [found.about["spp"] for found in told if found is not None] == 3 * list(SAMPLES)
+    shown = [found for found in told if found is not None]
+    assert [found.about["spp"] for found in shown] == 3 * [8, 32, 128, 512]
+    assert np.allclose(shown[-1].layers["final"], np.average([1, 2, 3, 4], weights=SAMPLES))  # of all that was traced
     assert len(list(tmp_path.iterdir())) == 2
 
 

@@ -209,6 +209,7 @@ def test_the_truth_is_traced_judged_and_kept(viewer: Viewer) -> None:
             errors = (await until(socket, "errors"))["errors"]
             assert len(errors) == 1
             assert 5 < errors[0]["psnr"] < 30 and 0.05 < errors[0]["rel_mse"] < 1  # no indirect light
+            assert (await until(socket, "truth"))["spp"] == 32
             await socket.send_json({"type": "look", "split": ""})
             while (await until(socket, "truth"))["spp"]:
                 pass
