@@ -82,6 +82,13 @@ def luminances(film: Film, surfaces: Surfaces) -> list[float]:
             for frame, mask in zip(light, surfaces.counted, strict=True)]
 
 
+def errors(light: F32, truth: Film, surfaces: Surfaces) -> list[float]:
+    """Root mean square difference of each frame's texels from the truth, in its unit; 0 where nothing counts."""
+    product = (light - truth.first) * (light - truth.second)
+    return [math.sqrt(max(float(frame[mask].mean(dtype=np.float64)), 0.0)) if mask.any() else 0.0
+            for frame, mask in zip(product, surfaces.counted, strict=True)]
+
+
 def luminance_errors(found: list[float], truth: list[float], floor: float) -> list[float]:
     """|found − truth| of each frame relative to the truth, or to ``floor`` times its largest value if that is more."""
     least = max(floor * max(truth), 1e-30)

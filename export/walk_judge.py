@@ -20,7 +20,7 @@ from app.extras import extra_module
 from app.metrics import LUMINANCE
 from app.renderer import Renderer
 from app.settings import Settings
-from export.over_time import Film, gradient_energy, luminance_errors, luminances, temporal_error
+from export.over_time import Film, errors, gradient_energy, luminance_errors, luminances, temporal_error
 from export.walk_truth import Progress, Truth, truth_of
 from export.walks import Walk
 
@@ -42,6 +42,8 @@ class Row:
     ----------
     luminance, direct : list of float
         Means of each frame, W/(sr m²): indirect light / albedo, and the truth's direct light.
+    errors : list of float
+        Root mean square difference from the truth's indirect light / albedo in each frame, W/(sr m²).
     astray : float
         Largest difference from the truth's luminance; see ``luminance_errors``.
     mean : float
@@ -58,6 +60,7 @@ class Row:
     model: str
     luminance: list[float]
     direct: list[float]
+    errors: list[float]
     astray: float
     mean: float
     gradient: float | None
@@ -124,18 +127,24 @@ def to_json(rows: Sequence[Row], about: dict[str, Any]) -> str:
 
 
 def plot(rows: Sequence[Row], path: Path) -> None:
-    """Draw the luminance of one walk's rows over its frames, and where no direct light is in view."""
-    figure = extra_module("matplotlib.figure", "judge").Figure(figsize=(7, 3.6), layout="constrained")
-    axes = figure.subplots()
+    """Draw luminance and errors of one walk's rows over its frames, and where no direct light is in view."""
+    figure = extra_module("matplotlib.figure", "judge").Figure(figsize=(11, 4), layout="constrained")
+    luminance, error = figure.subplots(1, 2)
     dark = [k for k, direct in enumerate(rows[0].direct) if direct == 0]
-    if dark:
+    for axes in (luminance, error) if dark else ():
         axes.axvspan(dark[0], dark[-1], color="0.92", label="nothing lit in view")
     for row in rows:
-        black = {"color": "black", "linewidth": 2.5} if row.model == TRUTH else {"marker": ".", "linewidth": 1.2}
-        axes.plot(row.luminance, label=row.model, **black)
-    axes.set(title=rows[0].walk, xlabel="frame", ylabel="mean indirect luminance, W/(sr m²)", ylim=(0, None))
-    axes.grid(alpha=0.3)
-    axes.legend()
+        if row.model == TRUTH:
+            luminance.plot(row.luminance, label=row.model, color="black", linewidth=2.5)
+            continue
+        line, = luminance.plot(row.luminance, label=row.model, marker=".", linewidth=1.2)
+        error.plot(row.errors, color=line.get_color(), marker=".", linewidth=1.2)
+    luminance.set(ylabel="mean indirect luminance, W/(sr m²)", ylim=(0, 1.6 * max(rows[0].luminance)))
+    error.set(ylabel="root mean square error of texels, W/(sr m²)", ylim=(0, None))
+    for axes in (luminance, error):
+        axes.set(title=rows[0].walk, xlabel="frame")
+        axes.grid(alpha=0.3)
+    luminance.legend()
     with replacing(path) as temporary:
         figure.savefig(temporary, format="png", dpi=100)
 
@@ -147,7 +156,7 @@ def _row(walk: Walk, model: str, film: Film, truth: Truth) -> Row:
     sharpness = gradient_energy(truth.film, surfaces)
     error, own = (temporal_error(x, surfaces) if walk.neighbours else None for x in (film, truth.film))
     direct = (truth.direct.astype(np.float64) @ LUMINANCE).mean(axis=(1, 2)).tolist()
-    return Row(walk.name, model, found, direct,
+    return Row(walk.name, model, found, direct, errors(film.first, truth.film, surfaces),
                astray=max(luminance_errors(found, expected, LEAST_ASTRAY / MOST_ASTRAY)),
                mean=float(np.mean(found)) / mean,
                gradient=gradient_energy(film, surfaces) / sharpness if sharpness else None,

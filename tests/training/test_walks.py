@@ -21,7 +21,7 @@ from app.math3d import View
 from app.renderer import Renderer
 from app.scene import Camera
 from app.settings import Settings
-from export.over_time import Film, Surfaces, gradient_energy, luminance_errors, luminances, temporal_error
+from export.over_time import Film, Surfaces, errors, gradient_energy, luminance_errors, luminances, temporal_error
 from export.path_tracer import PathTracer
 from export.reference import Still, mean_samples
 from export.walk_judge import MOST_ASTRAY, QUICK_SIZE, TRUTH
@@ -96,6 +96,14 @@ def test_luminance_errors_have_a_floor() -> None:
     assert luminance_errors([1.1, 0.5, 0.3], [1.0, 0.5, 0.1], floor=0.4) == pytest.approx([0.1, 0.0, 0.5])
 
 
+def test_noise_of_the_truth_is_no_error() -> None:
+    rng = np.random.default_rng(0)
+    truth = Film(*(rng.normal(1.0, 0.5, SHAPE).astype(np.float32) for _ in range(2)))
+    for off in (0.0, 0.3):
+        found = errors(np.full(SHAPE, 1 + off, np.float32), truth, still_surfaces())
+        assert found == pytest.approx([off] * SHAPE[0], abs=0.06)
+
+
 @pytest.mark.gl
 def test_in_the_end_all_that_the_lamps_light_is_behind(path_tracer: None) -> None:
     """Places of direct light, seen from the walk and all around, lie behind the last camera and not the first."""
@@ -143,6 +151,7 @@ def test_ember_keeps_the_light_of_what_left_the_picture(quick: tuple[Path, dict[
     print("OFF SCREEN", ember["astray"], ssgi["astray"])
     assert ember["astray"] <= MOST_ASTRAY and ember["holds"]
     assert ssgi["astray"] > 0.5 and not ssgi["holds"]
+    assert all(a < b for a, b in zip(ember["errors"], ssgi["errors"], strict=True))
 
 
 @pytest.mark.gl

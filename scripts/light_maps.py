@@ -1,0 +1,71 @@
+"""How near do surrounding-aware networks come to the light maps of the pairs that none of them was trained on?
+
+    python scripts/light_maps.py DATASET CHECKPOINT…
+
+For each checkpoint of `python -m export train`: mean PSNR of the light map, direct and indirect light without albedo on
+Tanh's scale, where the screen shows surfaces; its difference from the first checkpoint's, with the standard error over
+groups of pairs, since the pairs of a group show one scene; and in how many pairs it is the better.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))
+
+import torch  # noqa: E402
+from torch import Tensor  # noqa: E402
+
+from export.dataset import Dataset  # noqa: E402
+from export.losses import Views  # noqa: E402
+from export.losses.surround import light_maps  # noqa: E402
+from export.losses.views import mean_where  # noqa: E402
+from export.models.surround import Surround  # noqa: E402
+from export.training.examples import Examples, tensors_of  # noqa: E402
+from export.training.state import load  # noqa: E402
+
+LEAST_SEEN = 0.3   # share of texels with a surface
+GROUP = 4          # pairs of one scene
+RANGE = 2.0        # of Tanh
+
+
+@torch.no_grad()
+def main(folder: Path, paths: list[Path]) -> None:
+    checkpoints = [load(path) for path in paths]
+    dataset = Dataset(folder)
+    held_out = round(min(checkpoint.config.data.validation for checkpoint in checkpoints) * len(dataset))
+    first = None
+    print(f"{'':24} {'pairs':>6} {'PSNR':>7} {'gain':>7} {'± 1 σ':>6} {'better':>7}")
+    for path, checkpoint in zip(paths, checkpoints, strict=True):
+        network = checkpoint.network()
+        if not isinstance(network, Surround):
+            sys.exit(f"{path} holds {checkpoint.config.network.preset}, expected a surrounding-aware network")
+        examples = Examples(dataset, network.contract)
+        if examples.missing:
+            sys.exit(f"{len(examples.missing)} pairs are not drawn yet for {path}; train on {folder}, which draws them")
+        found = torch.tensor([psnr(network, examples.batch([i])) for i in range(len(dataset) - held_out, len(dataset))])
+        first = found if first is None else first
+        gain = found - first
+        seen = ~gain.isnan()
+        groups = torch.stack([part.nanmean() for part in gain.split(GROUP) if not part.isnan().all()])
+        print(f"{path.parent.name:24} {int(seen.sum()):6} {found[seen].mean():7.2f} {gain[seen].mean():+7.2f} "
+              f"{groups.std() / len(groups)**0.5:6.2f} {int((gain[seen] > 0).sum()):7}")
+
+
+def psnr(network: Surround, batch: dict[str, Tensor]) -> float:
+    """Of one pair, in decibels; NaN where it shows little."""
+    if batch["seen"].mean() <= LEAST_SEEN:
+        return float("nan")
+    tensors = tensors_of(batch, "current")
+    views = Views(network(**tensors), batch["target"], None, batch["seen"], batch["visible"],
+                  network.condition(**tensors))
+    made, true = light_maps(views)
+    return float(10 * torch.log10(RANGE**2 / mean_where((made - true).square(), views.seen)))
+
+
+if __name__ == "__main__":
+    if len(sys.argv) < 3:
+        sys.exit(__doc__)
+    main(Path(sys.argv[1]), [Path(name) for name in sys.argv[2:]])
