@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-from app.contract import SSGI, Model, bundled_models, find_model
+from app.contract import SSGI, Model, bundled_models, find_model, read_contract
 from app.golden import scenes
 from app.golden.case import Case
 from app.golden.copy_case import CopyCase
@@ -37,13 +37,12 @@ def catalogue() -> dict[str, Case]:
         _single("terrace", scenes.terrace(), PROBE),
         _single("glow", scenes.glow(), radiosity),
         SceneCase("dusk", scenes.dusk(), PROBE, (Shot("path", 5),), (2, 5), stages=SKY_STAGES),
-        replace(_single("noon", scenes.noon(), PROBE_ENVIRONMENT), size=(128, 96), stages=NOON_STAGES),
+        replace(_under_sky("noon", PROBE_ENVIRONMENT), stages=NOON_STAGES),
         replace(_settled("ssgi", scenes.room(), SSGI), stages=SSGI_STAGES),
         replace(_settled("ember", scenes.room(), ember), stages=("surfel_light", "surfels")),
     ]
     drawn = {case.model for case in cases}
-    others = [NetworkCase(_single(name, scenes.room(), file), file) for name, file in bundled_models().items()
-              if file not in drawn]
+    others = [NetworkCase(_alone(name, file), file) for name, file in bundled_models().items() if file not in drawn]
     every = (*with_networks(cases), *others, CopyCase())
     found = {case.name: case for case in every}
     assert len(found) == len(every), "two cases of one name"
@@ -63,6 +62,18 @@ def with_networks(cases: Iterable[SceneCase]) -> list[Case]:
 def _settled(name: str, scene: Scene, model: Model | None) -> SceneCase:
     """The last of a few frames, with temporal anti-aliasing."""
     return SceneCase(name, scene, model, (Shot(scene.default_camera, SETTLING),), (SETTLING,))
+
+
+def _alone(name: str, file: Path) -> SceneCase:
+    """What a network of no other case is shown."""
+    if read_contract(file).shades_environment:
+        return _under_sky(name, file)
+    return _single(name, scenes.room(), file)
+
+
+def _under_sky(name: str, model: Path) -> SceneCase:
+    """One small frame of a scene that an environment lights."""
+    return replace(_single(name, scenes.noon(), model), size=(128, 96))
 
 
 def _single(name: str, scene: Scene, model: Model | None) -> SceneCase:
