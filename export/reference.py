@@ -26,7 +26,8 @@ F64 = NDArray[np.float64]
 
 RAYS_AT_ONCE = 2**20
 LEAST_BATCHES = 8   # whose spread tells the noise
-SUPERSAMPLING = 4   # samples along a pixel's edge, of what is not traced
+SUPERSAMPLING = 4   # places along a pixel's edge, of what is not traced as diffuse light
+SKY_SAMPLES = 16    # of an environment's highlights, at each of these places
 LAYERS = ("final", "direct", "indirect", "indirect_single")
 UNTRACED = ("emission", "specular", "background")
 AOVS = ("albedo", "normal", "depth", "position", "direct", "specular", "emission")
@@ -74,9 +75,10 @@ def reference(still: Still, spp: int, seed: int = 0, max_bounces: int = MAX_BOUN
               progress: Callable[[float], object] = lambda share: None, denoised: bool = False) -> Reference:
     """Trace ``spp`` paths through each pixel's centre, and as many spread over the pixel for ``final``.
 
-    Emission, highlights and background, which are not traced, are the renderer's own, supersampled. ``progress`` is
-    told the share of the samples that are done. ``denoised``: ``final`` and indirect light go through Open Image
-    Denoise; the noise that is told is that before.
+    Emission, lights' highlights and background, which are not traced, are the renderer's own, supersampled; highlights
+    of the environment are traced, with equally many samples whatever ``spp``. ``progress`` is told the share of the
+    samples that are done. ``denoised``: ``final`` and indirect light go through Open Image Denoise; the noise that is
+    told is that before.
 
     Raises
     ------
@@ -100,7 +102,7 @@ def reference(still: Still, spp: int, seed: int = 0, max_bounces: int = MAX_BOUN
     if denoised:
         layers |= {name: denoise(layers[name], layers["normal"]) for name in ("indirect", "indirect_single")}
         whole["final"] = denoise(whole["final"], whole["normal"], whole["albedo"])
-    layers["final"] = whole["final"] + untraced(still)
+    layers["final"] = whole["final"] + _rest(still)
     noise = {name: (pixels if name == "final" else centres).noise(name) for name in LAYERS}
     return Reference(layers, noise, seconds, tracer.notices)
 
@@ -129,7 +131,7 @@ def plain(still: Still, counts: Sequence[int], seed: int = 0,
     """
     tracer = PathTracer(still.scene, still.time, max_bounces)
     clock = tracer.clock(still.view, still.size)
-    rest = untraced(still)
+    rest = _rest(still)
     means = _Means()
     for total in sorted(set(counts)):
         for count, samples in _batches(tracer, still, total - means.count, seed * 2**10 + total, spread=True):
@@ -146,6 +148,17 @@ def untraced(still: Still) -> F32:
         images = renderer.render(still.camera, still.time)
     total = np.sum([images[name] for name in UNTRACED], axis=0)
     return total.reshape(h, n, w, n, 3).mean(axis=(1, 3), dtype=np.float64).astype(np.float32)
+
+
+def sky_highlights(still: Still) -> F32:
+    """Highlights of the environment by Fresnel's law, float32 [H, W, 3], averaged over each pixel."""
+    from export.sky_tracer import SkyTracer, mean_shaded  # it imports this file
+
+    (w, h), n = still.size, SUPERSAMPLING
+    x, y = np.meshgrid((np.arange(n * w) + 0.5) / (n * w), (np.arange(n * h) + 0.5) / (n * h))
+    points = np.stack([x.ravel(), y.ravel()], axis=1)
+    found = mean_shaded(SkyTracer(still.scene, still.time), still, points, SKY_SAMPLES, 0).highlight
+    return found.reshape(h, n, w, n, 3).mean(axis=(1, 3), dtype=np.float64).astype(np.float32)
 
 
 def write_reference(folder: Path, still: Still, spp: int, seed: int, max_bounces: int, about: dict[str, Any],
@@ -171,6 +184,13 @@ def write_plain(folder: Path, still: Still, counts: Sequence[int], seed: int, ma
     for spp, layers, seconds[spp] in plain(still, counts, seed, max_bounces):
         write_exr(folder / f"plain_{spp:04d}.exr", {"" if name == "final" else name: x for name, x in layers.items()})
     write_text(folder / "plain.json", json.dumps(seconds, indent=1))
+
+
+def _rest(still: Still) -> F32:
+    """What reaches the camera besides diffuse light."""
+    scene, rest = still.scene, untraced(still)
+    polished = scene.environment is not None and any(material.shiny for material in scene.materials)
+    return rest + sky_highlights(still) if polished else rest
 
 
 def _layers(samples: Samples) -> dict[str, F32]:

@@ -32,6 +32,7 @@ LAYERS = ("final", "direct", "indirect", "albedo", "depth")
 PLAIN_LAYERS = ("final", "albedo", "normal")
 # Of the package export: what a truth depends on.
 TRACER = ("denoise.py", "mitsuba_scene.py", "path_tracer.py", "reference.py")
+SKY_TRACER = "sky_tracer.py"  # the same, where an environment makes highlights
 # What emission and highlights depend on.
 OWN_SHADERS = ("gbuffer.vert", "gbuffer.frag", "shadow.vert", "shadow.frag", "shadow_nearest.frag", "direct.frag")
 SKY_SHADERS = ("gbuffer.vert", "gbuffer.frag", "background.frag")  # the same, of the background
@@ -172,7 +173,8 @@ def exporter_version(scene: Scene) -> str:
     """
     package = _exporter()
     digest = hashlib.sha256((metadata.version("mitsuba") + metadata.version("drjit")).encode())
-    for file in (*(package / name for name in TRACER), *([Path(environment.__file__)] if scene.environment else [])):
+    sky = (package / SKY_TRACER, Path(environment.__file__)) if scene.environment else ()
+    for file in (*(package / name for name in TRACER), *sky):
         digest.update(file.read_bytes())
     return digest.hexdigest()
 
