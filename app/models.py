@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -16,6 +16,8 @@ from app.settings import Settings
 if TYPE_CHECKING:
     from app.bounces import Reapplied
     from app.infer import Network
+
+_TASKS = {"indirect": "make indirect light", "environment": "shade an environment"}
 
 
 @dataclass(frozen=True)
@@ -47,19 +49,31 @@ def load_models(chosen: Sequence[Model], settings: Settings, has_environment: bo
     AfterglowError
         When two make the same, or a network can't be loaded.
     """
-    roles: dict[str, Model] = {}
-    for model in chosen:
-        role = "environment" if shades_environment(model) else "indirect"
-        if role in roles:
-            raise SettingsError(f"two models, {roles[role]} and {model}", "--model", "expected one for indirect light "
-                                "and one that shades an environment")
-        roles[role] = model
+    roles = by_role(chosen)
     if not has_environment:
         roles.pop("environment", None)
     loaded = {role: _load(model, settings) for role, model in roles.items()}
     if settings.bounces is not None:
         loaded["indirect"] = with_bounces(loaded.get("indirect"), settings.bounces)
     return Models(**loaded)
+
+
+def by_role(chosen: Iterable[Model], where: str = "--model") -> dict[str, Model]:
+    """The models as the attributes of ``Models``.
+
+    Raises
+    ------
+    AfterglowError
+        When two make the same, which ``where`` asks for.
+    """
+    roles: dict[str, Model] = {}
+    for model in chosen:
+        role = "environment" if shades_environment(model) else "indirect"
+        if role in roles:
+            raise SettingsError(f"two models that {_TASKS[role]}, {roles[role]} and {model}", where,
+                                "expected one for indirect light and one that shades an environment")
+        roles[role] = model
+    return roles
 
 
 def shades_environment(model: Model) -> bool:

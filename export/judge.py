@@ -59,7 +59,7 @@ def judge(views: Sequence[View], models: Sequence[str], spp: int, truths: Path |
     Parameters
     ----------
     models : sequence of str
-        ``none``, ``ssgi``, names of bundled networks and paths.
+        Texts for ``app.bench.configurations.find_models``.
     constant : float or None
         Where given, ``radiosity`` times it is judged as well.
     oracle : bool

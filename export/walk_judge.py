@@ -84,7 +84,7 @@ def judge_walks(walks: Sequence[Walk], models: Sequence[str], size: tuple[int, i
     Parameters
     ----------
     models : sequence of str
-        ``none``, ``ssgi``, names of bundled networks and paths.
+        Texts for ``app.bench.configurations.find_models``.
     spp : int
         Paths per pixel of the truth, half of them for each of two estimates.
 
@@ -102,18 +102,18 @@ def judge_walks(walks: Sequence[Walk], models: Sequence[str], size: tuple[int, i
         rows.append(_row(walk, TRUTH, truth.film, truth))
         for c in configurations:
             progress(f"{walk.name}: {c.label}")
-            light = draw(walk, c.file, size, provider)
+            light = draw(walk, c.models, size, provider)
             rows.append(_row(walk, c.label, Film(light, light), truth))
     return rows
 
 
-def draw(walk: Walk, model: Model | None, size: tuple[int, int], provider: str) -> F32:
+def draw(walk: Walk, models: Sequence[Model], size: tuple[int, int], provider: str) -> F32:
     """The indirect light of the judged frames, [F, H, W, 3], gathered over all drawn ones from the first on.
 
     Where the finished picture is not asked for, nothing jitters: light is seen through the pixels' centres.
     """
     images = []
-    with Renderer(walk.scene, Settings(size, ("indirect",), provider=provider), model) as renderer:
+    with Renderer(walk.scene, Settings(size, ("indirect",), provider=provider), models) as renderer:
         for k, (camera, time) in enumerate(zip(walk.cameras, walk.moments, strict=True)):
             if k % walk.apart:
                 renderer.advance(camera, time)

@@ -46,8 +46,8 @@ def cameras() -> list[Camera]:
 
 def headless(size: tuple[int, int], model: str) -> float:
     """Median milliseconds from one frame to the next."""
-    scene, file = embedded_scene(), expand((model,), (size,))[0][0].file
-    with Renderer(scene, Settings(size, timing=True), file) as renderer:
+    scene, models = embedded_scene(), expand((model,), (size,))[0][0].models
+    with Renderer(scene, Settings(size, timing=True), models) as renderer:
         ends = []
         for camera in cameras():
             renderer.render(camera)

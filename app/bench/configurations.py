@@ -7,10 +7,24 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 
-from app.contract import HALF, KEY, SSGI, Model, bundled_models, find_model, read_contract
-from app.errors import ModelError
+from app.contract import (
+    COARSE,
+    HALF,
+    KEY,
+    SSGI,
+    Model,
+    ModelContract,
+    bundled_models,
+    find_model,
+    read_contract,
+)
+from app.errors import ModelError, SettingsError
+from app.models import by_role, shades_environment
+from app.scene import Scene
 
 NONE = "none"
+JOINT = "+"        # between two models that draw together
+DEFAULT = "ember"  # what makes indirect light where none is named
 PRECISIONS = {"float32": "", "float16": HALF}  # and what the names of networks end in
 _METADATA_PROPS, _KEY, _VALUE = 14, 1, 2  # fields of ModelProto and StringStringEntryProto in onnx.proto
 
@@ -22,33 +36,70 @@ class Configuration:
     Attributes
     ----------
     label : str
-        The model's name, with the scale and precision that were asked for.
-    file : Path, ``ssgi``, ``coarse`` or None
-        What ``Renderer`` takes as its model.
+        The models' names, with the scale and precision that were asked for.
+    models : tuple of (Path, ``ssgi`` or ``coarse``)
+        What ``Renderer`` takes as its models: none, one, or one for indirect light and one that shades an environment.
     size : tuple of int
         Width and height of the image.
     """
 
     label: str
-    file: Model | None
+    models: tuple[Model, ...]
     size: tuple[int, int]
 
     @property
+    def file(self) -> Model | None:
+        """The model where it is one."""
+        return self.models[0] if len(self.models) == 1 else None
+
+    @property
+    def shades_environment(self) -> bool:
+        """Whether a model is of no use to a scene without an environment."""
+        return any(map(shades_environment, self.models))
+
+    @property
     def grid(self) -> tuple[int, int] | None:
-        """Width and height of a network's screen grid."""
-        return read_contract(self.file).screen_size(self.size) if isinstance(self.file, Path) else None
+        """Width and height of the first network's screen grid."""
+        return next((contract.screen_size(self.size) for contract in self._contracts), None)
 
     @property
     def precision(self) -> str | None:
-        """A network's type of number."""
-        return read_contract(self.file).dtype if isinstance(self.file, Path) else None
+        """The networks' type of number."""
+        return " and ".join(dict.fromkeys(contract.dtype for contract in self._contracts)) or None
+
+    @property
+    def _contracts(self) -> list[ModelContract]:
+        return [read_contract(model) for model in self.models if isinstance(model, Path)]
 
 
 def all_models() -> tuple[str, ...]:
     """No indirect light, the classical method, and the bundled networks for such; of two precisions the single one."""
-    bundled = {name: file for name, file in bundled_models().items() if not read_contract(file).shades_environment}
-    return NONE, SSGI, *(name for name in bundled
-                         if not name.endswith(HALF) or name.removesuffix(HALF) not in bundled)
+    return NONE, SSGI, *_bundled(shading=False)
+
+
+def sky_models() -> tuple[str, ...]:
+    """What is measured besides where there is an environment: the default beside each model that shades one."""
+    return tuple(JOINT.join((DEFAULT, name)) for name in (COARSE, *_bundled(shading=True)))
+
+
+def _bundled(shading: bool) -> list[str]:
+    files = bundled_models()
+    return [name for name, file in files.items() if read_contract(file).shades_environment == shading
+            and (not name.endswith(HALF) or name.removesuffix(HALF) not in files)]
+
+
+def find_models(text: str) -> tuple[Model, ...]:
+    """What ``text`` names: ``none``, a model, or two joined by ``+``, such as ``ember+coarse``.
+
+    Raises
+    ------
+    AfterglowError
+        When there is no such model, or two make the same.
+    """
+    names = [text] if Path(text).is_file() else [part.strip() for part in text.split(JOINT)]
+    found = tuple(find_model(name) for name in names if name != NONE)
+    by_role(found, text)
+    return found
 
 
 def expand(models: Sequence[str], sizes: Sequence[tuple[int, int]], scales: Sequence[float] = (),
@@ -58,7 +109,7 @@ def expand(models: Sequence[str], sizes: Sequence[tuple[int, int]], scales: Sequ
     Parameters
     ----------
     models : sequence of str
-        ``none``, ``ssgi``, names of bundled networks and paths.
+        Texts for ``find_models``.
     scales : sequence of float
         Sizes of the networks' screen grid relative to the image; their own when empty.
     precisions : sequence of str
@@ -73,23 +124,38 @@ def expand(models: Sequence[str], sizes: Sequence[tuple[int, int]], scales: Sequ
 
     Raises
     ------
-    ModelError
-        When there is no such model, or two of one name.
+    AfterglowError
+        When there is no such model, two make the same, or two are of one name.
     """
-    variants: dict[str, Model | None] = {}
+    variants: dict[str, tuple[Model, ...]] = {}
     absent: list[str] = []
-    for name in models:
-        file = None if name == NONE else find_model(name)
-        if not isinstance(file, Path):
-            variants[name] = file
+    for text in models:
+        chosen = find_models(text)
+        if not any(isinstance(model, Path) for model in chosen):
+            variants[_label(chosen)] = chosen
             continue
-        for variant, precise in _of_precisions(file, precisions, absent):
+        for variant, precise in _of_precisions(chosen, precisions, absent):
             for scale in scales or (None,):
                 label = variant + (f" at {_of_image(scale)}" if scale else "")
                 if label in variants:
-                    raise ModelError(f"two models are called {label!r}", file, "expected different file names")
-                variants[label] = precise if scale is None else rescaled(precise, scale, folder)
-    return [Configuration(label, file, size) for size in sizes for label, file in variants.items()], absent
+                    raise ModelError(f"two models are called {label!r}", text, "expected different file names")
+                variants[label] = precise if scale is None else tuple(
+                    rescaled(m, scale, folder) if isinstance(m, Path) else m for m in precise)
+    return [Configuration(label, files, size) for size in sizes for label, files in variants.items()], absent
+
+
+def at_work(configurations: Sequence[Configuration], scene: Scene) -> tuple[list[Configuration], list[str]]:
+    """Those that ``scene`` has work for, and the labels of those that have no environment to shade there."""
+    if scene.environment is not None:
+        return list(configurations), []
+    idle = dict.fromkeys(c.label for c in configurations if c.shades_environment)
+    return [c for c in configurations if c.label not in idle], list(idle)
+
+
+def nothing_to_shade(scene: Scene, labels: Sequence[str]) -> SettingsError:
+    """The error for models that shade an environment, where there is none."""
+    return SettingsError(f"{scene.name} has no environment for {', '.join(labels)}", "--models",
+                         "expected a lighting with one, or other models")
 
 
 def rescaled(network: Path, scale: float, folder: Path) -> Path:
@@ -109,21 +175,36 @@ def rescaled(network: Path, scale: float, folder: Path) -> Path:
     return copy
 
 
-def _of_precisions(file: Path, precisions: Sequence[str], absent: list[str]) -> list[tuple[str, Path]]:
-    """Label and file of each variant that exists."""
+def _label(models: Sequence[Model]) -> str:
+    return JOINT.join(Path(model).stem for model in models) or NONE
+
+
+def _of_precisions(models: tuple[Model, ...], precisions: Sequence[str],
+                   absent: list[str]) -> list[tuple[str, tuple[Model, ...]]]:
+    """Label and files of each variant that exists."""
     if not precisions:
-        return [(file.stem, file)]
+        return [(_label(models), models)]
+    name = JOINT.join(Path(model).stem.removesuffix(HALF) for model in models)
     found = []
     for precision in precisions:
-        name = file.stem.removesuffix(HALF)
-        variant = file.with_name(f"{name}{PRECISIONS[precision]}.onnx")
-        if read_contract(file).dtype == precision:
-            found.append((f"{name} {precision}", file))
-        elif variant.is_file() and read_contract(variant).dtype == precision:
-            found.append((f"{name} {precision}", variant))
+        variants = tuple(_in_precision(model, precision) for model in models)
+        missing = next((m.name for m in variants if isinstance(m, Path) and not _is_of(m, precision)), None)
+        if missing is None:
+            found.append((f"{name} {precision}", variants))
         else:
-            absent.append(f"{name} in {precision} is not available (there is no {variant.name} of that type)")
+            absent.append(f"{name} in {precision} is not available (there is no {missing} of that type)")
     return found
+
+
+def _in_precision(model: Model, precision: str) -> Model:
+    """The file that a network's variant in ``precision`` should be; what is no network as it is."""
+    if not isinstance(model, Path) or _is_of(model, precision):
+        return model
+    return model.with_name(f"{model.stem.removesuffix(HALF)}{PRECISIONS[precision]}.onnx")
+
+
+def _is_of(network: Path, precision: str) -> bool:
+    return network.is_file() and read_contract(network).dtype == precision
 
 
 def _of_image(scale: float) -> str:

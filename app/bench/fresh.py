@@ -40,7 +40,7 @@ def start(scene: Path, lighting: str | None, camera: str | None, configuration: 
         When that process fails.
     """
     task = {"scene": str(scene), "lighting": lighting, "camera": camera, "size": configuration.size,
-            "file": configuration.file and str(configuration.file), "provider": provider}
+            "models": [str(model) for model in configuration.models], "provider": provider}
     done = subprocess.run([sys.executable, "-m", "app.bench.fresh"], input=json.dumps(task), capture_output=True,
                           text=True, check=False, env=environment())
     if done.returncode:
@@ -60,7 +60,7 @@ def _draw_first_frame(task: dict[str, Any]) -> dict[str, float]:
     camera = scene.cameras[task["camera"] or scene.default_camera].at(0.0)
     begin = perf_counter()
     settings = Settings(size=tuple(task["size"]), provider=task["provider"])
-    with Renderer(scene, settings, task["file"] and find_model(task["file"])) as renderer:
+    with Renderer(scene, settings, [find_model(name) for name in task["models"]]) as renderer:
         renderer.render(camera)
         return {"startup_s": perf_counter() - begin, "peak_mb": _peak_bytes() / 1e6}
 

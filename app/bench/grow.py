@@ -52,7 +52,7 @@ def grow(configurations: Sequence[Configuration], turns: int, provider: str, fol
     Parameters
     ----------
     configurations : sequence of Configuration
-        The model of the last one with a network is used, or else that of the last one.
+        The network of the last one that draws with one alone is used, or else the last one.
     folder : Path
         For networks of other scales and sizes.
 
@@ -67,7 +67,7 @@ def grow(configurations: Sequence[Configuration], turns: int, provider: str, fol
     TruthError
         When the networks can't be made.
     """
-    model = ([c for c in configurations if c.grid] or configurations)[-1]
+    model = ([c for c in configurations if isinstance(c.file, Path)] or list(configurations))[-1]
     sweeps: dict[str, list[tuple[int, Contender]]] = {
         "pixels": [(w * h, _contender(replace(model, size=(w, h)))) for w, h in SIZES],
         "triangles": [(n, _contender(replace(model, size=MIDDLE), triangles=n)) for n in TRIANGLES],
@@ -75,13 +75,13 @@ def grow(configurations: Sequence[Configuration], turns: int, provider: str, fol
     }
     if isinstance(model.file, Path):
         network = model.file
-        at = [replace(model, size=WIDE, file=rescaled(network, scale, folder)) for scale in SCALES]
+        at = [replace(model, size=WIDE, models=(rescaled(network, scale, folder),)) for scale in SCALES]
         sweeps["queries"] = [(int(np.prod(c.grid or (0,))), _contender(c)) for c in at]
     sized = folder / "sized"
     run_export(["sized", "--out", str(sized)], "networks of several sizes, which need pip install 'afterglow[export]'")
     for quantity in ("surfels", "width"):
         files = {int(file.stem.removeprefix(f"{quantity}-")): file for file in sized.glob(f"{quantity}-*.onnx")}
-        sweeps[quantity] = [(n, _contender(Configuration(quantity, files[n], MIDDLE))) for n in sorted(files)]
+        sweeps[quantity] = [(n, _contender(Configuration(quantity, (files[n],), MIDDLE))) for n in sorted(files)]
     found = {}
     for name, points in sweeps.items():
         contenders = [contender for _, contender in points]

@@ -20,6 +20,8 @@ Layers = dict[str, F32]
 Errors = dict[str, float]
 
 AMBIENT = "ambient (oracle)"
+UNDER_SKY = ("under an environment the final picture alone is judged: the truth counts light straight from there as "
+             "indirect, models do as they are chosen")
 SETTLE = 16          # frames until temporal anti-aliasing has settled, as for a still
 METRICS: dict[str, Callable[..., float]] = {
     "flip": metrics.flip, "psnr": metrics.psnr, "ssim": metrics.ssim, "rel_mse": metrics.rel_mse}
@@ -33,16 +35,19 @@ def draw_layers(scene: Scene, camera: Camera, configuration: Configuration, prov
     Returns
     -------
     dict of str to ndarray, float32, shape (H, W, 3)
-        ``direct`` and ``indirect`` of one frame through pixel centres, as the truth has them; ``final`` settled by
-        temporal anti-aliasing, as the truth's is averaged over each pixel.
+        ``final`` settled by temporal anti-aliasing, as the truth's is averaged over each pixel; where there is no
+        environment also ``direct`` and ``indirect`` of one frame through pixel centres, as the truth has them.
     """
-    settings = Settings(size=configuration.size, outputs=("direct", "indirect"), taa=False, provider=provider)
-    with Renderer(scene, settings, configuration.file) as renderer:
-        layers = renderer.render(camera)
-    with Renderer(scene, replace(settings, outputs=("final",), taa=True), configuration.file) as renderer:
+    settings = Settings(size=configuration.size, outputs=("final",), provider=provider)
+    with Renderer(scene, settings, configuration.models) as renderer:
         for _ in range(SETTLE - 1):
             renderer.advance(camera)
-        return {**layers, "final": renderer.render(camera)["final"]}
+        layers = {"final": renderer.render(camera)["final"]}
+    if scene.environment is not None:  # truth and models part its light into direct and indirect in ways of their own
+        return layers
+    centres = replace(settings, outputs=("direct", "indirect"), taa=False)
+    with Renderer(scene, centres, configuration.models) as renderer:
+        return {**renderer.render(camera), **layers}
 
 
 def errors_of(layers: Layers, truth: Truth) -> dict[str, Errors]:
@@ -57,15 +62,16 @@ def draw_ambient(scene: Scene, camera: Camera, truth: Truth, provider: str) -> t
 
     Its parts are averages over jittered frames, so that its edges are as smooth as the others'.
     """
-    settings = Settings(truth.size, ("final", "albedo", "direct", "emission", "specular"), provider=provider)
+    settings = Settings(truth.size, ("final", "albedo", "direct", "emission", "specular", "background"),
+                        provider=provider)
     with Renderer(scene, settings) as renderer:
         frames = [renderer.render(camera) for _ in range(SETTLE)]
     albedo, *added = (np.mean([f[name] for f in frames], axis=0) for name in settings.outputs[1:])
     base = np.sum(added, axis=0)
     constant = best_ambient(base, albedo, truth.layers["final"])
-    surface = truth.layers["depth"] > 0
-    layers = {"final": base + albedo * constant,
-              "indirect": np.where(surface, constant, 0).astype(np.float32)}
+    layers = {"final": base + albedo * constant}
+    if scene.environment is None:
+        layers["indirect"] = np.where(truth.layers["depth"] > 0, constant, 0).astype(np.float32)
     return layers, constant.tolist()
 
 

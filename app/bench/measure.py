@@ -70,7 +70,7 @@ class Race:
         with self._stack as stack:
             for c in self._contenders:
                 settings = Settings(size=c.configuration.size, timing=True, provider=self._provider)
-                renderer = stack.enter_context(Renderer(c.scene, settings, c.configuration.file))
+                renderer = stack.enter_context(Renderer(c.scene, settings, c.configuration.models))
                 c.device = dict(renderer.device)
                 self._lanes.append((c, renderer, iter(range(2**31))))
             self._stack = stack.pop_all()

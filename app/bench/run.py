@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.bench import fresh, records
-from app.bench.configurations import Configuration
+from app.bench.configurations import Configuration, at_work, nothing_to_shade
 from app.bench.headlines import HEADLINE_ERROR, headlines
-from app.bench.judge import AMBIENT, draw_ambient, draw_layers, errors_of
+from app.bench.judge import AMBIENT, UNDER_SKY, draw_ambient, draw_layers, errors_of
 from app.bench.machine import describe_machine
 from app.bench.measure import Contender, Race, Spread, yardstick
 from app.bench.rivals import NAMES, TRACED, Rival, Trace, draw_rivals, traced_before, traced_now
@@ -71,11 +72,13 @@ class Outcome:
 
 @dataclass(frozen=True)
 class _Subject:
-    """One loaded scene with its camera and truth."""
+    """One loaded scene with its camera, what is measured in it and what not, and its truth."""
 
     file: Path
     scene: Scene
     camera: Camera
+    configurations: list[Configuration]
+    absent: list[str]
     truth: Truth
     trace: Trace
 
@@ -102,60 +105,68 @@ def bench(options: Options, configurations: Sequence[Configuration], progress: P
     names = [file.stem for file in options.scenes]
     if len(set(names)) < len(names):
         raise SettingsError("two scenes of one name", ", ".join(names), "expected different file names")
-    for subject in [_subject(file, options, progress) for file in options.scenes]:
+    subjects = [_subject(file, options, configurations, progress) for file in options.scenes]
+    outcome.results["absent"] = [note for subject in subjects for note in subject.absent]
+    for subject in subjects:
         outcome.pictures[subject.scene.name] = pictures = {"truth": subject.truth.layers["final"]}
-        outcome.results["scenes"].append(_run(subject, options, configurations, pictures, progress))
+        outcome.results["scenes"].append(_run(subject, options, pictures, progress))
     outcome.results["headlines"] = headlines(outcome.results["scenes"])
     outcome.results["seconds"] = round(time.perf_counter() - begin, 1)
     return outcome
 
 
-def _subject(file: Path, options: Options, progress: Progress) -> _Subject:
+def _subject(file: Path, options: Options, configurations: Sequence[Configuration], progress: Progress) -> _Subject:
     progress(f"{file.stem}: loading")
     scene = load_scene(file, lighting=options.lighting)
     if options.camera is not None and options.camera not in scene.cameras:
         raise SettingsError(f"no camera {options.camera!r} in {file}", "--camera",
                             f"expected one of {', '.join(scene.cameras)}")
     camera = scene.cameras[options.camera or scene.default_camera].at(0.0)
+    measured, idle = at_work(configurations, scene)
+    if not measured:
+        raise nothing_to_shade(scene, idle)
+    absent = [f"{scene.name} has no environment for {', '.join(idle)}"] if idle else []
+    begun = partial(_Subject, file, scene, camera, measured, absent)
     if options.reference is None:
         order = Order(file, options.lighting, options.camera, options.sizes[0])
         progress(f"{file.stem}: the path-traced truth")
-        return _Subject(file, scene, camera, make_truth(order, scene, camera, options.spp), traced_now(order))
+        return begun(make_truth(order, scene, camera, options.spp), traced_now(order))
     own = options.reference / scene.name
     folder = own if own.is_dir() else options.reference
     truth = read_truth(folder)
     if truth.size not in options.sizes:
         raise SceneError(f"a truth of {truth.size[0]}x{truth.size[1]}", folder, "expected one of the --sizes")
-    return _Subject(file, scene, camera, truth, traced_before(folder, truth))
+    return begun(truth, traced_before(folder, truth))
 
 
-def _run(subject: _Subject, options: Options, configurations: Sequence[Configuration], pictures: Pictures,
-         progress: Progress) -> Json:
-    judged, ambient = _judge(subject, options, configurations, pictures, progress)
-    contenders, opponents, pace = _take_turns(subject, options, configurations, progress)
+def _run(subject: _Subject, options: Options, pictures: Pictures, progress: Progress) -> Json:
+    judged, ambient = _judge(subject, options, pictures, progress)
+    contenders, opponents, pace = _take_turns(subject, options, progress)
     entries = [records.contender(c) for c in contenders]
     largest = max(options.sizes, key=math.prod)
-    for entry, c in zip(entries, configurations, strict=True):
+    for entry, c in zip(entries, subject.configurations, strict=True):
         entry["errors"] = judged[c.label] if c.size == subject.truth.size else None
         if c.size == largest:
             progress(f"{subject.scene.name}: starting {c.label} in a fresh process")
             entry["fresh"] = fresh.start(subject.file, options.lighting, options.camera, c, options.provider)
-    result = {
+    result: Json = {
         "name": subject.scene.name, "lighting": subject.scene.lighting,
         "camera": options.camera or subject.scene.default_camera, "triangles": subject.scene.triangles,
         "lights": len(subject.scene.lights), "truth": records.truth(subject.truth), "configurations": entries,
         "ambient": ambient, "rivals": [records.rival(r, subject.truth) for r in opponents],
         "yardstick": records.spread(pace),
     }
+    if subject.scene.environment is not None:
+        result["truth"]["notices"] = [*result["truth"]["notices"], UNDER_SKY]
     _keep_pictures_of(opponents, result, pictures)
     return result
 
 
-def _judge(subject: _Subject, options: Options, configurations: Sequence[Configuration], pictures: Pictures,
+def _judge(subject: _Subject, options: Options, pictures: Pictures,
            progress: Progress) -> tuple[dict[str, Json], Json]:
     """Errors by label at the truth's size, and the ambient oracle; what was drawn goes to ``pictures``."""
     judged = {}
-    for c in (c for c in configurations if c.size == subject.truth.size):
+    for c in (c for c in subject.configurations if c.size == subject.truth.size):
         progress(f"{subject.scene.name}: judging {c.label}")
         layers = draw_layers(subject.scene, subject.camera, c, options.provider)
         judged[c.label], pictures[c.label] = records.errors(errors_of(layers, subject.truth)), layers["final"]
@@ -165,7 +176,7 @@ def _judge(subject: _Subject, options: Options, configurations: Sequence[Configu
     return judged, {"constant": constant, "errors": records.errors(errors_of(layers, subject.truth))}
 
 
-def _take_turns(subject: _Subject, options: Options, configurations: Sequence[Configuration],
+def _take_turns(subject: _Subject, options: Options,
                 progress: Progress) -> tuple[list[Contender], list[Rival], Spread]:
     """Times of all configurations, those of one size in turns; halfway through the truth's, the path tracer's.
 
@@ -173,8 +184,8 @@ def _take_turns(subject: _Subject, options: Options, configurations: Sequence[Co
     """
     opponents: list[Rival] = []
     yardsticks: list[list[float]] = []
-    contenders = [Contender(subject.scene, subject.camera, c) for c in configurations]
-    for size in dict.fromkeys(c.size for c in configurations):
+    contenders = [Contender(subject.scene, subject.camera, c) for c in subject.configurations]
+    for size in dict.fromkeys(c.size for c in subject.configurations):
         with Race([c for c in contenders if c.configuration.size == size], options.provider) as race:
             for turn in range(options.turns):
                 progress(f"{subject.scene.name}: {size[0]}x{size[1]}, turn {turn + 1} of {options.turns}")

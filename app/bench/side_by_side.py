@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.bench.configurations import Configuration
-from app.bench.judge import METRICS, Errors, draw_layers, errors_of
+from app.bench.judge import METRICS, UNDER_SKY, Errors, draw_layers, errors_of
 from app.bench.pictures import shown
 from app.bench.report import COLUMNS, LAYERS, fill_page, html_table
 from app.bench.tables import number
@@ -54,6 +54,7 @@ def _page(scene: Scene, pictures: dict[str, F32], reference: str, errors: Mappin
     if truth is not None:
         about += [f"truth of {truth.about['spp']} samples per pixel"] if "spp" in truth.about else []
         about += truth.about.get("notices", [])
+        about += [UNDER_SKY] if scene.environment is not None else []
     maps = "".join(f'<figure><img src="{parts["flip"]}" alt="FLIP map of {escape(label)}">'
                    f"<figcaption>{escape(label)}</figcaption></figure>"
                    for label, parts in images.items() if label != reference)

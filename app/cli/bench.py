@@ -21,6 +21,7 @@ from app.settings import Settings, parse_size
 WORSE = 1
 ALL, AUTO = "all", "auto"
 LEAST_SIDE = 11
+EMBEDDED = "cornell-box.obj", "patio.obj"  # a closed scene, and one under a sky
 
 COLUMNS = {"size": "size", "frame.median_ms": "ms", "frame.p95_ms": "p95", "final.flip": "FLIP", "final.psnr": "PSNR",
            "startup_s": "start s", "peak_mb": "MB"}
@@ -29,9 +30,12 @@ WHAT, TRUTH, OUTPUT = "What is measured", "Truth", "Output"
 
 def bench(
     scenes: Annotated[list[Path] | None, typer.Argument(
-        metavar="SCENE", help="Scene files; the embedded Cornell box without any.", show_default=False)] = None,
+        metavar="SCENE", help="Scene files; the embedded Cornell box and patio without any.",
+        show_default=False)] = None,
     models: Annotated[str, typer.Option(
-        help="all (none, ssgi and the bundled networks), or names and paths.", metavar="all|NAME,…",
+        help="all (none, ssgi, the bundled networks, and under an environment ember with each that shades it), or "
+             "names and paths; NAME+NAME draws with one that makes indirect light and one that shades an environment.",
+        metavar="all|NAME,…",
         rich_help_panel=WHAT)] = ALL,
     sizes: Annotated[str, typer.Option(
         help="Pixels; errors are judged at the first size.", metavar="WxH,…",
@@ -79,13 +83,15 @@ def bench(
 
     [cyan]python -m app bench room.obj --models none,mine.onnx --scales 1/16,1/8[/cyan]  [dim]# your own network[/dim]
 
+    [cyan]python -m app bench yard.obj --models none,ember,ember+coarse[/cyan]  [dim]# light of the sky[/dim]
+
     [cyan]python -m app bench room.obj --sizes 256x192,1024x768 --spp 512[/cyan]  [dim]# as for the page in docs/[/dim]
 
     [cyan]python -m app bench room.obj --compare bench/bench.json[/cyan]  [dim]# what did a change cost?[/dim]
     """
     from app.atomic import prepare_folders
     from app.bench.compare import read_results
-    from app.bench.configurations import PRECISIONS, all_models, expand
+    from app.bench.configurations import PRECISIONS, all_models, expand, sky_models
     from app.bench.grow import grow as measure_growth
     from app.bench.run import Options
     from app.bench.run import bench as measure
@@ -95,10 +101,10 @@ def bench(
     check_provider(provider)
     old = None if compare is None else read_results(compare)
     options = Options(
-        scenes=tuple(scenes or [data_dir() / "cornell-box.obj"]), sizes=_sizes(sizes), lighting=lighting,
+        scenes=tuple(scenes or (data_dir() / name for name in EMBEDDED)), sizes=_sizes(sizes), lighting=lighting,
         camera=camera, reference=None if reference == AUTO else Path(reference), spp=spp, turns=repeats,
         provider=provider)
-    names = all_models() if models == ALL else tuple(_list(models))
+    names = (*all_models(), *sky_models()) if models == ALL else tuple(_list(models))
     if not names:
         raise SettingsError("no model given", "--models", "expected all, or names and paths")
     precisions = parse_names(precision, PRECISIONS, "--precision") if precision else ()
@@ -109,7 +115,7 @@ def bench(
             raise SettingsError("; ".join(absent), "--precision", "expected a model that exists in that precision")
         prepare_folders(out)
         outcome = measure(options, configurations, _say)
-        outcome.results |= {"command": _command(), "absent": absent}
+        outcome.results |= {"command": _command(), "absent": [*absent, *outcome.results["absent"]]}
         if grow:
             outcome.results["growth"] = measure_growth(configurations, repeats, provider, Path(folder), _say)
     _write(out, outcome)

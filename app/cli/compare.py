@@ -24,8 +24,9 @@ def compare(
         help="OBJ, glTF, GLB or PLY file; the embedded Cornell box without it.", metavar="[SCENE]",
         show_default=False)] = None,
     models: Annotated[str, typer.Option(
-        help="Names and paths as for --model, and truth. What the others are compared with is the truth, or else the "
-             "last one.", metavar="NAME,…")] = "none,radiosity,ember,truth",
+        help="Names and paths as for --model, NAME+NAME for one that makes indirect light and one that shades an "
+             "environment, and truth. What the others are compared with is the truth, or else the last one.",
+        metavar="NAME,…")] = "none,radiosity,ember,truth",
     size: Annotated[str, typer.Option(help="Width and height in pixels.", metavar="WxH")] = "512x384",
     camera: Annotated[str | None, typer.Option(
         help="A camera of the scene.", metavar="NAME", show_default="the scene's own")] = None,
@@ -48,7 +49,7 @@ def compare(
 
     [cyan]python -m app compare room.glb --models ssgi,mine.onnx,truth[/cyan]  [dim]# your own network[/dim]
     """
-    from app.bench.configurations import expand
+    from app.bench.configurations import at_work, expand, nothing_to_shade
     from app.bench.run import JUDGE
     from app.bench.side_by_side import TRUTH, side_by_side
     from app.extras import extra_module
@@ -71,6 +72,8 @@ def compare(
     configurations, _ = expand(drawn, [pixels])
     file = scene or data_dir() / "cornell-box.obj"
     loaded = load_scene(file, lighting=lighting)
+    if idle := at_work(configurations, loaded)[1]:
+        raise nothing_to_shade(loaded, idle)
     if camera is not None and camera not in loaded.cameras:
         raise SettingsError(f"no camera {camera!r}", "--camera", f"expected one of {', '.join(loaded.cameras)}")
     seen = loaded.cameras[camera or loaded.default_camera].at(0.0)

@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 from app import metrics
 from app.bench import configurations, measure, records, rivals, truth
 from app.bench.compare import compare, read_results
-from app.bench.configurations import Configuration, all_models, expand, rescaled
+from app.bench.configurations import Configuration, all_models, at_work, expand, rescaled, sky_models
 from app.bench.content import content_key
 from app.bench.front import Point, Ratio, error_ratio, mean_ratio, pareto_front, speed_up
 from app.bench.grow import fit_power
@@ -34,8 +34,10 @@ from app.cli import cli as app_cli
 from app.contract import HALF, find_model, read_contract
 from app.errors import MissingExtraError, ModelError, SceneError, SettingsError, TruthError
 from app.golden.catalogue import PROBE_ENVIRONMENT
+from app.golden.scenes import dusk
 from app.image import write_exr
-from app.load import embedded_scene
+from app.load import embedded_scene, load_scene
+from app.paths import data_dir
 from app.scene import Scene
 from tests.tiny_network import TINY, write_tiny_network
 
@@ -128,7 +130,7 @@ def test_the_first_frames_of_a_turn_do_not_count(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(measure, "Renderer", FakeRenderer)
     scene = embedded_scene()
     contender = measure.Contender(scene, scene.cameras[scene.default_camera].at(0.0),
-                                  Configuration("none", None, (64, 48)))
+                                  Configuration("none", (), (64, 48)))
     with measure.Race([contender], "cpu") as race:
         race.turn()
         race.turn()
@@ -238,6 +240,49 @@ def test_all_models_has_each_network_once(monkeypatch: pytest.MonkeyPatch) -> No
     assert all_models() == ("none", "ssgi", "both", f"half{HALF}")
     monkeypatch.setattr(configurations, "bundled_models", lambda: {"sky": PROBE_ENVIRONMENT})
     assert all_models() == ("none", "ssgi"), "what shades an environment makes no indirect light"
+
+
+def test_two_models_can_draw_together(tmp_path: Path) -> None:
+    sky, half = tmp_path / "sky.onnx", tmp_path / f"sky{HALF}.onnx"
+    for file in (sky, half):
+        file.write_bytes(PROBE_ENVIRONMENT.read_bytes())
+    found, absent = expand(["ember+coarse", f"gather + {sky}", "none+coarse"], [(64, 48)], [1 / 4], [], tmp_path)
+    assert not absent
+    assert [c.label for c in found] == ["ember+coarse at 1/4", "gather+sky at 1/4", "coarse"]
+    scales = [[read_contract(m).scale for m in c.models if isinstance(m, Path)] for c in found]
+    assert scales == [[1 / 4], [1 / 4, 1 / 4], []]
+    assert all(c.shades_environment for c in found)
+    found, absent = expand([f"gather+{sky}"], [(64, 48)], [], ["float32", "float16"])
+    assert [(c.label, c.precision) for c in found] == [("gather+sky float32", "float32")]
+    assert absent == ["gather+sky in float16 is not available (there is no gather-half.onnx of that type)"]
+
+
+def test_a_plus_may_be_in_a_file_s_name(tmp_path: Path) -> None:
+    write_tiny_network(tmp_path / "mine+yours.onnx")
+    (found,), _ = expand([str(tmp_path / "mine+yours.onnx")], [(64, 48)])
+    assert found.label == "mine+yours" and found.models == (tmp_path / "mine+yours.onnx",)
+
+
+def test_ember_is_measured_beside_all_that_shades_a_sky(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert sky_models()[0] == "ember+coarse"
+    files = dict.fromkeys(("sky", f"sky{HALF}"), PROBE_ENVIRONMENT)
+    monkeypatch.setattr(configurations, "bundled_models", lambda: files)
+    assert sky_models() == ("ember+coarse", "ember+sky")
+
+
+@pytest.mark.parametrize(("lighting", "lights"), [("sky", 0), ("sun", 1)])
+def test_the_embedded_patio_is_under_a_sky(lighting: str, lights: int) -> None:
+    patio = load_scene(data_dir() / "patio.obj", lighting=lighting)
+    assert patio.environment is not None and len(patio.lights) == lights and not patio.notices
+    assert any(m.shiny for m in patio.materials) and not all(m.shiny for m in patio.materials)
+
+
+def test_what_shades_a_sky_is_idle_without_one() -> None:
+    found, _ = expand(["none", "coarse", "ember+coarse"], [(64, 48)])
+    box = embedded_scene()
+    measured, idle = at_work(found, box)
+    assert [c.label for c in measured] == ["none"] and idle == ["coarse", "ember+coarse"]
+    assert at_work(found, replace(box, environment=dusk().environment)) == (found, [])
 
 
 def test_scales_are_told_apart(tmp_path: Path) -> None:

@@ -1,0 +1,119 @@
+"""The benchmark under an environment: its truth has all the light that models give, and its rows all the passes."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from app.bench.configurations import Configuration
+from app.bench.judge import Layers, draw_layers, errors_of
+from app.bench.truth import Truth
+from app.cli import cli
+from app.contract import COARSE, Model, TensorSpec
+from app.image import write_exr
+from app.load import load_scene
+from app.paths import data_dir
+from app.renderer import Renderer
+from app.scene import Camera, Scene
+from app.settings import Settings
+from tests.gl.scenes import floor
+from tests.gl.test_environment import under
+from tests.gl.test_environment_shading import PASS, WHITE, shiny, write_pass
+
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+
+SIZE = (32, 24)
+SPP = 2048  # leaves 3 % of noise
+PATIO = data_dir() / "patio.obj"
+
+
+def layers_of(scene: Scene, *models: Model) -> Layers:
+    return draw_layers(scene, scene.cameras["main"].at(0.0), Configuration("it", models, SIZE), "cpu")
+
+
+@pytest.mark.usefixtures("path_tracer")
+@pytest.mark.parametrize("polished", [False, True], ids=["matte", "polished"])
+def test_the_truth_has_the_light_that_shading_gives(polished: bool) -> None:
+    """On a floor that nothing shades light straight from the sky is all there is, and ``coarse`` has nearly that."""
+    from export.reference import Still, reference
+
+    material = shiny(0.6, 0.3, 0.4) if polished else shiny(1.0, 0.0, 0.8)
+    camera = Camera((0.0, 1.0, 3.0), (0.0, 0.4, 0.0), fov_y_deg=50.0)  # sees sky, too
+    scene = under(WHITE, floor(2.0, material=material), camera=camera)
+    truth = Truth(reference(Still(scene, camera, SIZE), SPP).layers, {}, "")
+    found = layers_of(scene, COARSE)
+    assert set(found) == {"final"}, "who makes an environment's light is not judged part by part"
+    assert errors_of(found, truth)["final"]["psnr"] > (32 if polished else 38)
+    assert found["final"].mean() == pytest.approx(truth.layers["final"].mean(), rel=0.02)
+    assert errors_of(layers_of(scene), truth)["final"]["psnr"] < 15
+
+
+def bench(folder: Path, models: str) -> Any:
+    return CliRunner().invoke(cli, [
+        "bench", str(PATIO), "--reference", str(folder / "truth"), "--sizes", "32x24", "--repeats", "1",
+        "--provider", "cpu", "--models", models, "--out", str(folder / "out")])
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """With ``truth``: the embedded patio as ``coarse`` draws it."""
+    scene = load_scene(PATIO)
+    camera = scene.cameras["main"].at(0.0)
+    outputs = ("final", "direct", "indirect", "albedo", "depth")
+    with Renderer(scene, Settings(SIZE, outputs, taa=False, provider="cpu"), COARSE) as renderer:
+        layers = renderer.render(camera)
+    (tmp_path / "truth").mkdir()
+    write_exr(tmp_path / "truth" / "truth.exr", {"" if n == "final" else n: layers[n] for n in outputs})
+    (tmp_path / "truth" / "truth.json").write_text("{}")
+    return tmp_path
+
+
+def test_rows_of_two_models_tell_what_each_pass_takes(folder: Path) -> None:
+    """A network that reads no coarse shading is measured without it."""
+    own = replace(PASS, inputs={"x": TensorSpec(("albedo.rgb", "normal.view.xyz")), "sky": PASS.inputs["sky"]})
+    (folder / "own").mkdir()
+    corrects, alone = write_pass(folder), write_pass(folder / "own", own).rename(folder / "own.onnx")
+    run = bench(folder, f"none,coarse,gather+{corrects},gather + {alone}")
+    assert run.exit_code == 0, run.output
+    (scene,) = json.loads((folder / "out" / "bench.json").read_text())["scenes"]
+    rows = {c["label"]: c for c in scene["configurations"]}
+    assert list(rows) == ["none", "coarse", "gather+pass", "gather+own"]
+    shading = {"environment_downsample", "environment_network", "upsample_diffuse", "upsample_specular"}
+    for label, expected in (("none", set()), ("coarse", {"coarse", "upsample_diffuse", "upsample_specular"}),
+                            ("gather+pass", {"coarse"} | shading), ("gather+own", shading)):
+        assert set(rows[label]["stages"]) & ({"coarse"} | shading) == expected, label
+        assert set(rows[label]["errors"]) == {"final"}
+        assert rows[label]["fresh"]["startup_s"] > 0
+    assert rows["coarse"]["errors"]["final"]["flip"] < 0.5 * rows["none"]["errors"]["final"]["flip"]
+    assert set(scene["ambient"]["errors"]) == {"final"}
+    assert "under an environment the final picture alone is judged" in run.output
+    assert "gather+pass" in (folder / "out" / "report.html").read_text()
+
+
+def test_the_ambient_oracle_has_the_sky_behind_it(folder: Path) -> None:
+    assert bench(folder, "none").exit_code == 0
+    (scene,) = json.loads((folder / "out" / "bench.json").read_text())["scenes"]
+    assert scene["ambient"]["errors"]["final"]["flip"] < 0.5 * scene["configurations"][0]["errors"]["final"]["flip"]
+
+
+@pytest.mark.parametrize(("scene", "models", "said"), [
+    ("patio.obj", "ember+gather", "two models that make indirect light"),
+    ("patio.obj", "coarse+coarse", "two models that shade an environment"),
+    ("patio.obj", "ember+coarse+ssgi", "two models that make indirect light"),
+    ("patio.obj", "ember+", "no network ''"),
+    ("cornell-box.obj", "coarse,ember+coarse", "cornell-box has no environment for coarse, ember+coarse"),
+])
+@pytest.mark.parametrize("command", ["bench", "compare"])
+def test_pairs_that_make_no_sense_are_refused(command: str, scene: str, models: str, said: str, tmp_path: Path) -> None:
+    listed = f"{models},none" if command == "compare" else models  # which takes two at least
+    done = CliRunner().invoke(cli, [command, str(data_dir() / scene), "--models", listed, "--out",
+                                    str(tmp_path / "out.html")])
+    assert done.exit_code == 2
+    (line,) = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert said in line and "expected" in line
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
