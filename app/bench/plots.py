@@ -20,7 +20,7 @@ Json = dict[str, Any]
 COLUMNS = 3
 RIVAL_STYLES = dict(zip(NAMES, (("#999999", "o"), ("#6aa2d8", "s"), ("#2f6db3", "D")), strict=True))
 GREY = "#555555"
-NETWORK_COLOURS = ("#d1495b", "#e8963e", "#7b4fa3", "#2a9d8f", "#8a6d3b")
+NETWORK_COLOURS = ("#d1495b", "#e8963e", "#7b4fa3", "#2a9d8f", "#8a6d3b", "#c46bae", "#7a9e2f", "#1f4e79")
 STAGES_LEFT_OUT = (FRAME, YARDSTICK)
 
 

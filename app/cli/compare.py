@@ -48,6 +48,8 @@ def compare(
     [cyan]python -m app compare[/cyan]  [dim]# the embedded Cornell box against the path tracer[/dim]
 
     [cyan]python -m app compare room.glb --models ssgi,mine.onnx,truth[/cyan]  [dim]# your own network[/dim]
+
+    [cyan]python -m app compare yard.obj --models ember,ember+coarse,truth[/cyan]  [dim]# two draw together[/dim]
     """
     from app.bench.configurations import at_work, expand, nothing_to_shade
     from app.bench.run import JUDGE

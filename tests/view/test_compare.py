@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from app.cli import cli
 from app.image import write_exr
+from app.paths import data_dir
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "coarse_shadows")]
 
@@ -45,6 +46,16 @@ def test_without_a_truth_the_last_is_what_others_are_compared_with(tmp_path: Pat
     assert 'data-reference="ssgi"' in page and "against ssgi" in page
     assert not re.search(r"(src|href)=[\"']?(?!data:)\w", page)  # nothing from elsewhere
     assert [p.name for p in tmp_path.iterdir()] == ["page.html"]
+
+
+def test_two_models_draw_together(tmp_path: Path) -> None:
+    page = compare(tmp_path / "page.html", str(data_dir() / "patio.obj"), "--models", "none,coarse,gather+coarse")
+    found = pictures_of(page)
+    assert list(found) == ["none", "coarse", "gather+coarse"]
+    dark, straight, both = (images["picture"].astype(float) for images in found.values())
+    assert straight.mean() > dark.mean() + 20  # the sky itself is in all of them
+    assert both.mean() > straight.mean() + 2 and (both >= straight - 8).mean() > 0.98
+    assert "under an environment the final picture alone" not in page, "without a truth nothing else is judged anyway"
 
 
 def test_against_a_truth_every_layer_has_its_errors(tmp_path: Path) -> None:
