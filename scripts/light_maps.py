@@ -49,7 +49,7 @@ def main(folder: Path, paths: list[Path]) -> None:
         first = found if first is None else first
         gain = found - first
         seen = ~gain.isnan()
-        groups = torch.stack([part.nanmean() for part in gain.split(GROUP) if not part.isnan().all()])
+        groups = torch.stack([part.nanmean() for part in torch.split(gain, GROUP) if not part.isnan().all()])
         print(f"{path.parent.name:24} {int(seen.sum()):6} {found[seen].mean():7.2f} {gain[seen].mean():+7.2f} "
               f"{groups.std() / len(groups)**0.5:6.2f} {int((gain[seen] > 0).sum()):7}")
 

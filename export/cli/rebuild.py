@@ -15,8 +15,10 @@ from app.paths import nets_dir
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 QUICK_DATA, SKY_DATA = (Path(__file__).parents[1] / "dataset" / f"{name}.toml" for name in ("quick", "sky"))
-TRAINED, UNDER_SKY, QUICK = ("bcnn-8", "bcnn-8-single", "gfa-8"), ("ndr-8",), ("quick",)  # configurations
-PAIRS, SKY_PAIRS, QUICK_PAIRS = 1500, 512, 12
+# Configurations.
+TRAINED = ("bcnn-8", "bcnn-8-single", "gfa-8", "surround-16", "surround-16-front")
+UNDER_SKY, QUICK = ("ndr-8",), ("quick",)
+PAIRS, SKY_PAIRS, QUICK_PAIRS = 1500, 768, 12
 
 
 def rebuild(work: Annotated[Path, typer.Option(help="Folder of the dataset and of the training runs.",

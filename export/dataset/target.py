@@ -19,7 +19,7 @@ F64 = NDArray[np.float64]
 
 LIGHT_LAYERS = ("diffuse", "specular")
 SKY_LAYERS = (*LIGHT_LAYERS, "albedo", "reflectance")
-SKY_VERSION = "sky 2"  # the same of what comes from an environment
+SKY_VERSION = "sky 3"  # the same of what comes from an environment
 VERSION = 1  # raise it when targets change, so that those of before are made again
 
 

@@ -92,19 +92,19 @@ class Surround(Network):
         light = functional.grid_sample(self.light_map(around), places(position), align_corners=False,
                                        padding_mode="border")
         surface = (position.abs().sum(1, keepdim=True) > 0).to(position.dtype)
-        indirect = (light - direct) * surface
+        indirect = ((light - direct) * surface).to(around.dtype)
         return indirect if self.training else indirect.clamp(min=0)  # at 0 nothing would be learned from
 
     def condition(self, around: Tensor, screen: Tensor) -> Tensor:
         """What the discriminator looks at beside light maps, [B, 15, h, w]: ``seen`` on the screen, direct light."""
         position, direct = self._on_screen(screen)
-        seen = functional.grid_sample(self.seen(around), places(position), mode="nearest", align_corners=False,
+        seen = functional.grid_sample(self.seen(around).float(), places(position), mode="nearest", align_corners=False,
                                       padding_mode="border")
         return torch.cat([seen, direct], 1)
 
     def light_map(self, around: Tensor) -> Tensor:
-        """Direct and indirect light [B, 3, H, 2 H] in means of the frame, without albedo."""
-        return from_tanh(self.generator(self.seen(around)))
+        """Direct and indirect light [B, 3, H, 2 H] in means of the frame, without albedo, in single precision."""
+        return from_tanh(self.generator(self.seen(around)).float())
 
     def seen(self, around: Tensor) -> Tensor:
         """What generator and discriminator look at, [B, 12, H, 2 H], each channel of about unit size."""
@@ -117,8 +117,8 @@ class Surround(Network):
         return torch.cat([found, angles], 1)
 
     def _on_screen(self, screen: Tensor) -> tuple[Tensor, Tensor]:
-        """Positions, and direct light / albedo; [B, 3, h, w] each."""
-        position, direct, albedo = torch.split(finite(screen, self.contract.inputs["screen"]), 3, dim=1)
+        """Positions, and direct light / albedo, which takes more than half precision; [B, 3, h, w] each."""
+        position, direct, albedo = torch.split(finite(screen, self.contract.inputs["screen"]).float(), 3, dim=1)
         return position, direct / albedo.clamp(min=DARKEST)
 
 
