@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from tempfile import mkdtemp
 
 import numpy as np
 
@@ -78,7 +79,7 @@ class Truths:
             else:
                 await asyncio.sleep(REST_SECONDS)
             for number in range(done, len(SAMPLES)):
-                finer = self._folder / f"{key}-{number}"
+                finer = self._new_folder()
                 try:
                     await self._trace(state, number, finer)
                     if number:
@@ -92,10 +93,14 @@ class Truths:
         except Exception as error:  # of the disk, too: the pages are told instead of waiting for ever
             self._complain(error)
 
+    def _new_folder(self) -> Path:
+        """One that no other attempt has: the thread of one that was stopped writes on in its own for a while."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        return Path(mkdtemp(dir=self._folder))
+
     async def _trace(self, state: State, number: int, folder: Path) -> None:
         """Trace the samples of one refinement, which are like those of no other, into ``folder``."""
         exporter_version(self._parts.scene)  # says what is missing, if anything is
-        folder.mkdir(parents=True, exist_ok=True)
         file = folder / "scene.json"
         write_scene_json(file, state, self._parts)
         await run_module("export", ["reference", str(self._file), "--scene-json", str(file), "--camera", NAME,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import threading
+from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -12,7 +14,7 @@ import numpy as np
 import pytest
 
 from app.bench.truth import Truth
-from app.errors import SceneError
+from app.errors import AfterglowError, SceneError
 from app.image import write_exr
 from app.load import load_parts
 from app.paths import data_dir
@@ -75,6 +77,42 @@ def test_of_a_truth_the_finest_is_kept_and_of_truths_the_newest(tmp_path: Path,
     assert [found.about["spp"] for found in shown] == 3 * [8, 32, 128, 512]
     assert np.allclose(shown[-1].layers["final"], np.average([1, 2, 3, 4], weights=SAMPLES))  # of all that was traced
     assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_refinement_that_was_stopped_is_in_none_that_follows(tmp_path: Path,
+                                                              monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, ended, go_on = threading.Event(), threading.Event(), threading.Event()
+    add = truth._add
+
+    def slowly(folder: Path, other: Path) -> None:
+        """The first time it goes on after it was stopped, while the second has begun."""
+        if begun.is_set():
+            go_on.set()
+            ended.wait(10)
+            add(folder, other)
+            return
+        begun.set()
+        go_on.wait(10)
+        with suppress(OSError, AfterglowError):
+            add(folder, other)
+        ended.set()
+
+    async def stop_and_go_on() -> list[Truth | None]:
+        told: list[Truth | None] = []
+        truths = Truths(BOX, PARTS, tmp_path, told.append, pytest.fail)
+        truths.follow(STATE)
+        await asyncio.to_thread(begun.wait, 10)
+        truths.follow(replace(STATE, split=""))
+        truths.follow(STATE)
+        assert truths._work is not None
+        await truths._work
+        return told
+
+    monkeypatch.setattr(truth, "run_module", traced)
+    monkeypatch.setattr(truth, "_add", slowly)
+    shown = [found.about["spp"] for found in asyncio.run(stop_and_go_on()) if found is not None]
+    assert shown[-4:] == [8, 32, 128, 512]
+    assert len(list(tmp_path.iterdir())) == 1
 
 
 def test_a_tracer_that_fails_is_told_of_and_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
