@@ -43,6 +43,10 @@ class Drawn:
     report: Json | None
 
 
+def _always() -> bool:
+    return True
+
+
 class Painter(Thread):
     """Draws until the desk closes.
 
@@ -80,13 +84,16 @@ class Painter(Thread):
 
     def _draw(self, task: Task) -> Drawn | None:
         """Nothing where an input came meanwhile, and the frame was none that answers one."""
-        state, wanted = task.state, partial(self._desk.wants, task)
+        state = task.state
+        wanted: Callable[[], bool] = partial(self._desk.wants, task)
         begin = perf_counter()
         used, unused = self._drawings[:len(state.models)], self._drawings[len(state.models):]
         for drawing in unused:
             drawing.close()
-        if not all(drawing.draw(state, model, wanted) for drawing, model in zip(used, state.models, strict=True)):
-            return None
+        for drawing, model in zip(used, state.models, strict=True):
+            if not drawing.draw(state, model, wanted):
+                return None
+            wanted = _always  # given up now, the second would stay a frame behind the first
         parts = [jpeg(drawing.shown(state)) for drawing in used]
         self._number += 1
         if task.repeat == 0 and self._ends and begin - self._ends[-1] > 1:
