@@ -129,7 +129,8 @@ class Renderer:
         Parameters
         ----------
         wanted : callable
-            Asked before each pass. Where it says no, the frame is given up, and all is as if it had never been begun.
+            Asked before each pass, in time that is none of the frame's. Where it says no, the frame is given up, and
+            all is as if it had never been begun, but for the times of its passes.
             Only a frame like the one before, of the same camera, time and lights, can be given up so.
 
         Returns
@@ -237,15 +238,19 @@ class Renderer:
                            self._lights, self._override_count)
         self._lights.upload(view.eye)
         self._camera.upload(frame)
+        asking = 0.0  # seconds
         with self._timer.frame():
             for bound, execute, resources in self._executors:
+                start = perf_counter()
                 if not wanted():
                     raise _GivenUpError
+                asking += perf_counter() - start
                 with self._timer.measure(bound.name):
                     execute(frame, resources)
                 self._apply_overrides(bound)
                 if self.settings.check:
                     self._non_finite[bound.name] += sum(self._count_non_finite(w) for w in bound.writes)
+        self._timer.extend("frame", -asking * 1e3)
         # Only now does anything of this frame become the next one's past, so that until here it can be given up.
         self._previous = view
         self._pool.swap()

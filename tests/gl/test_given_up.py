@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from time import sleep
 
 import numpy as np
 import pytest
@@ -73,3 +74,17 @@ def test_a_frame_that_stays_wanted_is_drawn() -> None:
         other.render(CAMERA)
         assert renderer.advance(CAMERA, 0.0, lambda: True)
         assert np.array_equal(renderer.read("final"), other.render(CAMERA)["final"])
+
+
+def test_the_time_that_asking_takes_is_none_of_the_frame_s() -> None:
+    def slowly() -> bool:
+        sleep(0.1)
+        return True
+
+    with Renderer(BOX, replace(SETTINGS, timing=True)) as renderer:
+        renderer.advance(CAMERA)
+        renderer.reset_timing()
+        assert renderer.advance(CAMERA, 0.0, slowly)
+        times = renderer.timing()
+        passes = sum(each["cpu_ms"]["median"] for each in times["passes"].values())
+        assert passes <= times["frame"]["cpu_ms"]["median"] < passes + 100  # all in all it waited several times that
