@@ -73,15 +73,16 @@ def view(
     extra_module("aiohttp", EXTRA)
     check_provider(provider)
     settings = Settings(size=parse_size(size), bounces=bounces, provider=provider, strict_device=strict_device)
-    chosen = {name: find_model(name) for name in model if name != NONE}
+    names = [name for name in model if name != NONE]
+    files = [find_model(name) for name in names]
     Device(strict_device).close()  # says what is missing, if anything is
     file = (scene or data_dir() / "cornell-box.obj").resolve()
     parts = load_parts(file, lighting=lighting, scene_json=scene_json)
-    load_models([*chosen.values()], settings, parts.scene.environment is not None)  # says what does not fit together
-    for notice in (*parts.scene.notices, *about_environment(parts.scene, [*chosen.values()])):
+    load_models(files, settings, parts.scene.environment is not None)  # says what does not fit together
+    for notice in (*parts.scene.notices, *about_environment(parts.scene, files)):
         typer.secho(f"note: {notice}", err=True, dim=True)
-    shading = [name for name, file in chosen.items() if shades_environment(file)]
-    indirect = [name for name in chosen if name not in shading] or [NONE]
+    shading = [name for name, network in zip(names, files, strict=True) if shades_environment(network)]
+    indirect = [name for name in names if name not in shading] or [NONE]
     models = tuple(dict.fromkeys((*all_models(), *indirect)))
     still = {name: members for name, members in parts.objects.items()
              if all(parts.scene.instances[i].motion is None for i in members)}

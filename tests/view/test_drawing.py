@@ -66,10 +66,13 @@ def test_a_picture_of_four_components_is_encoded_as_of_three() -> None:
 
 @pytest.mark.parametrize(("args", "expected"), [
     (["--model", "ember", "--model", "radiosity"], "two models"),
+    (["--model", "ember", "--model", "ember"], "two models that make indirect light"),
+    (["--model", "coarse", "--model", "coarse"], "two models that shade an environment"),
     (["--model", "none", "--bounces", "2"], "no model to follow them"),
     (["--bounces", "0"], "bad number of bounces"),
 ])
 def test_models_that_don_t_fit_together_are_said_at_once(args: list[str], expected: str) -> None:
     result = CliRunner().invoke(cli, ["view", *args])
-    assert expected in str(result.exception) + result.output
-    assert result.exit_code != 0
+    assert result.exit_code == 2
+    line, = [x for x in result.stderr.splitlines() if x.startswith("error: ")]
+    assert expected in line
