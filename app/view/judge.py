@@ -27,11 +27,13 @@ class Judge:
     ----------
     tell : callable
         Takes the errors of each model's picture.
+    complain : callable
+        Takes what went wrong.
     """
 
-    def __init__(self, tell: Callable[[Errors], object]) -> None:
+    def __init__(self, tell: Callable[[Errors], object], complain: Callable[[Exception], object]) -> None:
         self._tell = tell
-        self._work = Newest(self._judge)
+        self._work = Newest(self._judge, complain, SECONDS)
 
     def offer(self, pictures: Sequence[F32], truth: Truth, still: bool) -> None:
         """Judge linear ``pictures`` soon; FLIP, which takes long, only if ``still``."""
@@ -46,7 +48,6 @@ class Judge:
         pictures, truth, still = asked
         if all(picture.shape == truth.shape for picture in pictures):
             self._tell([await asyncio.to_thread(errors_of, picture, truth, still) for picture in pictures])
-        await asyncio.sleep(SECONDS)
 
 
 def errors_of(picture: F32, truth: F32, still: bool) -> dict[str, float]:

@@ -16,10 +16,15 @@ class Newest(Generic[T]):
     ----------
     work : callable
         A coroutine function; what takes long in it runs in a thread.
+    complain : callable
+        Takes what went wrong in it; the next piece is done all the same.
+    rest : float
+        Seconds from the end of one piece to the next.
     """
 
-    def __init__(self, work: Callable[[T], Awaitable[None]]) -> None:
-        self._work = work
+    def __init__(self, work: Callable[[T], Awaitable[None]], complain: Callable[[Exception], object],
+                 rest: float = 0.0) -> None:
+        self._work, self._complain, self._rest = work, complain, rest
         self._next: list[T] = []
         self._task: asyncio.Task[None] | None = None
 
@@ -37,4 +42,8 @@ class Newest(Generic[T]):
 
     async def _run(self) -> None:
         while self._next:
-            await self._work(self._next.pop())
+            try:
+                await self._work(self._next.pop())
+            except Exception as error:  # of the memory, too: the pages are told instead of waiting for ever
+                self._complain(error)
+            await asyncio.sleep(self._rest)

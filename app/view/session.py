@@ -56,10 +56,10 @@ class Session:
         self._painter = Painter(self._desk, Stage(file, parts, folder), provider, folder, self._deliver,
                                 self._complain_from_thread)
         self._truths = Truths(file, parts, folder / "truth", self._tell_truth, self._complain)
-        self._judge = Judge(lambda errors: self._tell({"type": "errors", "errors": errors}))
+        self._judge = Judge(lambda errors: self._tell({"type": "errors", "errors": errors}), self._complain)
         self._saver = Saver(file, parts, folder / "saved", provider)
         self._picker = Picker(parts)
-        self._truth_pictures = Newest(self._show_truth)
+        self._truth_pictures = Newest(self._show_truth, self._complain)
         self._errands: dict[str, asyncio.Task[None]] = {}
         self._newest: dict[str, bytes] = {}
         self._drawn: Drawn | None = None

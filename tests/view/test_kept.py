@@ -150,7 +150,7 @@ def test_what_is_overtaken_is_never_done_and_the_loop_stays_free() -> None:
         done.append(item)
 
     async def drag() -> None:
-        newest = Newest(work)
+        newest = Newest(work, pytest.fail)
         for item in range(100):
             newest.offer(item)
             await asyncio.sleep(0.001)
@@ -162,6 +162,25 @@ def test_what_is_overtaken_is_never_done_and_the_loop_stays_free() -> None:
         assert done[-1] == 99
 
     asyncio.run(drag())
+
+
+def test_work_that_fails_is_told_of_and_the_next_is_done() -> None:
+    done: list[int] = []
+    wrong: list[Exception] = []
+
+    async def work(item: int) -> None:
+        if item == 1:
+            raise MemoryError("no room")
+        done.append(item)
+
+    async def offer() -> None:
+        newest = Newest(work, wrong.append)
+        for item in range(3):
+            newest.offer(item)
+            await asyncio.sleep(0.01)
+
+    asyncio.run(offer())
+    assert done == [0, 2] and [str(error) for error in wrong] == ["no room"]
 
 
 @pytest.mark.parametrize("error", [OSError("no room"), SceneError("bad", "scene", "expected better")])
