@@ -22,7 +22,7 @@ from app.view.scene_file import NAME, write_scene_json
 from app.view.state import FINAL, TRUTH, State
 
 SAMPLES = (8, 24, 96, 384)  # per pixel, that one refinement after the other adds
-REST_SECONDS = 0.7          # for which nothing moves before a truth is begun
+REST_SECONDS = 0.7          # for which nothing moves before a truth is begun, or gone on with
 MOST_KEPT = 64
 
 
@@ -47,18 +47,19 @@ class Truths:
         self._file, self._parts, self._folder = file, parts, folder
         self._tell, self._complain = tell, complain
         self._kept: dict[str, tuple[int, Path]] = {}  # how refined it is, and where
-        self._key = ""
+        self._key, self._failed = "", False
         self._work: asyncio.Task[None] | None = None
         self.newest: Truth | None = None
 
     def follow(self, state: State) -> None:
-        """Have the truth of ``state``, if it is wanted, and stop tracing any other."""
+        """Have the truth of ``state``, if it is wanted, and stop tracing any other; again where that failed."""
         key = content_key(state.truth_key) if state.split == TRUTH else ""
-        if key == self._key:
+        same = key == self._key
+        if same and not self._failed:
             return
         self.stop()
-        self._key = key
-        if self.newest is not None:
+        self._key, self._failed = key, False
+        if self.newest is not None and not same:
             self.newest = None
             self._tell(None)
         if key:
@@ -76,8 +77,7 @@ class Truths:
         try:
             if done:
                 await self._show(folder)
-            else:
-                await asyncio.sleep(REST_SECONDS)
+            await asyncio.sleep(REST_SECONDS)
             for number in range(done, len(SAMPLES)):
                 finer = self._new_folder()
                 try:
@@ -91,6 +91,7 @@ class Truths:
                 self._keep(key, number + 1, folder)
                 await self._show(folder)
         except Exception as error:  # of the disk, too: the pages are told instead of waiting for ever
+            self._failed = True
             self._complain(error)
 
     def _new_folder(self) -> Path:

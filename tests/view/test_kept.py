@@ -122,6 +122,27 @@ def test_a_tracer_that_fails_is_told_of_and_leaves_nothing(tmp_path: Path, monke
     assert list(tmp_path.iterdir()) == []
 
 
+def test_what_failed_is_tried_again_with_the_next_change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[Truth | None] = []
+    wrong: list[Exception] = []
+
+    async def fails_once_refined(module: str, arguments: list[str], **options: Any) -> str:
+        first = dict(pairwise(arguments))["--seed"] == "0"
+        return await (traced if wrong or first else fails)(module, arguments)
+
+    async def follow() -> None:
+        truths = Truths(BOX, PARTS, tmp_path, told.append, wrong.append)
+        for exposure in (1.0, 2.0, 3.0):
+            truths.follow(replace(STATE, exposure=exposure))
+            assert truths._work is not None
+            await truths._work
+
+    monkeypatch.setattr(truth, "run_module", fails_once_refined)
+    asyncio.run(follow())
+    assert [str(error) for error in wrong] == ["no room"]
+    assert [found and found.about["spp"] for found in told] == [8, 8, 32, 128, 512]
+
+
 def test_the_newest_saves_are_kept(tmp_path: Path) -> None:
     async def save() -> None:
         saver = Saver(BOX, PARTS, tmp_path, "cpu")
