@@ -188,21 +188,22 @@ def choose_camera(scene: Scene, name: str | None, frames: int) -> CameraPath:
     SettingsError
         When the scene has no camera of that name.
     """
-    from app.load import auto_camera, load_camera, orbit
+    from app.load import auto_camera, is_camera_word, load_camera, orbit
+    from app.load.views import AUTO, ORBIT
 
     own = scene.cameras[scene.default_camera]
     if name is None:
         return own
-    if name == "auto":
+    if not is_camera_word(name):
+        if name not in scene.cameras:
+            raise unknown(name, (AUTO, ORBIT, *scene.cameras), "--camera")
+        return scene.cameras[name]
+    if name == AUTO:
         return CameraPath.still(auto_camera(scene))
-    if name == "orbit":
+    if name == ORBIT:
         keys = orbit(scene, own.at(0.0), frames)
         return CameraPath(tuple(index * FRAME_SECONDS for index in range(frames)), tuple(keys))
-    if name.endswith(".json"):
-        return load_camera(Path(name))
-    if name not in scene.cameras:
-        raise unknown(name, ("auto", "orbit", *scene.cameras), "--camera")
-    return scene.cameras[name]
+    return load_camera(Path(name))
 
 
 def _draw(renderer: Renderer, path: CameraPath, settings: Settings, frames: int, settle: int, out: Path,
