@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -44,8 +43,8 @@ class Options:
     sizes : tuple of (int, int)
         Errors are judged at the first one, or at the size of the truth in ``reference``.
     reference : Path or None
-        Folder with ``truth.exr`` and ``truth.json``, or with such a folder for each scene's name; None: path-traced
-        now, or taken from the cache.
+        Folder with ``truth.exr`` and ``truth.json``, or with such a folder for each scene's name, which more than one
+        scene need; None: path-traced now, or taken from the cache.
     spp : int
         Samples per pixel of a truth that is made now.
     turns : int
@@ -71,14 +70,20 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class _Subject:
-    """One loaded scene with its camera, what is measured in it and what not, and its truth."""
+class _Loaded:
+    """One scene with its camera, what is measured in it and what not."""
 
     file: Path
     scene: Scene
     camera: Camera
     configurations: list[Configuration]
     absent: list[str]
+
+
+@dataclass(frozen=True)
+class _Subject(_Loaded):
+    """The same with its truth."""
+
     truth: Truth
     trace: Trace
 
@@ -105,7 +110,8 @@ def bench(options: Options, configurations: Sequence[Configuration], progress: P
     names = [file.stem for file in options.scenes]
     if len(set(names)) < len(names):
         raise SettingsError("two scenes of one name", ", ".join(names), "expected different file names")
-    subjects = [_subject(file, options, configurations, progress) for file in options.scenes]
+    loaded = [_load(file, options, configurations, progress) for file in options.scenes]  # all, before one is traced
+    subjects = [_with_truth(scene, options, progress) for scene in loaded]
     outcome.results["absent"] = [note for subject in subjects for note in subject.absent]
     for subject in subjects:
         outcome.pictures[subject.scene.name] = pictures = {"truth": subject.truth.layers["final"]}
@@ -115,7 +121,7 @@ def bench(options: Options, configurations: Sequence[Configuration], progress: P
     return outcome
 
 
-def _subject(file: Path, options: Options, configurations: Sequence[Configuration], progress: Progress) -> _Subject:
+def _load(file: Path, options: Options, configurations: Sequence[Configuration], progress: Progress) -> _Loaded:
     progress(f"{file.stem}: loading")
     scene = load_scene(file, lighting=options.lighting)
     if options.camera is not None and options.camera not in scene.cameras:
@@ -126,17 +132,30 @@ def _subject(file: Path, options: Options, configurations: Sequence[Configuratio
     if not measured:
         raise nothing_to_shade(scene, idle)
     absent = [f"{scene.name} has no environment for {', '.join(idle)}"] if idle else []
-    begun = partial(_Subject, file, scene, camera, measured, absent)
+    return _Loaded(file, scene, camera, measured, absent)
+
+
+def _with_truth(loaded: _Loaded, options: Options, progress: Progress) -> _Subject:
     if options.reference is None:
-        order = Order(file, options.lighting, options.camera, options.sizes[0])
-        progress(f"{file.stem}: the path-traced truth")
-        return begun(make_truth(order, scene, camera, options.spp), traced_now(order))
-    own = options.reference / scene.name
-    folder = own if own.is_dir() else options.reference
+        order = Order(loaded.file, options.lighting, options.camera, options.sizes[0])
+        progress(f"{loaded.file.stem}: the path-traced truth")
+        truth = make_truth(order, loaded.scene, loaded.camera, options.spp)
+        return _Subject(**vars(loaded), truth=truth, trace=traced_now(order))
+    folder = _reference_of(loaded.scene.name, options.reference, len(options.scenes))
     truth = read_truth(folder)
     if truth.size not in options.sizes:
         raise SceneError(f"a truth of {truth.size[0]}x{truth.size[1]}", folder, "expected one of the --sizes")
-    return begun(truth, traced_before(folder, truth))
+    return _Subject(**vars(loaded), truth=truth, trace=traced_before(folder, truth))
+
+
+def _reference_of(scene: str, reference: Path, scenes: int) -> Path:
+    """The folder with the truth of one of so many scenes."""
+    own = reference / scene
+    if own.is_dir():
+        return own
+    if scenes > 1:
+        raise SceneError(f"no truth of {scene}", own, f"expected a folder for each of the {scenes} scenes")
+    return reference
 
 
 def _run(subject: _Subject, options: Options, pictures: Pictures, progress: Progress) -> Json:

@@ -48,10 +48,11 @@ def bench(
              "python -m export precision.", metavar="TYPE,…",
         show_default="their own", rich_help_panel=WHAT)] = "",
     lighting: Annotated[str | None, typer.Option(
-        help="A named lighting that all scenes have.", metavar="NAME", show_default="each scene's own",
+        help="A named lighting that all scenes have; without scenes, those of the embedded ones that have it.",
+        metavar="NAME", show_default="each scene's own",
         rich_help_panel=WHAT)] = None,
     camera: Annotated[str | None, typer.Option(
-        help="A named camera that all scenes have.", metavar="NAME", show_default="each scene's own",
+        help="A named camera that all scenes have; the same holds.", metavar="NAME", show_default="each scene's own",
         rich_help_panel=WHAT)] = None,
     provider: Annotated[str, typer.Option(
         help="onnxruntime execution provider.", metavar="auto|cpu|cuda|…", rich_help_panel=WHAT)] = AUTO,
@@ -61,7 +62,8 @@ def bench(
         "--grow", help="Also sweep pixels, triangles, lights, queries, surfels and width in a generated scene.",
         rich_help_panel=WHAT)] = False,
     reference: Annotated[str, typer.Option(
-        help="Folder with the truth (or one for each scene's name), or auto: path-traced and kept.",
+        help="Folder with the truth (of more than one scene: with a folder for each scene's name), or auto: "
+             "path-traced and kept.",
         metavar="DIR|auto", rich_help_panel=TRUTH)] = AUTO,
     spp: Annotated[int, typer.Option(
         help="Samples per pixel of a truth that is made.", min=8, metavar="N", rich_help_panel=TRUTH)] = 1024,
@@ -96,13 +98,12 @@ def bench(
     from app.bench.run import Options
     from app.bench.run import bench as measure
     from app.infer import check_provider
-    from app.paths import data_dir
 
     check_provider(provider)
     old = None if compare is None else read_results(compare)
     options = Options(
-        scenes=tuple(scenes or (data_dir() / name for name in EMBEDDED)), sizes=_sizes(sizes), lighting=lighting,
-        camera=camera, reference=None if reference == AUTO else Path(reference), spp=spp, turns=repeats,
+        scenes=tuple(scenes or embedded(lighting, camera)), sizes=_sizes(sizes), lighting=lighting, camera=camera,
+        reference=None if reference == AUTO else Path(reference), spp=spp, turns=repeats,
         provider=provider)
     names = (*all_models(), *sky_models()) if models == ALL else tuple(_list(models))
     if not names:
@@ -123,6 +124,28 @@ def bench(
     typer.echo(f"wrote {out}/report.html, bench.json, bench.csv and pareto.svg")
     if old is not None and _print_changes(old, outcome.results):
         raise typer.Exit(WORSE)
+
+
+def embedded(lighting: str | None, camera: str | None) -> list[Path]:
+    """The embedded scenes that have the lighting and the camera, where such are named.
+
+    Raises
+    ------
+    SettingsError
+        When none has.
+    """
+    from app.load.sidecar import read_sidecar
+    from app.paths import data_dir
+
+    found = {data_dir() / name: read_sidecar((data_dir() / name).with_suffix(".json")) for name in EMBEDDED}
+    for option, name, kind in (("--lighting", lighting, "lightings"), ("--camera", camera, "cameras")):
+        known = {file: getattr(sidecar, kind) for file, sidecar in found.items()}
+        if name is not None:
+            found = {file: sidecar for file, sidecar in found.items() if name in known[file]}
+        if not found:
+            names = dict.fromkeys(key for some in known.values() for key in some)
+            raise SettingsError(f"no embedded scene has {name!r}", option, f"expected one of {', '.join(names)}")
+    return list(found)
 
 
 def _write(out: Path, outcome: Any) -> None:

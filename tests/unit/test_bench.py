@@ -31,6 +31,7 @@ from app.bench.rivals import traced_before
 from app.bench.run import VERSION
 from app.bench.tables import rows, to_csv
 from app.cli import cli as app_cli
+from app.cli.bench import embedded
 from app.contract import HALF, find_model, read_contract
 from app.errors import MissingExtraError, ModelError, SceneError, SettingsError, TruthError
 from app.golden.catalogue import PROBE_ENVIRONMENT
@@ -336,8 +337,8 @@ def test_what_has_no_content_has_no_key() -> None:
         content_key(object())
 
 
-def black_layers() -> dict[str, Any]:
-    black = np.zeros((3, 4, 3), np.float32)
+def black_layers(width: int = 4, height: int = 3) -> dict[str, Any]:
+    black = np.zeros((height, width, 3), np.float32)
     return {"": black, "direct": black, "indirect": black, "albedo": black, "depth": black[..., :1]}
 
 
@@ -384,6 +385,49 @@ def test_another_path_tracer_makes_the_truth_anew(tracer: FakeTracer, monkeypatc
     monkeypatch.setattr(truth, "exporter_version", lambda scene: "2")
     make(embedded_scene())
     assert len(tracer.calls) == 2
+
+
+def test_no_scene_is_judged_by_the_truth_of_another(tmp_path: Path) -> None:
+    for scene in ("", "cornell-box"):
+        (tmp_path / scene).mkdir(exist_ok=True)
+        write_exr(tmp_path / scene / "truth.exr", black_layers(12, 11))
+        (tmp_path / scene / "truth.json").write_text("{}")
+    line = refused_bench(tmp_path, "--reference", str(tmp_path), "--sizes", "12x11", "--models", "none")
+    assert line.startswith("error: no truth of patio, ") and "expected a folder for each of the 2 scenes" in line
+
+
+@pytest.mark.parametrize(("option", "said"), [
+    (["--lighting", "lamp"], "no lighting 'lamp'"),
+    (["--models", "coarse"], "plain has no environment for coarse"),
+])
+def test_nothing_is_traced_before_all_scenes_are_found_sound(
+        tracer: FakeTracer, tmp_path: Path, option: list[str], said: str) -> None:
+    (tmp_path / "plain.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    scenes = [str(data_dir() / "cornell-box.obj"), str(tmp_path / "plain.obj")]
+    if "--models" in option:
+        scenes[0] = str(data_dir() / "patio.obj")
+    assert said in refused_bench(tmp_path, *scenes, *option)
+    assert not tracer.calls
+
+
+def test_of_the_embedded_scenes_those_are_measured_that_have_what_is_named() -> None:
+    assert [file.stem for file in embedded(None, None)] == ["cornell-box", "patio"]
+    assert [file.stem for file in embedded("lamp", "main")] == ["cornell-box"]
+    assert [file.stem for file in embedded("sun", None)] == ["patio"]
+
+
+@pytest.mark.parametrize(("option", "known"), [("--lighting", "lamp, emissive, sky, sun"), ("--camera", "main")])
+def test_what_no_embedded_scene_has_is_refused(tmp_path: Path, option: str, known: str) -> None:
+    line = refused_bench(tmp_path, option, "missing", "--models", "none")
+    assert option in line and "missing" in line and f"expected one of {known}" in line
+
+
+def refused_bench(folder: Path, *args: str) -> str:
+    """The one line of error."""
+    done = CliRunner().invoke(app_cli, ["bench", *args, "--provider", "cpu", "--out", str(folder / "out")])
+    assert done.exit_code == 2, done.output
+    (line,) = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    return line
 
 
 def test_a_truth_that_failed_is_not_kept(tracer: FakeTracer, monkeypatch: pytest.MonkeyPatch) -> None:
