@@ -300,13 +300,13 @@ def bundled_models() -> dict[str, Path]:
     return {path.stem: path for path in sorted(nets_dir().glob("*.onnx"), key=lambda path: path.stem)}
 
 
-def find_model(name: str) -> Model:
+def find_model(name: str, where: str = "--model") -> Model:
     """File of a bundled network's name, or of a path; ``ssgi`` and ``coarse``, which have no file, as they are.
 
     Raises
     ------
     ModelError
-        When it is neither.
+        When it is neither, which ``where`` asks for.
     """
     if name == SSGI:
         return SSGI
@@ -317,7 +317,7 @@ def find_model(name: str) -> Model:
         return bundled[name]
     if Path(name).is_file():
         return Path(name)
-    raise ModelError(f"no network {name!r}", "--model",
+    raise ModelError(f"no network {name!r}", where,
                      "expected an .onnx file, none, or " + _suggest(name, (*bundled, SSGI, COARSE)))
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import hashlib
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
@@ -89,17 +90,31 @@ def _bundled(shading: bool) -> list[str]:
 
 
 def find_models(text: str) -> tuple[Model, ...]:
-    """What ``text`` names: ``none``, a model, or two joined by ``+``, such as ``ember+coarse``.
+    """What ``text`` names: ``none``, a model, or two joined by ``+``, such as ``ember+coarse``, in either order.
+
+    Returns
+    -------
+    tuple
+        What makes indirect light before what shades an environment.
 
     Raises
     ------
     AfterglowError
         When there is no such model, or two make the same.
     """
-    names = [text] if Path(text).is_file() else [part.strip() for part in text.split(JOINT)]
-    found = tuple(find_model(name) for name in names if name != NONE)
-    by_role(found, text)
-    return found
+    roles = by_role((find_model(name, "--models") for name in _names(text) if name != NONE), text)
+    return tuple(roles[role] for role in ("indirect", "environment") if role in roles)
+
+
+def _names(text: str) -> list[str]:
+    """Of the models in ``text``; a file's path may have a ``+`` itself."""
+    known = (NONE, SSGI, COARSE, *bundled_models())
+    parts = text.split(JOINT)
+    splits = [[JOINT.join(parts[:k]).strip(), JOINT.join(parts[k:]).strip()] for k in range(1, len(parts))]
+    for names in ([text], *splits):
+        if all(name in known or Path(name).is_file() for name in names):
+            return names
+    return [part.strip() for part in parts]
 
 
 def expand(models: Sequence[str], sizes: Sequence[tuple[int, int]], scales: Sequence[float] = (),
@@ -130,17 +145,11 @@ def expand(models: Sequence[str], sizes: Sequence[tuple[int, int]], scales: Sequ
     variants: dict[str, tuple[Model, ...]] = {}
     absent: list[str] = []
     for text in models:
-        chosen = find_models(text)
-        if not any(isinstance(model, Path) for model in chosen):
-            variants[_label(chosen)] = chosen
-            continue
-        for variant, precise in _of_precisions(chosen, precisions, absent):
-            for scale in scales or (None,):
-                label = variant + (f" at {_of_image(scale)}" if scale else "")
-                if label in variants:
-                    raise ModelError(f"two models are called {label!r}", text, "expected different file names")
-                variants[label] = precise if scale is None else tuple(
-                    rescaled(m, scale, folder) if isinstance(m, Path) else m for m in precise)
+        for label, variant in _variants(find_models(text), scales, precisions, folder, absent):
+            if label in variants:
+                raise ModelError(f"two models are called {label!r}", text,
+                                 "expected each once, and different file names")
+            variants[label] = variant
     return [Configuration(label, files, size) for size in sizes for label, files in variants.items()], absent
 
 
@@ -170,9 +179,25 @@ def rescaled(network: Path, scale: float, folder: Path) -> Path:
     """
     contract = replace(read_contract(network), scale=scale).to_json().encode()
     entry = _field(_METADATA_PROPS, _field(_KEY, KEY.encode()) + _field(_VALUE, contract))
-    copy = folder / f"{network.stem}-{scale!r}.onnx"
-    copy.write_bytes(network.read_bytes() + entry)
+    content = network.read_bytes() + entry
+    # Networks of one stem are told apart by their content.
+    copy = folder / f"{network.stem}-{scale!r}-{hashlib.sha256(content).hexdigest()[:16]}.onnx"
+    copy.write_bytes(content)
     return copy
+
+
+def _variants(models: tuple[Model, ...], scales: Sequence[float], precisions: Sequence[str], folder: Path,
+              absent: list[str]) -> Iterator[tuple[str, tuple[Model, ...]]]:
+    """Label and files of each precision and scale that exists; what is no network has none."""
+    if not any(isinstance(model, Path) for model in models):
+        yield _label(models), models
+        return
+    for label, precise in _of_precisions(models, precisions, absent):
+        for scale in scales:
+            yield f"{label} at {_of_image(scale)}", tuple(
+                rescaled(m, scale, folder) if isinstance(m, Path) else m for m in precise)
+        if not scales:
+            yield label, precise
 
 
 def _label(models: Sequence[Model]) -> str:

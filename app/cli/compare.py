@@ -61,9 +61,10 @@ def compare(
 
     names = list(dict.fromkeys(part.strip() for part in models.split(",") if part.strip()))
     drawn = [name for name in names if name != TRUTH]
-    if not drawn or len(names) < 2:
-        raise SettingsError(f"nothing to compare in {models!r}", "--models", "expected two or more, such as none,truth")
     pixels = Settings(size=parse_size(size)).size
+    configurations, _ = expand(drawn, [pixels])
+    if not drawn or len(configurations) + (TRUTH in names) < 2:
+        raise SettingsError(f"nothing to compare in {models!r}", "--models", "expected two or more, such as none,truth")
     if min(pixels) < LEAST_SIDE:
         raise SettingsError(f"bad size {size!r}", "--size", f"expected sides of at least {LEAST_SIDE}, SSIM's window")
     if out.is_dir():
@@ -71,7 +72,6 @@ def compare(
     check_provider(provider)
     for name in JUDGE:  # says at once what is missing
         extra_module(name, "judge")
-    configurations, _ = expand(drawn, [pixels])
     file = scene or data_dir() / "cornell-box.obj"
     loaded = load_scene(file, lighting=lighting)
     if idle := at_work(configurations, loaded)[1]:

@@ -38,6 +38,7 @@ from app.golden.catalogue import PROBE_ENVIRONMENT
 from app.golden.scenes import dusk
 from app.image import write_exr
 from app.load import embedded_scene, load_scene
+from app.models import shades_environment
 from app.paths import data_dir
 from app.scene import Scene
 from tests.tiny_network import TINY, write_tiny_network
@@ -262,6 +263,47 @@ def test_a_plus_may_be_in_a_file_s_name(tmp_path: Path) -> None:
     write_tiny_network(tmp_path / "mine+yours.onnx")
     (found,), _ = expand([str(tmp_path / "mine+yours.onnx")], [(64, 48)])
     assert found.label == "mine+yours" and found.models == (tmp_path / "mine+yours.onnx",)
+
+
+def test_a_plus_may_be_in_the_path_of_one_of_a_pair(tmp_path: Path) -> None:
+    (tmp_path / "a+b").mkdir()
+    sky = tmp_path / "a+b" / "sky.onnx"
+    sky.write_bytes(PROBE_ENVIRONMENT.read_bytes())
+    for text in (f"ember+{sky}", f" {sky} + ember"):
+        (found,), _ = expand([text], [(64, 48)])
+        assert found.label == "ember+sky" and found.models == (find_model("ember"), sky)
+
+
+@pytest.mark.parametrize("texts", [
+    ["ssgi", "{}/ssgi.onnx"], ["{}/ssgi.onnx", "ssgi"], ["coarse", "none+coarse"], ["ssgi+coarse", "coarse+ssgi"],
+    ["gather+coarse", "coarse+gather"],
+])
+def test_nothing_is_measured_twice_or_lost_to_another_of_its_name(tmp_path: Path, texts: list[str]) -> None:
+    write_tiny_network(tmp_path / "ssgi.onnx")
+    with pytest.raises(ModelError, match="two models are called"):
+        expand([text.format(tmp_path) for text in texts], [(64, 48)])
+
+
+def test_two_rescaled_networks_of_one_stem_are_two(tmp_path: Path) -> None:
+    sky, own = tmp_path / "sky" / "net.onnx", tmp_path / "net.onnx"
+    sky.parent.mkdir()
+    sky.write_bytes(PROBE_ENVIRONMENT.read_bytes())
+    write_tiny_network(own)
+    (found,), _ = expand([f"{own}+{sky}"], [(64, 48)], [1 / 4], [], tmp_path)
+    assert found.label == "net+net at 1/4"
+    assert [shades_environment(model) for model in found.models] == [False, True]
+
+
+@pytest.mark.parametrize(("command", "models", "said"), [
+    ("bench", "gathr", "error: no network 'gathr', --models, expected"),
+    ("compare", "gathr,truth", "error: no network 'gathr', --models, expected"),
+    ("compare", "none", "error: nothing to compare in 'none'"),
+    ("compare", "truth", "error: nothing to compare in 'truth'"),
+    ("compare", "none,none+none", "error: two models are called 'none'"),
+])
+def test_what_models_can_t_be_taken_is_said_of_the_option_that_there_is(command: str, models: str, said: str) -> None:
+    done = CliRunner().invoke(app_cli, [command, "--models", models, "--provider", "cpu"])
+    assert done.exit_code == 2 and said in done.stderr
 
 
 def test_ember_is_measured_beside_all_that_shades_a_sky(monkeypatch: pytest.MonkeyPatch) -> None:
