@@ -102,7 +102,7 @@ def reference(still: Still, spp: int, seed: int = 0, max_bounces: int = MAX_BOUN
     if denoised:
         layers |= {name: denoise(layers[name], layers["normal"]) for name in ("indirect", "indirect_single")}
         whole["final"] = denoise(whole["final"], whole["normal"], whole["albedo"])
-    layers["final"] = whole["final"] + _rest(still)
+    layers["final"] = whole["final"] + _rest(still, seed)
     noise = {name: (pixels if name == "final" else centres).noise(name) for name in LAYERS}
     return Reference(layers, noise, seconds, tracer.notices)
 
@@ -131,7 +131,7 @@ def plain(still: Still, counts: Sequence[int], seed: int = 0,
     """
     tracer = PathTracer(still.scene, still.time, max_bounces)
     clock = tracer.clock(still.view, still.size)
-    rest = _rest(still)
+    rest = _rest(still, seed)
     means = _Means()
     for total in sorted(set(counts)):
         for count, samples in _batches(tracer, still, total - means.count, seed * 2**10 + total, spread=True):
@@ -150,15 +150,20 @@ def untraced(still: Still) -> F32:
     return total.reshape(h, n, w, n, 3).mean(axis=(1, 3), dtype=np.float64).astype(np.float32)
 
 
-def sky_highlights(still: Still) -> F32:
+def sky_highlights(still: Still, seed: int = 0) -> F32:
     """Highlights of the environment by Fresnel's law, float32 [H, W, 3], averaged over each pixel."""
     from export.sky_tracer import SkyTracer, mean_shaded  # it imports this file
 
     (w, h), n = still.size, SUPERSAMPLING
-    x, y = np.meshgrid((np.arange(n * w) + 0.5) / (n * w), (np.arange(n * h) + 0.5) / (n * h))
-    points = np.stack([x.ravel(), y.ravel()], axis=1)
-    found = mean_shaded(SkyTracer(still.scene, still.time), still, points, SKY_SAMPLES, 0).highlight
-    return found.reshape(h, n, w, n, 3).mean(axis=(1, 3), dtype=np.float64).astype(np.float32)
+    tracer, random = SkyTracer(still.scene, still.time), np.random.default_rng(seed)
+    x, y = (np.arange(n * w) + 0.5) / (n * w), (np.arange(n * h) + 0.5) / (n * h)
+    rows = max(1, RAYS_AT_ONCE // (SKY_SAMPLES * n * n * w))  # of pixels, whose samples are few enough to hold
+    strips = []
+    for top in range(0, h, rows):
+        places = np.stack(np.meshgrid(x, y[n * top:n * (top + rows)]), axis=-1).reshape(-1, 2)
+        found = mean_shaded(tracer, still, places, SKY_SAMPLES, int(random.integers(2**24))).highlight
+        strips.append(found.reshape(-1, n, w, n, 3).mean(axis=(1, 3), dtype=np.float64))
+    return np.concatenate(strips).astype(np.float32)
 
 
 def write_reference(folder: Path, still: Still, spp: int, seed: int, max_bounces: int, about: dict[str, Any],
@@ -186,11 +191,11 @@ def write_plain(folder: Path, still: Still, counts: Sequence[int], seed: int, ma
     write_text(folder / "plain.json", json.dumps(seconds, indent=1))
 
 
-def _rest(still: Still) -> F32:
+def _rest(still: Still, seed: int) -> F32:
     """What reaches the camera besides diffuse light."""
     scene, rest = still.scene, untraced(still)
     polished = scene.environment is not None and any(material.shiny for material in scene.materials)
-    return rest + sky_highlights(still) if polished else rest
+    return rest + sky_highlights(still, seed) if polished else rest
 
 
 def _layers(samples: Samples) -> dict[str, F32]:

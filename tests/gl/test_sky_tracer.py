@@ -7,12 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 pytest.importorskip("mitsuba", reason="the path tracer needs mitsuba")
 
 from app.contract import COARSE
 from app.math3d import View
 from app.scene import Camera, Environment, Scene
+from export import reference
+from export.reference import Still
 from export.sky_tracer import SkySamples, SkyTracer
 from tests.gl.scenes import F32, draw, floor, quad
 from tests.gl.test_environment import DUSK, SIZE, under
@@ -93,6 +96,29 @@ def test_dull_materials_reflect_no_sky() -> None:
     found = shaded(scene, 256)
     assert not found.reflectance.any() and not found.highlight.any() and found.diffuse.any()
     assert not draw(scene, SIZE, ("specular",), model=COARSE)["specular"][SIZE[1] // 2, SIZE[0] // 2].any()
+
+
+def test_highlights_of_a_truth_are_traced_in_strips(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few rays at once, and other ones for another seed."""
+    camera = Camera((0.0, 1.0, 3.0), (0.0, 0.4, 0.0), fov_y_deg=50.0)
+    still = Still(under(DUSK, floor(2.0, material=shiny(0.3, 0.5)), camera=camera), camera, SIZE)
+    whole = reference.sky_highlights(still)
+    rays = []
+    shade = SkyTracer.shade
+
+    def counted(self: SkyTracer, view: View, pixels: NDArray[np.float64], seed: int) -> SkySamples:
+        rays.append(len(pixels))
+        return shade(self, view, pixels, seed)
+
+    most = 5 * reference.SKY_SAMPLES * reference.SUPERSAMPLING**2 * SIZE[0]  # which does not divide the height
+    monkeypatch.setattr(reference, "RAYS_AT_ONCE", most)
+    monkeypatch.setattr(SkyTracer, "shade", counted)
+    strips, other = (reference.sky_highlights(still, seed) for seed in (0, 1))
+    assert len(rays) == 2 * -(-SIZE[1] // 5) and max(rays) <= most
+    for found in (strips, other):
+        assert found.shape == whole.shape and (found != whole).any()
+        np.testing.assert_allclose(found, whole, rtol=0.15, atol=0.02)
+    assert (strips != other).any()
 
 
 def test_each_mesh_has_its_own_roughness() -> None:
