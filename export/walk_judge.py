@@ -139,7 +139,7 @@ def plot(rows: Sequence[Row], path: Path) -> None:
             continue
         line, = luminance.plot(row.luminance, label=row.model, marker=".", linewidth=1.2)
         error.plot(row.errors, color=line.get_color(), marker=".", linewidth=1.2)
-    luminance.set(ylabel="mean indirect luminance, W/(sr m²)", ylim=(0, 1.6 * max(rows[0].luminance)))
+    luminance.set(ylabel="mean indirect luminance, W/(sr m²)", ylim=(0, None))
     error.set(ylabel="root mean square error of texels, W/(sr m²)", ylim=(0, None))
     for axes in (luminance, error):
         axes.set(title=rows[0].walk, xlabel="frame")

@@ -16,6 +16,8 @@ import pytest
 if any(importlib.util.find_spec(name) is None for name in ("mitsuba", "torch")):
     pytest.skip("the extra 'export' is not installed", allow_module_level=True)
 
+from matplotlib.figure import Figure
+
 from app.image import read_exr
 from app.math3d import View
 from app.renderer import Renderer
@@ -24,7 +26,7 @@ from app.settings import Settings
 from export.over_time import Film, Surfaces, errors, gradient_energy, luminance_errors, luminances, temporal_error
 from export.path_tracer import PathTracer
 from export.reference import Still, mean_samples
-from export.walk_judge import MOST_ASTRAY, QUICK_SIZE, TRUTH
+from export.walk_judge import MOST_ASTRAY, QUICK_SIZE, TRUTH, Row, plot
 from export.walk_truth import truth_of
 from export.walks import QUICK_FRAMES, off_screen, sun_enters
 
@@ -190,6 +192,26 @@ def test_a_damaged_truth_is_made_again(quick: tuple[Path, dict[str, Any]]) -> No
     truth_of(walk, QUICK_SIZE, 16, quick[0], lambda line: None)
     whole, = (file for file in kept if file.stat().st_size > 1000)
     np.testing.assert_allclose(read_exr(whole)["first"], before[whole], rtol=1e-3, atol=1e-4)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("true", [0.0, 1.0], ids=["black truth", "lit truth"])
+def test_a_plot_shows_all_of_a_model_that_is_too_bright(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, true: float) -> None:
+    figures = []
+
+    class Kept(Figure):
+        def __init__(self, **options: Any) -> None:
+            super().__init__(**options)
+            figures.append(self)
+
+    monkeypatch.setattr("matplotlib.figure.Figure", Kept)
+    steady = Row("room", TRUTH, [true] * 3, [1.0] * 3, [0.0] * 3, 0.0, 1.0, None, None, None)
+    plot([steady, replace(steady, model="bright", luminance=[1.0, 4.0, 1.0])], tmp_path / "room.png")
+    bottom, top = figures[0].axes[0].get_ylim()
+    assert bottom == 0 and top > 4
+    plot([steady], tmp_path / "alone.png")
+    assert figures[1].axes[0].get_ylim()[1] > true
 
 
 def test_an_unknown_model_is_one_line(tmp_path: Path) -> None:
