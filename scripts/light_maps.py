@@ -19,6 +19,7 @@ import torch  # noqa: E402
 from torch import Tensor  # noqa: E402
 
 from export.dataset import Dataset  # noqa: E402
+from export.dataset.plan import plan  # noqa: E402
 from export.losses import Views  # noqa: E402
 from export.losses.surround import light_maps  # noqa: E402
 from export.losses.views import mean_where  # noqa: E402
@@ -27,7 +28,6 @@ from export.training.examples import Examples, tensors_of  # noqa: E402
 from export.training.state import load  # noqa: E402
 
 LEAST_SEEN = 0.3   # share of texels with a surface
-GROUP = 4          # pairs of one scene
 RANGE = 2.0        # of Tanh
 
 
@@ -35,7 +35,9 @@ RANGE = 2.0        # of Tanh
 def main(folder: Path, paths: list[Path]) -> None:
     checkpoints = [load(path) for path in paths]
     dataset = Dataset(folder)
-    held_out = round(min(checkpoint.config.data.validation for checkpoint in checkpoints) * len(dataset))
+    share = min(checkpoint.config.data.validation for checkpoint in checkpoints)
+    others = len(dataset) - max(1, round(share * len(dataset)))
+    scenes = [group for group in plan(dataset.config, len(dataset)) if group.first + group.pairs > others]
     first = None
     print(f"{'':24} {'pairs':>6} {'PSNR':>7} {'gain':>7} {'± 1 σ':>6} {'better':>7}")
     for path, checkpoint in zip(paths, checkpoints, strict=True):
@@ -45,13 +47,15 @@ def main(folder: Path, paths: list[Path]) -> None:
         examples = Examples(dataset, network.contract)
         if examples.missing:
             sys.exit(f"{len(examples.missing)} pairs are not drawn yet for {path}; train on {folder}, which draws them")
-        found = torch.tensor([psnr(network, examples.batch([i])) for i in range(len(dataset) - held_out, len(dataset))])
+        found = torch.tensor([psnr(network, examples.batch([i])) for i in range(others, len(dataset))])
         first = found if first is None else first
         gain = found - first
         seen = ~gain.isnan()
-        groups = torch.stack([part.nanmean() for part in torch.split(gain, GROUP) if not part.isnan().all()])
+        groups = torch.stack([gain[max(0, g.first - others):g.first - others + g.pairs].nanmean() for g in scenes])
+        groups = groups[~groups.isnan()]
+        error = f"{groups.std() / len(groups)**0.5:.2f}" if len(groups) > 1 else "–"
         print(f"{path.parent.name:24} {int(seen.sum()):6} {found[seen].mean():7.2f} {gain[seen].mean():+7.2f} "
-              f"{groups.std() / len(groups)**0.5:6.2f} {int((gain[seen] > 0).sum()):7}")
+              f"{error:>6} {int((gain[seen] > 0).sum()):7}")
 
 
 def psnr(network: Surround, batch: dict[str, Tensor]) -> float:
