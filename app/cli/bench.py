@@ -52,7 +52,8 @@ def bench(
         metavar="NAME", show_default="each scene's own",
         rich_help_panel=WHAT)] = None,
     camera: Annotated[str | None, typer.Option(
-        help="A named camera that all scenes have; the same holds.", metavar="NAME", show_default="each scene's own",
+        help="A named camera that all scenes have; without scenes, those of the embedded ones that have it.",
+        metavar="NAME", show_default="each scene's own",
         rich_help_panel=WHAT)] = None,
     provider: Annotated[str, typer.Option(
         help="onnxruntime execution provider.", metavar="auto|cpu|cuda|…", rich_help_panel=WHAT)] = AUTO,
