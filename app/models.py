@@ -90,7 +90,7 @@ def about_environment(scene: Scene, models: Sequence[Model]) -> Iterator[str]:
     elif COARSE in shading:
         yield "the environment lights without shadows: no network puts them in"
     elif not shading and not any(_sees_sky(model) for model in models):
-        yield "the environment is shown and lights nothing: ember takes light from it, and coarse shades by it"
+        yield "the environment is shown and lights nothing: ember takes light from it, ndr-8 and coarse shade by it"
 
 
 def _load(model: Model, settings: Settings) -> Any:

@@ -26,7 +26,7 @@ DEPTH_SPREAD = 0.15     # least standard deviation of the depth, of its mean: no
 FIRST = 8               # cameras of a scene that tell how bright it is
 DARKEST = 0.02          # mean luminance, of those cameras' mean
 LEAST_LIT = 0.6         # share of the surfaces that some path from the light reaches ...
-LEAST_UNDER_SKY = 0.05  # ... and where an environment's light counts alone and is not followed on: rooms with windows
+LEAST_UNDER_SKY = 0.05  # ... and where the light straight from an environment is all, as indoors through windows
 NORMAL_SPREAD = 0.1     # least 1 − |mean normal|: no flat wall seen askew either
 TURN, STEP = 3.0, 0.06  # degrees and metres at most between two frames
 
