@@ -45,6 +45,8 @@ def card(checkpoint: Checkpoint, contract: ModelContract, differences: Mapping[P
         "paper": contract.paper,
         "licence": contract.licence,
     }
+    if remark := checkpoint.network().remark:
+        rows["how"] = remark
     training = {
         "preset, options": f"`{config.network.preset}`, {options}",
         "data": f"{facts['trained_on']} of {facts['pairs']} pairs of `{config.data.dataset.name}`",

@@ -73,7 +73,7 @@ class Ndr(Network):
         self.contract = ModelContract(
             name=name, paper="Suppan et al., Neural Direct Illumination", inputs=inputs,
             outputs={"y": TensorSpec((DIFFUSE, SPECULAR))}, scale=preset.scale, multiple_of=2**LEVELS,
-            exposure="mean-radiance" if coarse or harmonics else "none", bounces="single", scene_extent=EXTENT,
+            exposure="mean-radiance" if coarse else "none", bounces="single", scene_extent=EXTENT,
             licence="MIT")
         w = preset.widths
         self.encoder = nn.ModuleList(_block(i, o) for i, o in zip((inputs["x"].components, *w[:-1]), w, strict=True))

@@ -15,9 +15,15 @@ class Network(nn.Module):
 
     It is called with its contract's inputs, each [B, C, h, w] or [B, C, 6, n, n], in the contract's order or by name,
     and returns radiance / albedo [B, 3, h, w] in the unit of the radiance that it was given.
+
+    Attributes
+    ----------
+    remark : str
+        What its model card says of how the output comes about, if the contract doesn't tell.
     """
 
     contract: ModelContract
+    remark: str = ""
 
 
 class Conditioned(Protocol):
