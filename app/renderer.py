@@ -130,7 +130,7 @@ class Renderer:
         ----------
         wanted : callable
             Asked before each pass, in time that is none of the frame's. Where it says no, the frame is given up, and
-            all is as if it had never been begun, but for the times of its passes.
+            all is as if it had never been begun.
             Only a frame like the one before, of the same camera, time and lights, can be given up so.
 
         Returns

@@ -28,6 +28,7 @@ class Timer:
         self._cpu: dict[str, deque[float]] = defaultdict(lambda: deque(maxlen=NEWEST))
         self._gpu: dict[str, deque[float]] = defaultdict(lambda: deque(maxlen=NEWEST))
         self._gpu_sum = 0.0
+        self._measured: list[str] = []  # in this frame
 
     @contextmanager
     def measure(self, name: str) -> Iterator[None]:
@@ -44,12 +45,21 @@ class Timer:
         else:
             yield
         self._cpu[name].append((time.perf_counter() - start) * MILLI)
+        self._measured.append(name)
 
     @contextmanager
     def frame(self) -> Iterator[None]:
-        """Time a whole frame; its GPU time is the sum of the blocks measured inside."""
+        """Time a whole frame; its GPU time is the sum of the blocks measured inside. One that raises never was."""
         start, self._gpu_sum = time.perf_counter(), 0.0
-        yield
+        self._measured.clear()
+        try:
+            yield
+        except BaseException:
+            for name in self._measured:
+                self._cpu[name].pop()
+                if self._query is not None:
+                    self._gpu[name].pop()
+            raise
         self._cpu["frame"].append((time.perf_counter() - start) * MILLI)
         self._gpu["frame"].append(self._gpu_sum)
 

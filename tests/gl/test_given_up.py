@@ -88,3 +88,12 @@ def test_the_time_that_asking_takes_is_none_of_the_frame_s() -> None:
         times = renderer.timing()
         passes = sum(each["cpu_ms"]["median"] for each in times["passes"].values())
         assert passes <= times["frame"]["cpu_ms"]["median"] < passes + 100  # all in all it waited several times that
+
+
+def test_the_times_of_its_passes_are_forgotten() -> None:
+    with Renderer(BOX, replace(SETTINGS, timing=True)) as renderer:
+        renderer.advance(CAMERA)
+        before = renderer.timing()
+        for passes in range(len(renderer.plan.passes)):
+            assert not renderer.advance(CAMERA, 0.0, wanted_for(passes))
+        assert renderer.timing() == before
