@@ -57,8 +57,8 @@ class Surround(Network):
         Shows it nothing but the front view, for comparison: then it is DeepIllumination (Thomas and Forbes 2017).
     """
 
-    remark = ("a light map of direct and indirect light is looked up where the screen's texels lie around the "
-              f"camera; direct light / albedo, of an albedo of at least {DARKEST:g}, is taken off, and nothing is below 0")
+    remark = ("a light map of direct and indirect light is looked up where the screen's texels lie around the camera; "
+              f"direct light / albedo, of an albedo of at least {DARKEST:g}, is taken off it, and nothing is below 0")
 
     def __init__(self, name: str, front_alone: bool = False, dropout: float = 0.5) -> None:
         super().__init__()
