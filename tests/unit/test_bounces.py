@@ -93,7 +93,7 @@ def test_every_bundled_network_knows_what_to_do() -> None:
         except SettingsError as error:
             found[name] = error.what
     every = {name: f"{name} gives all bounces at once" for name in (
-        "bcnn-8", "bcnn-8-half", "gfa-8", "gfa-8-half", "surround-16", "surround-16-half", "surround-16-front")}
+        "bcnn-8", "bcnn-8-half", "gfa-8", "gfa-8-half", "surround-16", "surround-16-front")}
     assert found == {
         "ember": "Network", "radiosity": "Network", "gather": "gather follows one bounce", **every,
         "bcnn-8-single": "Reapplied", "bcnn-8-single-half": "Reapplied"}
