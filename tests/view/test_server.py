@@ -28,18 +28,18 @@ def viewer() -> Iterator[Viewer]:
         yield viewer
 
 
-async def until(socket: Any, kind: str) -> dict[str, Any]:
-    """The next message of that type; pictures on the way are acknowledged."""
+async def until(socket: Any, *kinds: str) -> dict[str, Any]:
+    """The next message of these types; pictures on the way are acknowledged."""
     while True:
         message = await socket.receive(timeout=PATIENCE)
         if message.type == aiohttp.WSMsgType.BINARY:
             await socket.send_json({"type": "ack"})
             header, _ = unpacked(message.data)
-            if kind == header["kind"]:
+            if header["kind"] in kinds:
                 return header
         elif message.type == aiohttp.WSMsgType.TEXT:
             content = json.loads(message.data)
-            if content["type"] == kind:
+            if content["type"] in kinds:
                 return content
         else:
             raise AssertionError(f"the socket closed: {message}")
@@ -205,17 +205,20 @@ def test_the_truth_is_traced_judged_and_kept(viewer: Viewer) -> None:
     async def look() -> None:
         async with aiohttp.ClientSession() as session, session.ws_connect(viewer.socket) as socket:
             await socket.send_json({"type": "look", "split": "truth", "exposure": 1.0})
-            assert (await until(socket, "truth"))["spp"] == 8
-            errors = (await until(socket, "errors"))["errors"]
+            first = (await until(socket, "truth"))["spp"]
+            assert first == 8
+            refined, errors = first, None  # the order in which they come depends on how fast each is
+            while refined == first or errors is None:
+                message = await until(socket, "truth", "errors")
+                errors, refined = message.get("errors", errors), message.get("spp", refined)
+            assert refined in (32, 128, 512)
             assert len(errors) == 1
             assert 5 < errors[0]["psnr"] < 30 and 0.05 < errors[0]["rel_mse"] < 1  # no indirect light
-            assert (await until(socket, "truth"))["spp"] == 32
             await socket.send_json({"type": "look", "split": ""})
-            while (await until(socket, "truth"))["spp"]:
-                pass
+            while last := (await until(socket, "truth"))["spp"]:
+                refined = last
             await socket.send_json({"type": "look", "split": "truth"})
-            begin = asyncio.get_running_loop().time()
-            while not (await until(socket, "truth"))["spp"]:
+            while not (kept := (await until(socket, "truth"))["spp"]):
                 pass
-            assert asyncio.get_running_loop().time() - begin < 0.7  # not even begun again by then
+            assert kept >= refined  # begun again it would have 8
     run(look())
