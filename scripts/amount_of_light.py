@@ -35,7 +35,7 @@ DARK = 1e-3        # means
 def main(folder: Path, network: Path | None) -> None:
     contract = make_network("bcnn-8").contract
     dataset = Dataset(folder)
-    examples = Examples(dataset, contract)
+    examples = Examples(dataset, contract, previous=False)
     if examples.missing:
         sys.exit(f"{len(examples.missing)} pairs are not drawn yet; train bcnn-8 on {folder}, which draws them")
     batches = ((i, examples.batch([i])) for i in range(len(examples)))

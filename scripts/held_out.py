@@ -66,7 +66,7 @@ def seen_by(network: Network, batch: dict[str, Tensor]) -> Views | None:
 
 def judged(views: Views) -> list[float]:
     """SSIM, L1, change."""
-    assert views.warped is not None
+    assert views.warped is not None and views.visible is not None
     a, b = toned(views)
     terms = ((ssim_map(a, b), views.seen), ((a - b).abs(), views.seen),
              ((a - tone(views.warped)).abs(), views.seen * views.visible))

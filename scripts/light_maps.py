@@ -44,7 +44,7 @@ def main(folder: Path, paths: list[Path]) -> None:
         network = checkpoint.network()
         if not isinstance(network, Surround):
             sys.exit(f"{path} holds {checkpoint.config.network.preset}, expected a surrounding-aware network")
-        examples = Examples(dataset, network.contract)
+        examples = Examples(dataset, network.contract, previous=False)
         if examples.missing:
             sys.exit(f"{len(examples.missing)} pairs are not drawn yet for {path}; train on {folder}, which draws them")
         found = torch.tensor([psnr(network, examples.batch([i])) for i in range(others, len(dataset))])
@@ -63,7 +63,7 @@ def psnr(network: Surround, batch: dict[str, Tensor]) -> float:
     if batch["seen"].mean() <= LEAST_SEEN:
         return float("nan")
     tensors = tensors_of(batch, "current")
-    views = Views(network(**tensors), batch["target"], None, batch["seen"], batch["visible"],
+    views = Views(network(**tensors), batch["target"], None, batch["seen"], None,
                   network.condition(**tensors))
     made, true = light_maps(views)
     return float(10 * torch.log10(RANGE**2 / mean_where((made - true).square(), views.seen)))

@@ -22,6 +22,7 @@ from app.renderer import Renderer
 from app.scene import Camera, Scene
 from app.settings import Settings
 from export.dataset.cameras import choose, normal_spread, probe, random_camera
+from export.dataset.config import read_config
 from export.dataset.files import standing
 from export.dataset.held_out import LIST, digest
 from export.dataset.key import scene_key
@@ -92,7 +93,8 @@ def _cameras(place: Place, rng: np.random.Generator, wanted: int) -> list[Camera
     """Of those that show something, by the same measure as the dataset's, the ones that show most."""
     tracer, edge = PathTracer(place.scene), place.scene.longest_edge
     candidates = [random_camera(place, rng) for _ in range(CANDIDATES)]
-    fit = [candidates[k] for k in choose(tracer, edge, candidates, CANDIDATES)]
+    usual = read_config(None)
+    fit = [candidates[k] for k in choose(tracer, edge, candidates, CANDIDATES, usual.least_lit, usual.darkest)]
     return sorted(fit, key=lambda camera: -_interest(probe(tracer, camera, edge), edge))[:wanted]
 
 

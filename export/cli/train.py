@@ -31,7 +31,8 @@ def train(config: Annotated[Path, typer.Argument(help="What to do; export/config
 
     chosen = read_config(config, dataset)
     pairs = Dataset(chosen.data.dataset)
-    contract = network_and_loss(chosen)[0].contract
+    network, loss = network_and_loss(chosen)
+    contract = network.contract
     if pairs.config.environment != contract.shades_environment:
         kind = "an environment" if contract.shades_environment else "lights"
         raise SettingsError("a dataset of other light", chosen.data.dataset, f"expected scenes under {kind}, which "
@@ -39,10 +40,10 @@ def train(config: Annotated[Path, typer.Argument(help="What to do; export/config
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
                TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty()) as bar:
-        examples = Examples(pairs, contract)
+        examples = Examples(pairs, contract, loss.uses_previous)
         if examples.missing:
             task = bar.add_task("drawing", total=len(examples.missing))
-            for count in draw_missing(pairs, contract, workers):
+            for count in draw_missing(pairs, contract, loss.uses_previous, workers):
                 bar.advance(task, count)
         run = Run(chosen, examples, out, eligible(pairs, chosen.data.most_saturated))
         task = bar.add_task("training", total=run.steps, completed=run.progress.step)

@@ -24,9 +24,6 @@ MOST_NEAR = 0.1         # ... that at most this share of the rays may be below
 MEAN_DEPTH = 0.04       # least, of the scene's longest edge
 DEPTH_SPREAD = 0.15     # least standard deviation of the depth, of its mean: no bare wall
 FIRST = 8               # cameras of a scene that tell how bright it is
-DARKEST = 0.02          # mean luminance, of those cameras' mean
-LEAST_LIT = 0.6         # share of the surfaces that some path from the light reaches ...
-LEAST_UNDER_SKY = 0.05  # ... and where the light straight from an environment is all, as indoors through windows
 NORMAL_SPREAD = 0.1     # least 1 − |mean normal|: no flat wall seen askew either
 TURN, STEP = 3.0, 0.06  # degrees and metres at most between two frames
 
@@ -49,8 +46,11 @@ def a_frame_before(camera: Camera, rng: Rng) -> Camera:
 
 
 def choose(tracer: PathTracer, longest_edge: float, candidates: Iterable[Camera], wanted: int,
-           least_lit: float = LEAST_LIT) -> list[int]:
-    """Numbers of the first ``wanted`` cameras, or fewer, whose picture is neither empty, blocked, bare, nor dark."""
+           least_lit: float, darkest: float) -> list[int]:
+    """Numbers of the first ``wanted`` cameras, or fewer, whose picture is neither empty, blocked, bare, nor dark.
+
+    See ``export.dataset.config.Config`` for the last two.
+    """
     probes: list[Samples] = []
     chosen: list[int] = []
     for camera in candidates:
@@ -58,21 +58,21 @@ def choose(tracer: PathTracer, longest_edge: float, candidates: Iterable[Camera]
         if len(probes) < FIRST:
             continue
         brightness = float(np.mean([mean_luminance(p) for p in probes[:FIRST]]))
-        chosen = [k for k, p in enumerate(probes) if shows_something(p, longest_edge, brightness, least_lit)]
+        chosen = [k for k, p in enumerate(probes) if shows_something(p, longest_edge, least_lit, darkest * brightness)]
         if len(chosen) >= wanted:
             break
     return chosen[:wanted]
 
 
-def shows_something(samples: Samples, longest_edge: float, brightness: float, least_lit: float = LEAST_LIT) -> bool:
+def shows_something(samples: Samples, longest_edge: float, least_lit: float, darkest: float) -> bool:
     """Whether a probe's depth and light are those of a picture worth learning from; see the constants above.
 
     Parameters
     ----------
-    brightness : float
-        Mean luminance that cameras of the scene see.
     least_lit : float
-        Share of the surfaces that has to be lit.
+        Share of the surfaces that some path from the light has to reach.
+    darkest : float
+        Least mean luminance, in W/(sr m²).
     """
     seen = samples.depth > 0
     if seen.mean() < LEAST_SEEN:
@@ -84,7 +84,7 @@ def shows_something(samples: Samples, longest_edge: float, brightness: float, le
         return False
     light = (samples.direct + samples.multi).reshape(PROBE_PATHS, -1, 3).sum(axis=(0, 2))
     lit = (light[seen.reshape(PROBE_PATHS, -1)[0]] > 0).mean()
-    return bool(lit >= least_lit) and mean_luminance(samples) >= DARKEST * brightness
+    return bool(lit >= least_lit) and mean_luminance(samples) >= darkest
 
 
 def normal_spread(samples: Samples) -> float:

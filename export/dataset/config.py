@@ -52,6 +52,10 @@ class Config:
         Scene files of the source ``files``.
     environment : bool
         Whether a random environment is all that lights the scenes; targets are then what comes straight from it.
+    least_lit : float
+        Share of a picture's surfaces that a few paths have to find lit.
+    darkest : float
+        Least mean luminance of a picture, of what the scene's cameras see on average.
 
     Raises
     ------
@@ -66,6 +70,8 @@ class Config:
     sources: tuple[Share, ...]
     files: tuple[str, ...] = ()
     environment: bool = False
+    least_lit: float = 0.6
+    darkest: float = 0.02
 
     def __post_init__(self) -> None:
         def need(ok: bool, key: str, expected: str) -> None:
@@ -78,6 +84,8 @@ class Config:
         need(isinstance(self.max_bounces, int) and self.max_bounces >= 1, "max_bounces", "a whole number above 0")
         for key in ("denoised", "environment"):
             need(isinstance(getattr(self, key), bool), key, "true or false")
+        for key in ("least_lit", "darkest"):
+            need(isinstance(getattr(self, key), float | int) and 0 <= getattr(self, key) <= 1, key, "a share")
         need(bool(self.sources), "sources", "at least one")
         for s in self.sources:
             need(s.source in (*SOURCES, FILES), "sources", f"names among {', '.join((*SOURCES, FILES))}")
@@ -118,5 +126,5 @@ def from_table(table: dict[str, Any]) -> Config:
     folder = Path(table.get("folder", "."))
     shares = tuple(Share(name, **values) for name, values in table["sources"].items())
     files = tuple(str(folder / name) for name in table.get("files", ()))
-    return Config(tuple(table["size"]), table["paths"], table["max_bounces"], table["denoised"], shares, files,
-                  table.get("environment", False))
+    plain = {key: value for key, value in table.items() if key not in ("folder", "size", "sources", "files")}
+    return Config(size=tuple(table["size"]), sources=shares, files=files, **plain)

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 import drjit
 
 from app.errors import SceneError
-from export.dataset.cameras import LEAST_LIT, LEAST_UNDER_SKY, choose
+from export.dataset.cameras import choose
 from export.dataset.config import Config
 from export.dataset.key import scene_key
 from export.dataset.pair import Pair
@@ -89,8 +89,7 @@ def _choose(config: Config, seed: int, group: Group) -> tuple[PathTracer, list[C
         tracer = (SkyTracer(place.scene, FRAME_SECONDS) if config.environment
                   else PathTracer(place.scene, FRAME_SECONDS, config.max_bounces))
         candidates = (pair_at(config, seed, group, Choice(attempt, k)).current.camera for k in range(CANDIDATES))
-        least_lit = LEAST_UNDER_SKY if config.environment else LEAST_LIT
-        cameras = choose(tracer, place.scene.longest_edge, candidates, group.pairs, least_lit)
+        cameras = choose(tracer, place.scene.longest_edge, candidates, group.pairs, config.least_lit, config.darkest)
         if len(cameras) == group.pairs:
             return tracer, [Choice(attempt, k) for k in cameras]
     raise SceneError(f"no camera shows enough in {ATTEMPTS} scenes", f"source {group.source!r}",

@@ -50,7 +50,7 @@ class BcnnLoss:
 
 
 def _change(a: Tensor, views: Views) -> Tensor:
-    assert views.warped is not None
+    assert views.warped is not None and views.visible is not None
     return mean_where((a - tone(views.warped)).abs(), views.seen * views.visible)
 
 

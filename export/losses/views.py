@@ -29,8 +29,8 @@ class Views:
         The network's output for the previous frame, moved to where its surfaces are now; for losses that ask for it.
     seen : Tensor, shape (B, 1, h, w)
         1 where there is a surface, 0 in the sky.
-    visible : Tensor, shape (B, 1, h, w)
-        1 where the previous frame shows the same surface.
+    visible : Tensor or None, shape (B, 1, h, w)
+        1 where the previous frame shows the same surface; there where ``warped`` is.
     condition : Tensor or None, shape (B, K, h, w)
         What the network's ``condition`` gives for its inputs; for losses that ask for it.
     reflectance : Tensor or None, shape (B, 6, h, w)
@@ -41,7 +41,7 @@ class Views:
     target: Tensor
     warped: Tensor | None
     seen: Tensor
-    visible: Tensor
+    visible: Tensor | None
     condition: Tensor | None = None
     reflectance: Tensor | None = None
 

@@ -41,7 +41,8 @@ def coarser(batch: Batch, contract: ModelContract, every: int) -> Batch:
     other = {name for name, spec in _inputs(batch, contract) if spec.grid != SCREEN}
     whole = {name for name, x in batch.items() if x.shape[-2:] == (1, 1)}  # one number for the frame
     out = {name: x if name in other | whole else x[..., ::every, ::every] for name, x in batch.items()}
-    out["motion"] = out["motion"] / every
+    if "motion" in out:
+        out["motion"] = out["motion"] / every
     return out
 
 
@@ -78,7 +79,8 @@ def mirrored(batch: Batch, contract: ModelContract) -> Batch:
     """Left and right exchanged: images, the x of vectors, a cube's faces, and motion."""
     points = {name for name, spec in _inputs(batch, contract) if spec.grid not in SEEN}
     out = {name: x if name in points or x.shape[-1] == 1 else x.flip(-1) for name, x in batch.items()}
-    out["motion"] = out["motion"] * torch.tensor([-1.0, 1.0], device=out["motion"].device).reshape(1, 2, 1, 1)
+    if "motion" in out:
+        out["motion"] = out["motion"] * torch.tensor([-1.0, 1.0], device=out["motion"].device).reshape(1, 2, 1, 1)
     for name, spec in _inputs(batch, contract):
         sign = torch.ones(1, spec.components)
         for channel, rows in spec.rows():
@@ -104,7 +106,8 @@ def _multiplied(batch: Batch, contract: ModelContract, factor: Tensor, which: Ca
 
 
 def _inputs(batch: Batch, contract: ModelContract) -> list[tuple[str, TensorSpec]]:
-    return [(f"{frame}.{t}", spec) for frame in ("current", "previous") for t, spec in contract.inputs.items()]
+    names = [(f"{frame}.{t}", spec) for frame in ("current", "previous") for t, spec in contract.inputs.items()]
+    return [(name, spec) for name, spec in names if name in batch]
 
 
 def _over(x: Tensor, tensor: Tensor) -> Tensor:

@@ -21,7 +21,7 @@ from torch import Tensor
 from app.atomic import replacing_folder
 from app.contract import ModelContract
 from app.infer import FLOOR
-from export.inputs import Drawer, Inputs
+from export.inputs import Drawer, Frame, Inputs
 
 if TYPE_CHECKING:
     from export.dataset import Pair, Target
@@ -55,16 +55,24 @@ class Examples:
     They are kept in ``DATASET/drawn/KEY``; the key holds what they depend on. Networks for one bounce and for all share
     them.
 
+    Parameters
+    ----------
+    previous : bool
+        Whether the frames before are wanted, too, which takes twice as long to draw. Where they are kept already, they
+        are there without being wanted.
+
     Attributes
     ----------
     missing : list of int
         Pairs that are not drawn yet; see ``draw_missing``.
     """
 
-    def __init__(self, pairs: Pairs, contract: ModelContract) -> None:
+    def __init__(self, pairs: Pairs, contract: ModelContract, previous: bool = True) -> None:
         self.contract = replace(contract, scale=TARGET_SCALE)
-        self.folder = pairs.folder / "drawn" / _key(pairs, self.contract)
-        layout = _layout(self.contract, pairs.pair(0).current.size)
+        both = _folder(pairs, self.contract, previous=True)
+        self.previous = previous or both.exists()
+        self.folder = both if self.previous else _folder(pairs, self.contract, previous=False)
+        layout = _layout(self.contract, pairs.pair(0).current.size, self.previous)
         if not self.folder.exists():
             with replacing_folder(self.folder) as fresh:
                 for name, (kind, shape) in layout.items():
@@ -78,8 +86,8 @@ class Examples:
     def missing(self) -> list[int]:
         return [int(i) for i in np.flatnonzero(self._arrays[DONE] == 0)]
 
-    def put(self, index: int, inputs: Inputs, target: Target) -> None:
-        """Keep what was drawn and traced for a pair."""
+    def put(self, index: int, inputs: Inputs | Frame, target: Target) -> None:
+        """Keep what was drawn and traced for a pair; inputs of the current frame alone without ``previous``."""
         for name, value in _values(self.contract, inputs, target).items():
             self._arrays[name][index] = value
         self._arrays[DONE][index] = 1  # last: a process killed before leaves it to be drawn again
@@ -94,18 +102,19 @@ class Examples:
                 for name, kept in wanted.items()}
 
 
-def draw_missing(pairs: Pairs, contract: ModelContract, workers: int | None = None) -> Iterator[int]:
+def draw_missing(pairs: Pairs, contract: ModelContract, previous: bool = True,
+                 workers: int | None = None) -> Iterator[int]:
     """Draw what is missing, in ``workers`` processes or one for each core; yields how many, whenever some are done."""
-    missing = Examples(pairs, contract).missing
+    missing = Examples(pairs, contract, previous).missing
     parts = [missing[at:at + AT_ONCE] for at in range(0, len(missing), AT_ONCE)]
     workers = min(workers or len(os.sched_getaffinity(0)), len(parts))
     if workers <= 1:
         for part in parts:
-            yield _draw(pairs, contract, part)
+            yield _draw(pairs, contract, previous, part)
         return
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, spawn, _one_thread) as pool:
-        for future in as_completed([pool.submit(_draw, pairs, contract, part) for part in parts]):
+        for future in as_completed([pool.submit(_draw, pairs, contract, previous, part) for part in parts]):
             yield future.result()
 
 
@@ -114,21 +123,25 @@ def tensors_of(batch: Mapping[str, Tensor], frame: str) -> dict[str, Tensor]:
     return {name.removeprefix(f"{frame}."): x for name, x in batch.items() if name.startswith(f"{frame}.")}
 
 
-def _layout(contract: ModelContract, size: tuple[int, int]) -> dict[str, tuple[type, tuple[int, ...]]]:
+def _layout(contract: ModelContract, size: tuple[int, int], previous: bool) -> dict[str, tuple[type, tuple[int, ...]]]:
     """What is kept of each pair: type and shape.
 
-    ``current.T`` and ``previous.T`` for each input tensor T, exposed; ``motion`` in texels; the target's layers, light
-    in means of the current frame; ``seen`` and ``visible``, 0 or 1; ``ratio``, the previous frame's exposure over the
-    current one's.
+    ``current.T`` for each input tensor T, exposed; the target's layers, light in means of the current frame; ``seen``,
+    0 or 1. With the previous frame: ``previous.T``; ``motion`` in texels; ``visible``, 0 or 1; ``ratio``, its exposure
+    over the current one's.
     """
     grid = contract.screen_size(size)
     h, w = grid[1], grid[0]
-    frames = {f"{frame}.{t}": (np.float16, spec.shape(grid))
-              for frame in ("current", "previous") for t, spec in contract.inputs.items()}
+
+    def frame(name: str) -> dict[str, tuple[type, tuple[int, ...]]]:
+        return {f"{name}.{t}": (np.float16, spec.shape(grid)) for t, spec in contract.inputs.items()}
+
     targets = dict.fromkeys(_layers(contract).values(), (np.float16, (3, h, w)))
-    return {**frames, **targets, "motion": (np.float16, (2, h, w)),
-            "seen": (np.uint8, (1, h, w)), "visible": (np.uint8, (1, h, w)), "ratio": (np.float32, (1, 1, 1)),
-            DONE: (np.uint8, ())}
+    current = {**frame("current"), **targets, "seen": (np.uint8, (1, h, w)), DONE: (np.uint8, ())}
+    if not previous:
+        return current
+    return {**current, **frame("previous"), "motion": (np.float16, (2, h, w)), "visible": (np.uint8, (1, h, w)),
+            "ratio": (np.float32, (1, 1, 1))}
 
 
 def _layers(contract: ModelContract) -> dict[str, str]:
@@ -143,33 +156,40 @@ def _targets(contract: ModelContract) -> dict[str, list[str]]:
     return {"target": ["indirect" if contract.bounces == "multi" else "indirect_single"]}
 
 
-def _values(contract: ModelContract, inputs: Inputs, target: Target) -> dict[str, Any]:
+def _values(contract: ModelContract, inputs: Inputs | Frame, target: Target) -> dict[str, Any]:
     """What is kept of one pair. A frame that is black to the network teaches nothing, so nothing is seen in it."""
-    exposure = max(inputs.current.exposure, FLOOR)
+    current = inputs.current if isinstance(inputs, Inputs) else inputs
+    exposure = max(current.exposure, FLOOR)
     half = np.finfo(np.float16).max
-    frames = {f"{name}.{t}": np.clip(x, -half, half)
-              for name, frame in (("current", inputs.current), ("previous", inputs.previous))
-              for t, x in frame.tensors.items()}
+
+    def tensors(name: str, frame: Frame) -> dict[str, Any]:
+        return {f"{name}.{t}": np.clip(x, -half, half) for t, x in frame.tensors.items()}
+
     targets = {kept: np.minimum(np.moveaxis(target.layers[name], -1, 0) / (1 if kept in RATIOS else exposure), half)
                for name, kept in _layers(contract).items()}
-    return {**frames, **targets, "motion": inputs.motion,
-            "seen": target.seen & (inputs.current.exposure > FLOOR), "visible": inputs.visible,
+    values = {**tensors("current", current), **targets, "seen": target.seen & (current.exposure > FLOOR)}
+    if not isinstance(inputs, Inputs):
+        return values
+    return {**values, **tensors("previous", inputs.previous), "motion": inputs.motion, "visible": inputs.visible,
             "ratio": inputs.previous.exposure / exposure}
 
 
-def _key(pairs: Pairs, contract: ModelContract) -> str:
+def _folder(pairs: Pairs, contract: ModelContract, previous: bool) -> Path:
     about = pairs.folder / "dataset.json"
     text = about.read_text("utf-8") if about.exists() else ""
     inputs = {t: [spec.channels, spec.grid, spec.size, spec.rays] for t, spec in contract.inputs.items()}
     parts = [VERSION, len(pairs), text, inputs, contract.exposure, contract.scene_extent, contract.cube_axes]
-    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
+    parts += [] if previous else ["current alone"]
+    return pairs.folder / "drawn" / hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
 
 
-def _draw(pairs: Pairs, contract: ModelContract, indices: list[int]) -> int:
-    examples = Examples(pairs, contract)
+def _draw(pairs: Pairs, contract: ModelContract, previous: bool, indices: list[int]) -> int:
+    examples = Examples(pairs, contract, previous)
     with Drawer(examples.contract) as drawer:
         for index in indices:
-            examples.put(index, drawer.draw(pairs.pair(index)), pairs.target(index))
+            pair = pairs.pair(index)
+            inputs = drawer.draw(pair) if examples.previous else drawer.still(pair.current)
+            examples.put(index, inputs, pairs.target(index))
     return len(indices)
 
 

@@ -167,7 +167,7 @@ class Run:
         if self.loss.uses_condition:
             with torch.no_grad():
                 condition = cast(Conditioned, self._bare).condition(**tensors_of(batch, "current"))
-        return Views(output, batch["target"], warped, batch["seen"], batch["visible"], condition,
+        return Views(output, batch["target"], warped, batch["seen"], batch.get("visible"), condition,
                      batch.get("reflectance"))
 
     def _batch(self, indices: list[int]) -> Batch:

@@ -105,8 +105,9 @@ def test_its_loss_compares_light_maps_and_its_critic_learns(tmp_path: Path) -> N
     table = config(tmp_path, epochs=4, learning_rate=2e-3, ema=0.5).to_json() | {
         "network": {"preset": "surround-16"}, "loss": {"kind": "surround", "options": options}}
     pairs = CornellPairs(tmp_path, 10)
-    made = Examples(pairs, network().contract)
-    assert sum(draw_missing(pairs, network().contract, workers=1)) == 10
+    made = Examples(pairs, network().contract, SurroundLoss.uses_previous)
+    assert sum(draw_missing(pairs, network().contract, SurroundLoss.uses_previous, workers=1)) == 10
+    assert "previous.screen" not in made.batch([0])
     run = Run(from_table(table, "test"), made, tmp_path / "run")
     before = run.validate()
     after = run.train()

@@ -21,8 +21,8 @@ from app.errors import ModelError, SettingsError  # noqa: E402
 from app.scene import PointLight  # noqa: E402
 from export.inputs import Frame, Inputs  # noqa: E402
 from export.models import make_network  # noqa: E402
-from export.training.augment import coarser, exposed, permuted, sized  # noqa: E402
-from export.training.config import Config, from_table, read_config  # noqa: E402
+from export.training.augment import augment, coarser, exposed, permuted, sized  # noqa: E402
+from export.training.config import AugmentationConfig, Config, from_table, read_config  # noqa: E402
 from export.training.eligible import eligible, saturation  # noqa: E402
 from export.training.examples import Examples, tensors_of  # noqa: E402
 from export.training.loop import CHECKPOINT, Run, learning_rate  # noqa: E402
@@ -99,6 +99,24 @@ def test_missing_examples_are_drawn_once(tmp_path: Path) -> None:
     drawn = Examples(pairs, CONTRACT)
     assert drawn.missing == [] and sum(draw_missing(pairs, CONTRACT, workers=1)) == 0
     assert drawn.batch([0])["current.x"][:, :3].mean() > 0.3
+
+
+@pytest.mark.gl
+def test_frames_before_are_drawn_only_where_they_are_wanted(tmp_path: Path) -> None:
+    from export.training.examples import draw_missing
+
+    pairs = CornellPairs(tmp_path, 2)
+    assert sum(draw_missing(pairs, CONTRACT, previous=False, workers=1)) == 2
+    alone = Examples(pairs, CONTRACT, previous=False).batch([0, 1])
+    assert set(alone) == {"current.x", "target", "seen"}
+    assert len(Examples(pairs, CONTRACT).missing) == 2
+    assert sum(draw_missing(pairs, CONTRACT, workers=1)) == 2
+    both = Examples(pairs, CONTRACT, previous=False)
+    assert both.missing == [] and "previous.x" in both.batch([0]), "what is kept already serves"
+    for name, x in alone.items():
+        assert torch.equal(x, both.batch([0, 1])[name])
+    random = torch.Generator().manual_seed(0)
+    assert set(augment(coarser(alone, CONTRACT, 2), CONTRACT, AugmentationConfig(), random)) == set(alone)
 
 
 def test_augmented_colours_stay_with_their_channels(tmp_path: Path) -> None:
