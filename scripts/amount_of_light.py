@@ -16,14 +16,14 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-import numpy as np  # noqa: E402
-import onnxruntime as ort  # noqa: E402
-from numpy.typing import NDArray  # noqa: E402
+import numpy as np
+import onnxruntime as ort
+from numpy.typing import NDArray
 
-from export.dataset import Dataset  # noqa: E402
-from export.dataset.plan import plan  # noqa: E402
-from export.models import make_network  # noqa: E402
-from export.training.examples import Examples  # noqa: E402
+from export.dataset import Dataset
+from export.dataset.plan import plan
+from export.models import make_network
+from export.training.examples import Examples
 
 F32 = NDArray[np.float32]
 FOLDS = 8

@@ -5,11 +5,15 @@ Each picture is the renderer's direct light and emission, with the traced indire
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
 import typer
 from PIL import Image
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))
 
 from app.metrics import exposure_of, tone_map
 from app.renderer import Renderer

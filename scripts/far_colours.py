@@ -18,21 +18,21 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-import numpy as np  # noqa: E402
-from numpy.typing import NDArray  # noqa: E402
-from PIL import Image, ImageDraw  # noqa: E402
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
 
-from app.bench.configurations import expand  # noqa: E402
-from app.bench.judge import Layers, draw_layers  # noqa: E402
-from app.metrics import exposure_of, tone_map  # noqa: E402
-from app.scene import Camera, Light, Material, PointLight, Scene, SpotLight  # noqa: E402
-from export.dataset.assembly import Assembly  # noqa: E402
-from export.dataset.materials import Color  # noqa: E402
-from export.dataset.parts import block, cylinder, slab  # noqa: E402
-from export.dataset.walls import build, rectangle  # noqa: E402
-from export.judge import truth_of  # noqa: E402
-from export.reference import Still  # noqa: E402
-from export.validation import View  # noqa: E402
+from app.bench.configurations import expand
+from app.bench.judge import Layers, draw_layers
+from app.metrics import exposure_of, tone_map
+from app.scene import Camera, Light, Material, PointLight, Scene, SpotLight
+from export.dataset.assembly import Assembly
+from export.dataset.materials import Color
+from export.dataset.parts import block, cylinder, slab
+from export.dataset.walls import build, rectangle
+from export.judge import truth_of
+from export.reference import Still
+from export.validation import View
 
 F32 = NDArray[np.float32]
 

@@ -15,16 +15,16 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-import torch  # noqa: E402
-from torch import Tensor  # noqa: E402
+import torch
+from torch import Tensor
 
-from export.dataset import Dataset  # noqa: E402
-from export.losses import Views  # noqa: E402
-from export.losses.bcnn import ssim_map  # noqa: E402
-from export.losses.views import mean_where, tone, toned, warp  # noqa: E402
-from export.models import Network  # noqa: E402
-from export.training.examples import Examples, tensors_of  # noqa: E402
-from export.training.state import load  # noqa: E402
+from export.dataset import Dataset
+from export.losses import Views
+from export.losses.bcnn import ssim_map
+from export.losses.views import mean_where, tone, toned, warp
+from export.models import Network
+from export.training.examples import Examples, tensors_of
+from export.training.state import load
 
 LEAST_SEEN = 0.3   # share of texels with a surface
 DARK = 1e-3        # means
@@ -34,14 +34,13 @@ DARK = 1e-3        # means
 def main(folder: Path, paths: list[Path]) -> None:
     dataset = Dataset(folder)
     checkpoints = [load(path) for path in paths]
-    held_out = round(min(checkpoint.config.data.validation for checkpoint in checkpoints) * len(dataset))
+    held = min((checkpoint.config.data.held_out(len(dataset)) for checkpoint in checkpoints), key=len)
     print(f"{'':24} {'frames':>6} {'SSIM':>6} {'L1':>6} {'change':>7} {'spread':>7} {'error':>6} {'colours':>8}")
     for path, checkpoint in zip(paths, checkpoints, strict=True):
         network = checkpoint.network()
         examples = Examples(dataset, network.contract)
         if examples.missing:
             sys.exit(f"{len(examples.missing)} pairs are not drawn yet for {path}; train on {folder}, which draws them")
-        held = range(len(examples) - held_out, len(examples))
         found = [views for i in held if (views := seen_by(network, examples.batch([i]))) is not None]
         if len(found) < 2:
             sys.exit(f"{len(found)} lit frames among {len(held)} held out of {folder}, expected at least two")

@@ -15,17 +15,17 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-import torch  # noqa: E402
-from torch import Tensor  # noqa: E402
+import torch
+from torch import Tensor
 
-from export.dataset import Dataset  # noqa: E402
-from export.dataset.plan import plan  # noqa: E402
-from export.losses import Views  # noqa: E402
-from export.losses.surround import light_maps  # noqa: E402
-from export.losses.views import mean_where  # noqa: E402
-from export.models.surround import Surround  # noqa: E402
-from export.training.examples import Examples, tensors_of  # noqa: E402
-from export.training.state import load  # noqa: E402
+from export.dataset import Dataset
+from export.dataset.plan import plan
+from export.losses import Views
+from export.losses.surround import light_maps
+from export.losses.views import mean_where
+from export.models.surround import Surround
+from export.training.examples import Examples, tensors_of
+from export.training.state import load
 
 LEAST_SEEN = 0.3   # share of texels with a surface
 RANGE = 2.0        # of Tanh
@@ -35,9 +35,9 @@ RANGE = 2.0        # of Tanh
 def main(folder: Path, paths: list[Path]) -> None:
     checkpoints = [load(path) for path in paths]
     dataset = Dataset(folder)
-    share = min(checkpoint.config.data.validation for checkpoint in checkpoints)
-    others = len(dataset) - max(1, round(share * len(dataset)))
-    scenes = [group for group in plan(dataset.config, len(dataset)) if group.first + group.pairs > others]
+    held = min((checkpoint.config.data.held_out(len(dataset)) for checkpoint in checkpoints), key=len)
+    ends = [group.first + group.pairs for group in plan(dataset.config, len(dataset))]
+    scenes = [end - held.start for end in ends if end > held.start]  # where each one's held-out pairs end
     first = None
     print(f"{'':24} {'pairs':>6} {'PSNR':>7} {'gain':>7} {'± 1 σ':>6} {'better':>7}")
     for path, checkpoint in zip(paths, checkpoints, strict=True):
@@ -47,11 +47,11 @@ def main(folder: Path, paths: list[Path]) -> None:
         examples = Examples(dataset, network.contract, previous=False)
         if examples.missing:
             sys.exit(f"{len(examples.missing)} pairs are not drawn yet for {path}; train on {folder}, which draws them")
-        found = torch.tensor([psnr(network, examples.batch([i])) for i in range(others, len(dataset))])
+        found = torch.tensor([psnr(network, examples.batch([i])) for i in held])
         first = found if first is None else first
         gain = found - first
         seen = ~gain.isnan()
-        groups = torch.stack([gain[max(0, g.first - others):g.first - others + g.pairs].nanmean() for g in scenes])
+        groups = torch.stack([gain[at:end].nanmean() for at, end in zip([0, *scenes], scenes, strict=False)])
         groups = groups[~groups.isnan()]
         error = f"{groups.std() / len(groups)**0.5:.2f}" if len(groups) > 1 else "–"
         print(f"{path.parent.name:24} {int(seen.sum()):6} {found[seen].mean():7.2f} {gain[seen].mean():+7.2f} "
@@ -63,8 +63,7 @@ def psnr(network: Surround, batch: dict[str, Tensor]) -> float:
     if batch["seen"].mean() <= LEAST_SEEN:
         return float("nan")
     tensors = tensors_of(batch, "current")
-    views = Views(network(**tensors), batch["target"], None, batch["seen"], None,
-                  network.condition(**tensors))
+    views = Views(network(**tensors), batch["target"], None, batch["seen"], None, network.condition(**tensors))
     made, true = light_maps(views)
     return float(10 * torch.log10(RANGE**2 / mean_where((made - true).square(), views.seen)))
 

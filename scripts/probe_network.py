@@ -14,10 +14,10 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-import onnx  # noqa: E402
-from onnx import TensorProto, helper  # noqa: E402
+import onnx
+from onnx import TensorProto, helper
 
-from app.channels import (  # noqa: E402
+from app.channels import (
     CHANNELS,
     COARSE_CHANNELS,
     CUBE,
@@ -30,7 +30,7 @@ from app.channels import (  # noqa: E402
     SURFELS,
     VECTOR,
 )
-from app.contract import KEY, ModelContract, TensorSpec  # noqa: E402
+from app.contract import KEY, ModelContract, TensorSpec
 
 FACE = 16
 COUNT, K = 64, 16  # surfels, and rays of each

@@ -17,11 +17,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, astuple, dataclass
 from itertools import cycle, pairwise
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 from PIL import Image
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))
 
 from app.bench.configurations import expand
 from app.bench.measure import swayed

@@ -6,6 +6,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -14,14 +15,25 @@ import typer
 from app.paths import nets_dir
 
 CONFIGS = Path(__file__).parents[1] / "configs"
-QUICK_DATA, SKY_DATA = (Path(__file__).parents[1] / "dataset" / f"{name}.toml" for name in ("quick", "sky"))
-# Configurations.
-TRAINED = ("bcnn-8", "bcnn-8-single", "gfa-8", "surround-16", "surround-16-front")
-UNDER_SKY, QUICK = ("ndr-8",), ("quick",)
-PAIRS, SKY_PAIRS, QUICK_PAIRS = 1500, 768, 12
+DATA = Path(__file__).parents[1] / "dataset"
 
 
-def rebuild(work: Annotated[Path, typer.Option(help="Folder of the dataset and of the training runs.",
+@dataclass(frozen=True)
+class Work:
+    """A dataset, of a configuration beside ``export.dataset``, and what is trained on it."""
+
+    dataset: str
+    pairs: int
+    trained: tuple[str, ...]
+
+
+WHOLE = (Work("default", 1500, ("bcnn-8", "bcnn-8-single", "gfa-8")),
+         Work("around", 3000, ("surround-16", "surround-16-front")),
+         Work("sky", 768, ("ndr-8",)))
+QUICK = (Work("quick", 12, ("quick",)),)
+
+
+def rebuild(work: Annotated[Path, typer.Option(help="Folder of the datasets and of the training runs.",
                                                metavar="DIR")],
             out: Annotated[Path | None, typer.Option(
                 help="Folder of the networks, and of the cards of trained ones; without, nets/, and with --quick one "
@@ -29,7 +41,7 @@ def rebuild(work: Annotated[Path, typer.Option(help="Folder of the dataset and o
             quick: Annotated[bool, typer.Option("--quick", help="Minutes, not hours: a dozen small pairs, and two "
                                                 "epochs of the smallest network; nothing worth using.")] = False,
             ) -> None:
-    """Make the dataset, train on it and export all networks; goes on where it was stopped."""
+    """Make the datasets, train on them and export all networks; goes on where it was stopped."""
     for arguments in steps(work, out or (work / "nets" if quick else nets_dir()), quick):
         command = [sys.executable, "-m", "export", *map(str, arguments)]
         typer.secho(f"$ {shlex.join(['python', *command[1:]])}", err=True, bold=True)
@@ -40,13 +52,12 @@ def rebuild(work: Annotated[Path, typer.Option(help="Folder of the dataset and o
 
 def steps(work: Path, out: Path, quick: bool) -> Iterator[Sequence[object]]:
     """The commands, without ``python -m export``."""
-    data, sky = work / "data", work / "sky"
-    if quick:
-        yield "dataset", "--out", data, "--frames", QUICK_PAIRS, "--config", QUICK_DATA
-    else:
-        yield "dataset", "--out", data, "--frames", PAIRS
-        yield "dataset", "--out", sky, "--frames", SKY_PAIRS, "--config", SKY_DATA
+    parts = QUICK if quick else WHOLE
+    for part in parts:
+        yield "dataset", "--out", work / part.dataset, "--frames", part.pairs, "--config", DATA / f"{part.dataset}.toml"
     yield "onnx", "--out", out
-    for name in QUICK if quick else (*TRAINED, *UNDER_SKY):
-        yield "train", CONFIGS / f"{name}.toml", "--dataset", sky if name in UNDER_SKY else data, "--out", work / name
-        yield "onnx", work / name / "checkpoint.pt", "--out", out
+    for part in parts:
+        for name in part.trained:
+            run = work / "runs" / name
+            yield "train", CONFIGS / f"{name}.toml", "--dataset", work / part.dataset, "--out", run
+            yield "onnx", run / "checkpoint.pt", "--out", out

@@ -59,6 +59,10 @@ class DataConfig:
     most_saturated: float = Field(1.0, ge=0, le=1)
     every: PositiveInt = 1
 
+    def held_out(self, count: int) -> range:
+        """Those of ``count`` pairs, one at least, that are never trained on."""
+        return range(count - max(1, round(self.validation * count)), count)
+
 
 @strict
 class AugmentationConfig:

@@ -52,14 +52,14 @@ class Run:
     def __init__(self, config: Config, examples: Examples, folder: Path,
                  eligible: Sequence[int] | None = None) -> None:
         self.config, self.examples, self.folder = config, examples, folder
-        held_out = max(1, round(config.data.validation * len(examples)))
-        others = len(examples) - held_out
-        self.held_out = list(range(others, len(examples)))
-        candidates = [i for i in (range(others) if eligible is None else eligible) if i < others]
+        self.held_out = list(config.data.held_out(len(examples)))
+        others = range(self.held_out[0])
+        candidates = [i for i in (others if eligible is None else eligible) if i in others]
         wanted = config.data.pairs or len(candidates)
         if wanted > len(candidates):
-            raise SettingsError(f"{wanted} pairs to train on", config.data.dataset, f"expected at most "
-                                f"{len(candidates)} of {len(examples)}, {held_out} are held out{_left_out(config)}")
+            raise SettingsError(f"{wanted} pairs to train on", config.data.dataset,
+                                f"expected at most {len(candidates)} of {len(examples)}, {len(self.held_out)} are "
+                                f"held out{_left_out(config)}")
         self.trained_on = candidates[:wanted]
         self.epoch_steps = wanted // config.schedule.batch
         if self.epoch_steps < 1:

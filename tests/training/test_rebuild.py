@@ -28,8 +28,8 @@ def test_rebuild_makes_every_network_and_goes_on_where_it_was(path_tracer: None,
     for path in nets_dir().glob("*.onnx"):
         if read_contract(path).trained_on == "nothing":
             assert made[path.name] == path.read_bytes(), path.name
-    log = (tmp_path / "quick" / "log.jsonl").read_bytes()
+    log = (tmp_path / "runs" / "quick" / "log.jsonl").read_bytes()
     second = subprocess.run(command, capture_output=True, text=True)
     assert second.returncode == 0, second.stderr
     assert "12 of them made now" not in second.stdout
-    assert (tmp_path / "quick" / "log.jsonl").read_bytes() == log
+    assert (tmp_path / "runs" / "quick" / "log.jsonl").read_bytes() == log
