@@ -28,7 +28,7 @@ class Work:
 
 
 WHOLE = (Work("default", 1500, ("bcnn-8", "bcnn-8-single", "gfa-8")),
-         Work("around", 3000, ("surround-16", "surround-16-front")),
+         Work("around", 2200, ("surround-16", "surround-16-front")),
          Work("sky", 768, ("ndr-8",)))
 QUICK = (Work("quick", 12, ("quick",)),)
 

@@ -42,10 +42,13 @@ def lamp(rng: Rng, at: F64, watts: float) -> Light:
         return PointLight(position, intensity)
     if kind == 1:
         return PointLight(position, intensity, radius=float(rng.uniform(0.03, 0.2)))
-    down = normalize(np.array([rng.normal(0, 0.6), -1.0, rng.normal(0, 0.6)]))
-    outer = float(rng.uniform(20, 75))
-    return SpotLight(position, _triple(down), _scaled(intensity, 3.0), inner_deg=outer * float(rng.uniform(0.3, 0.95)),
-                     outer_deg=outer, radius=float(rng.uniform(0.02, 0.1)) if kind == 3 else 0.0)
+    down = np.array([rng.normal(0, 0.6), -1.0, rng.normal(0, 0.6)])
+    return _spot(rng, at, down, _scaled(intensity, 3.0), widest_deg=75, soft=kind == 3)
+
+
+def spot(rng: Rng, at: F64, towards: F64, watts: float) -> SpotLight:
+    """A spot light at ``at`` of about ``watts`` W/sr, as narrow as those that are to light a wall."""
+    return _spot(rng, at, towards, strength(rng, watts), widest_deg=45, soft=bool(rng.random() < 0.5))
 
 
 def panel(rng: Rng, at: F64, watts: float) -> RectLight:
@@ -95,6 +98,13 @@ def moved(rng: Rng, light: Light) -> Light:
             return replace(light, center=_triple(np.asarray(light.center) + step))
         case PointLight() | SpotLight():
             return replace(light, position=_triple(np.asarray(light.position) + step))
+
+
+def _spot(rng: Rng, at: F64, towards: F64, intensity: Color, widest_deg: float, soft: bool) -> SpotLight:
+    outer = float(rng.uniform(20, widest_deg))
+    inner = outer * float(rng.uniform(0.3, 0.95))
+    return SpotLight(_triple(at), _triple(normalize(towards)), intensity, inner_deg=inner, outer_deg=outer,
+                     radius=float(rng.uniform(0.02, 0.1)) if soft else 0.0)
 
 
 def _sun_radius(rng: Rng) -> float:

@@ -22,10 +22,10 @@ EXTENT = 40.0
 FARTHEST = 2.0   # extents
 SLOPE = 0.2      # of LeakyReLU below 0, as in pix2pix
 AROUND = ("albedo.rgb", "normal.view.xyz", "depth", "lumination.rgb")
-SCREEN = ("position.view.xyz", "direct.rgb", "albedo.rgb")
+SCREEN = ("position.view.xyz",)
 SEEN, COLORS = 12, 3    # channels: those of AROUND with azimuth and height; a light map's
 DROPPED = 3             # decoder blocks with dropout
-DARKEST = 0.02          # albedo that direct light is divided by, at least
+DARKEST = 0.02          # albedo that lumination is divided by, at least
 MU, BRIGHTEST = 16.0, 64.0  # of the μ-law between Tanh and light in means of the frame, and where it ends
 EPSILON = 1e-5
 
@@ -47,8 +47,9 @@ PRESETS = {
 class Surround(Network):
     """A light map of all that surrounds the camera, of which the screen takes its part.
 
-    The map is of direct and indirect light together, without albedo; direct light / albedo is taken off again on the
-    screen, where the albedo is at least ``DARKEST``.
+    The thesis's map is of direct and indirect light together. What is direct of it the panorama tells, lumination /
+    albedo, so that the generator gives the rest, and loss and critic see the sum: nothing is to be taken off, which
+    would leave what the generator errs by where light is strong.
 
     Attributes
     ----------
@@ -57,8 +58,9 @@ class Surround(Network):
         Shows it nothing but the front view, for comparison: then it is DeepIllumination (Thomas and Forbes 2017).
     """
 
-    remark = ("a light map of direct and indirect light is looked up where the screen's texels lie around the camera; "
-              f"direct light / albedo, of an albedo of at least {DARKEST:g}, is taken off it, and nothing is below 0")
+    remark = ("of the light map the generator gives what is indirect, which is looked up where the screen's texels "
+              "lie around the camera; for loss and critic its direct part is added, lumination / albedo, of an albedo "
+              f"of at least {DARKEST:g}, so that none is to be removed")
 
     def __init__(self, name: str, front_alone: bool = False, dropout: float = 0.5) -> None:
         super().__init__()
@@ -84,45 +86,45 @@ class Surround(Network):
         Parameters
         ----------
         around : Tensor, shape (B, 10, H, 2 H)
-        screen : Tensor, shape (B, 9, h, w)
+        screen : Tensor, shape (B, 3, h, w)
 
         Returns
         -------
         Tensor, shape (B, 3, h, w)
             Indirect radiance / albedo, at least 0; 0 in the sky.
         """
-        position, direct = self._on_screen(screen)
-        light = functional.grid_sample(self.light_map(around), places(position), align_corners=False,
+        position = self._position(screen)
+        light = functional.grid_sample(self.indirect_map(around), places(position), align_corners=False,
                                        padding_mode="border")
         surface = (position.abs().sum(1, keepdim=True) > 0).to(position.dtype)
-        indirect = ((light - direct) * surface).to(around.dtype)
-        return indirect if self.training else indirect.clamp(min=0)  # at 0 nothing would be learned from
+        return (light * surface).to(around.dtype)
 
     def condition(self, around: Tensor, screen: Tensor) -> Tensor:
         """What the discriminator looks at beside light maps, [B, 15, h, w]: ``seen`` on the screen, direct light."""
-        position, direct = self._on_screen(screen)
-        seen = functional.grid_sample(self.seen(around).float(), places(position), mode="nearest", align_corners=False,
+        albedo, _, _, lumination = self._split(around)
+        known = torch.cat([self.seen(around), lumination / albedo.clamp(min=DARKEST)], 1).float()
+        return functional.grid_sample(known, places(self._position(screen)), mode="nearest", align_corners=False,
                                       padding_mode="border")
-        return torch.cat([seen, direct], 1)
 
-    def light_map(self, around: Tensor) -> Tensor:
-        """Direct and indirect light [B, 3, H, 2 H] in means of the frame, without albedo, in single precision."""
+    def indirect_map(self, around: Tensor) -> Tensor:
+        """Indirect light [B, 3, H, 2 H] in means of the frame, without albedo, in single precision."""
         return from_tanh(self.generator(self.seen(around)).float())
 
     def seen(self, around: Tensor) -> Tensor:
         """What generator and discriminator look at, [B, 12, H, 2 H], each channel of about unit size."""
-        around = finite(around, self.contract.inputs["around"])
-        albedo, normal, depth, light = torch.split(around, [3, 3, 1, 3], dim=1)
+        albedo, normal, depth, light = self._split(around)
         depth = (depth / EXTENT).clamp(max=FARTHEST)
         found = torch.cat([albedo, normal, depth, to_tanh(light)], 1)
         found = found * self.get_buffer("front").to(found) if self.front_alone else found
         angles = self.get_buffer("angles").to(found).expand(len(found), -1, -1, -1)
         return torch.cat([found, angles], 1)
 
-    def _on_screen(self, screen: Tensor) -> tuple[Tensor, Tensor]:
-        """Positions, and direct light / albedo, which takes more than half precision; [B, 3, h, w] each."""
-        position, direct, albedo = torch.split(finite(screen, self.contract.inputs["screen"]).float(), 3, dim=1)
-        return position, direct / albedo.clamp(min=DARKEST)
+    def _split(self, around: Tensor) -> tuple[Tensor, ...]:
+        return torch.split(finite(around, self.contract.inputs["around"]), [3, 3, 1, 3], dim=1)
+
+    def _position(self, screen: Tensor) -> Tensor:
+        """In single precision, [B, 3, h, w]."""
+        return finite(screen, self.contract.inputs["screen"]).float()
 
 
 class Generator(nn.Module):

@@ -81,17 +81,30 @@ def test_only_the_one_that_looks_around_sees_what_is_behind(front_alone: bool) -
 
 
 @torch.no_grad()
-def test_direct_light_is_taken_off_and_the_sky_is_black() -> None:
+def test_light_is_looked_up_on_surfaces_and_the_sky_is_black() -> None:
     net = network()
     inputs = room()
-    screen = inputs["screen"]
-    screen[..., :4, :] = 0.0
-    screen[:, 3:6] = 0.0
-    screen[:, 6:] = 0.5
-    whole = net(**inputs)
-    assert not whole[..., :4, :].any() and whole[..., 4:, :].min() > 0
-    screen[:, 3:6, 4:] = 0.1
-    torch.testing.assert_close(net(**inputs)[..., 4:, :], (whole - 0.2).clamp(min=0)[..., 4:, :])
+    inputs["screen"][..., :4, :] = 0.0
+    found = net(**inputs)
+    assert not found[..., :4, :].any() and found[..., 4:, :].min() >= 0 and found.max() > 0
+    light = net.indirect_map(inputs["around"])
+    assert found.max() <= light.max()
+    inputs["screen"][:] = torch.tensor([0.01, -0.01, -5.0]).reshape(1, 3, 1, 1)  # straight ahead
+    middle = light[..., 64 - 1:64 + 1, 128 - 1:128 + 1].mean((2, 3))
+    torch.testing.assert_close(net(**inputs)[..., 0, 0], middle, rtol=0.2, atol=1e-3)
+
+
+@torch.no_grad()
+def test_loss_and_critic_see_direct_light_as_the_panorama_has_it() -> None:
+    net = network()
+    inputs = room()
+    inputs["screen"][:] = torch.tensor([0.01, 0.01, -5.0]).reshape(1, 3, 1, 1)
+    at = 64 - 1, 128  # up and right of the middle
+    inputs["around"][:, :3] = torch.tensor([0.5, 0.25, 1e-3]).reshape(1, 3, 1, 1)
+    inputs["around"][:, 7:, *at] = torch.tensor([1.0, 0.5, 0.1])
+    found = net.condition(**inputs)[0, :, 0, 0]
+    torch.testing.assert_close(found[12:], torch.tensor([2.0, 2.0, 5.0]))
+    torch.testing.assert_close(found[:12], net.seen(inputs["around"])[0, :, *at])
 
 
 def test_discriminator_judges_patches() -> None:
