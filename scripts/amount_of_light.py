@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from export.dataset import Dataset
 from export.dataset.plan import plan
 from export.models import make_network
-from export.training.examples import Examples
+from export.training.config import held_out
+from export.training.examples import Examples, examples_for
 
 F32 = NDArray[np.float32]
 FOLDS = 8
@@ -35,7 +36,7 @@ DARK = 1e-3        # means
 def main(folder: Path, network: Path | None) -> None:
     contract = make_network("bcnn-8").contract
     dataset = Dataset(folder)
-    examples = Examples(dataset, contract, previous=False)
+    examples = examples_for(dataset, contract, previous=False)
     if examples.missing:
         sys.exit(f"{len(examples.missing)} pairs are not drawn yet; train bcnn-8 on {folder}, which draws them")
     batches = ((i, examples.batch([i])) for i in range(len(examples)))
@@ -50,7 +51,7 @@ def main(folder: Path, network: Path | None) -> None:
         found[fold == k] = predicted(features[fold != k], stops[fold != k], features[fold == k])
     print(f"{len(rows)} frames: spread {stops.std():.2f} stops, left {rms(found - stops):.2f}, "
           f"correlation {np.corrcoef(found, stops)[0, 1]:.2f}")
-    held = index >= len(examples) - len(examples) // 10
+    held = index >= held_out(len(examples)).start
     told = predicted(features[~held], stops[~held], features[held])
     print(f"{held.sum()} held out: spread {stops[held].std():.2f}, left {rms(told - stops[held]):.2f}, "
           f"correlation {np.corrcoef(told, stops[held])[0, 1]:.2f}")

@@ -23,7 +23,8 @@ from export.losses import Views
 from export.losses.bcnn import ssim_map
 from export.losses.views import mean_where, tone, toned, warp
 from export.models import Network
-from export.training.examples import Examples, tensors_of
+from export.training.config import held_out
+from export.training.examples import examples_for, tensors_of
 from export.training.state import load
 
 LEAST_SEEN = 0.3   # share of texels with a surface
@@ -34,11 +35,11 @@ DARK = 1e-3        # means
 def main(folder: Path, paths: list[Path]) -> None:
     dataset = Dataset(folder)
     checkpoints = [load(path) for path in paths]
-    held = min((checkpoint.config.data.held_out(len(dataset)) for checkpoint in checkpoints), key=len)
+    held = held_out(len(dataset), min(checkpoint.config.data.validation for checkpoint in checkpoints))
     print(f"{'':24} {'frames':>6} {'SSIM':>6} {'L1':>6} {'change':>7} {'spread':>7} {'error':>6} {'colours':>8}")
     for path, checkpoint in zip(paths, checkpoints, strict=True):
         network = checkpoint.network()
-        examples = Examples(dataset, network.contract)
+        examples = examples_for(dataset, network.contract, previous=False)
         if examples.missing:
             sys.exit(f"{len(examples.missing)} pairs are not drawn yet for {path}; train on {folder}, which draws them")
         found = [views for i in held if (views := seen_by(network, examples.batch([i]))) is not None]
@@ -58,18 +59,19 @@ def seen_by(network: Network, batch: dict[str, Tensor]) -> Views | None:
     """What the network makes of a pair; None where it shows little, or nothing that is lit."""
     if batch["seen"].mean() <= LEAST_SEEN or batch["target"].max() <= 0:
         return None
-    output, previous = (network(**tensors_of(batch, frame)) for frame in ("current", "previous"))
-    warped = warp(previous * batch["ratio"], batch["motion"])
-    return Views(output, batch["target"], warped, batch["seen"], batch["visible"])
+    output, warped = network(**tensors_of(batch, "current")), None
+    if "ratio" in batch:
+        warped = warp(network(**tensors_of(batch, "previous")) * batch["ratio"], batch["motion"])
+    return Views(output, batch["target"], warped, batch["seen"], batch.get("visible"))
 
 
 def judged(views: Views) -> list[float]:
-    """SSIM, L1, change."""
-    assert views.warped is not None and views.visible is not None
+    """SSIM, L1, change; no number for the last where no frame before is drawn."""
     a, b = toned(views)
-    terms = ((ssim_map(a, b), views.seen), ((a - b).abs(), views.seen),
-             ((a - tone(views.warped)).abs(), views.seen * views.visible))
-    return [float(mean_where(values, mask)) for values, mask in terms]
+    errors = [float(mean_where(values, views.seen)) for values in (ssim_map(a, b), (a - b).abs())]
+    if views.warped is None or views.visible is None:
+        return [*errors, float("nan")]
+    return [*errors, float(mean_where((a - tone(views.warped)).abs(), views.seen * views.visible))]
 
 
 def means(light: Tensor, seen: Tensor) -> Tensor:

@@ -10,6 +10,7 @@ groups of pairs, since the pairs of a group show one scene; and in how many pair
 from __future__ import annotations
 
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -24,7 +25,8 @@ from export.losses import Views
 from export.losses.surround import light_maps
 from export.losses.views import mean_where
 from export.models.surround import Surround
-from export.training.examples import Examples, tensors_of
+from export.training.config import held_out
+from export.training.examples import examples_for, tensors_of
 from export.training.state import load
 
 LEAST_SEEN = 0.3   # share of texels with a surface
@@ -35,7 +37,7 @@ RANGE = 2.0        # of Tanh
 def main(folder: Path, paths: list[Path]) -> None:
     checkpoints = [load(path) for path in paths]
     dataset = Dataset(folder)
-    held = min((checkpoint.config.data.held_out(len(dataset)) for checkpoint in checkpoints), key=len)
+    held = held_out(len(dataset), min(checkpoint.config.data.validation for checkpoint in checkpoints))
     ends = [group.first + group.pairs for group in plan(dataset.config, len(dataset))]
     scenes = [end - held.start for end in ends if end > held.start]  # where each one's held-out pairs end
     first = None
@@ -44,14 +46,14 @@ def main(folder: Path, paths: list[Path]) -> None:
         network = checkpoint.network()
         if not isinstance(network, Surround):
             sys.exit(f"{path} holds {checkpoint.config.network.preset}, expected a surrounding-aware network")
-        examples = Examples(dataset, network.contract, previous=False)
+        examples = examples_for(dataset, network.contract, previous=False)
         if examples.missing:
             sys.exit(f"{len(examples.missing)} pairs are not drawn yet for {path}; train on {folder}, which draws them")
         found = torch.tensor([psnr(network, examples.batch([i])) for i in held])
         first = found if first is None else first
         gain = found - first
         seen = ~gain.isnan()
-        groups = torch.stack([gain[at:end].nanmean() for at, end in zip([0, *scenes], scenes, strict=False)])
+        groups = torch.stack([gain[at:end].nanmean() for at, end in pairwise([0, *scenes])])
         groups = groups[~groups.isnan()]
         error = f"{groups.std() / len(groups)**0.5:.2f}" if len(groups) > 1 else "–"
         print(f"{path.parent.name:24} {int(seen.sum()):6} {found[seen].mean():7.2f} {gain[seen].mean():+7.2f} "

@@ -26,7 +26,6 @@ from app.renderer import Renderer
 from app.scene import Camera, Scene
 from app.settings import Settings
 from export.dataset.cameras import choose, normal_spread, probe, random_camera
-from export.dataset.config import read_config
 from export.dataset.files import standing
 from export.dataset.held_out import LIST, digest
 from export.dataset.key import scene_key
@@ -36,6 +35,7 @@ from export.validation import SCENES, VALIDATION, generated
 
 SIZE = (256, 192)
 CANDIDATES = 64
+LEAST_LIT, DARKEST = 0.6, 0.02  # see export.dataset.config.Config
 FILES = {  # with the lightings of their sidecar files; views of each, the file's own camera among them
     "sponza": ("sponza/sponza.glb", ("sun", "lamp"), 6),
     "breakfast-room": ("breakfast-room/breakfast-room.glb", ("lamp", "sun"), 6),
@@ -97,8 +97,7 @@ def _cameras(place: Place, rng: np.random.Generator, wanted: int) -> list[Camera
     """Of those that show something, by the same measure as the dataset's, the ones that show most."""
     tracer, edge = PathTracer(place.scene), place.scene.longest_edge
     candidates = [random_camera(place, rng) for _ in range(CANDIDATES)]
-    usual = read_config(None)
-    fit = [candidates[k] for k in choose(tracer, edge, candidates, CANDIDATES, usual.least_lit, usual.darkest)]
+    fit = [candidates[k] for k in choose(tracer, edge, candidates, CANDIDATES, LEAST_LIT, DARKEST)]
     return sorted(fit, key=lambda camera: -_interest(probe(tracer, camera, edge), edge))[:wanted]
 
 

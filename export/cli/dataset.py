@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 def dataset(out: Annotated[Path, typer.Option(help="Folder of the dataset; what is there and sound is kept.",
                                               metavar="DIR")],
             frames: Annotated[int, typer.Option(help="Pairs of neighbouring frames.", min=1, metavar="N")],
-            config: Annotated[Path | None, typer.Option(help="What it is made of; a mix of all sources without.",
+            config: Annotated[Path | None, typer.Option(help="What it is made of; a mix of sources without.",
                                                         metavar="FILE.toml")] = None,
             seed: Annotated[int, typer.Option(help="Other numbers give other scenes.", min=0)] = 0,
             scheduler: Annotated[str | None, typer.Option(help="A Dask scheduler; this machine's cores without.",

@@ -19,7 +19,7 @@ DATA = Path(__file__).parents[1] / "dataset"
 
 
 @dataclass(frozen=True)
-class Work:
+class Part:
     """A dataset, of a configuration beside ``export.dataset``, and what is trained on it."""
 
     dataset: str
@@ -27,10 +27,10 @@ class Work:
     trained: tuple[str, ...]
 
 
-WHOLE = (Work("default", 1500, ("bcnn-8", "bcnn-8-single", "gfa-8")),
-         Work("around", 2200, ("surround-16", "surround-16-front")),
-         Work("sky", 768, ("ndr-8",)))
-QUICK = (Work("quick", 12, ("quick",)),)
+WHOLE = (Part("default", 1500, ("bcnn-8", "bcnn-8-single", "gfa-8")),
+         Part("around", 2200, ("surround-16", "surround-16-front")),
+         Part("sky", 768, ("ndr-8",)))
+QUICK = (Part("quick", 12, ("quick",)),)
 
 
 def rebuild(work: Annotated[Path, typer.Option(help="Folder of the datasets and of the training runs.",

@@ -26,7 +26,7 @@ def train(config: Annotated[Path, typer.Argument(help="What to do; export/config
     from export.dataset import Dataset
     from export.training.config import read_config
     from export.training.eligible import eligible
-    from export.training.examples import Examples, draw_missing
+    from export.training.examples import draw_missing, examples_for
     from export.training.loop import Run, network_and_loss
 
     chosen = read_config(config, dataset)
@@ -40,10 +40,10 @@ def train(config: Annotated[Path, typer.Argument(help="What to do; export/config
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
                TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty()) as bar:
-        examples = Examples(pairs, contract, loss.uses_previous)
+        examples = examples_for(pairs, contract, loss.uses_previous)
         if examples.missing:
             task = bar.add_task("drawing", total=len(examples.missing))
-            for count in draw_missing(pairs, contract, loss.uses_previous, workers):
+            for count in draw_missing(pairs, contract, examples.previous, workers):
                 bar.advance(task, count)
         run = Run(chosen, examples, out, eligible(pairs, chosen.data.most_saturated))
         task = bar.add_task("training", total=run.steps, completed=run.progress.step)

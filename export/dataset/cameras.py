@@ -64,15 +64,15 @@ def choose(tracer: PathTracer, longest_edge: float, candidates: Iterable[Camera]
     return chosen[:wanted]
 
 
-def shows_something(samples: Samples, longest_edge: float, least_lit: float, darkest: float) -> bool:
+def shows_something(samples: Samples, longest_edge: float, least_lit: float, least_luminance: float) -> bool:
     """Whether a probe's depth and light are those of a picture worth learning from; see the constants above.
 
     Parameters
     ----------
     least_lit : float
         Share of the surfaces that some path from the light has to reach.
-    darkest : float
-        Least mean luminance, in W/(sr m²).
+    least_luminance : float
+        Of the whole picture on average, in W/(sr m²).
     """
     seen = samples.depth > 0
     if seen.mean() < LEAST_SEEN:
@@ -84,7 +84,7 @@ def shows_something(samples: Samples, longest_edge: float, least_lit: float, dar
         return False
     light = (samples.direct + samples.multi).reshape(PROBE_PATHS, -1, 3).sum(axis=(0, 2))
     lit = (light[seen.reshape(PROBE_PATHS, -1)[0]] > 0).mean()
-    return bool(lit >= least_lit) and mean_luminance(samples) >= darkest
+    return bool(lit >= least_lit) and mean_luminance(samples) >= least_luminance
 
 
 def normal_spread(samples: Samples) -> float:

@@ -55,7 +55,7 @@ class Config:
     least_lit : float
         Share of a picture's surfaces that a few paths have to find lit.
     darkest : float
-        Least mean luminance of a picture, of what the scene's cameras see on average.
+        Least mean luminance of a picture, as a share of what the scene's cameras see on average.
 
     Raises
     ------
@@ -85,7 +85,9 @@ class Config:
         for key in ("denoised", "environment"):
             need(isinstance(getattr(self, key), bool), key, "true or false")
         for key in ("least_lit", "darkest"):
-            need(isinstance(getattr(self, key), float | int) and 0 <= getattr(self, key) <= 1, key, "a share")
+            value = getattr(self, key)
+            need(isinstance(value, float | int) and not isinstance(value, bool) and 0 < value <= 1, key,
+                 "a share above 0, at most 1")
         need(bool(self.sources), "sources", "at least one")
         for s in self.sources:
             need(s.source in (*SOURCES, FILES), "sources", f"names among {', '.join((*SOURCES, FILES))}")

@@ -47,9 +47,9 @@ PRESETS = {
 class Surround(Network):
     """A light map of all that surrounds the camera, of which the screen takes its part.
 
-    The thesis's map is of direct and indirect light together. What is direct of it the panorama tells, lumination /
-    albedo, so that the generator gives the rest, and loss and critic see the sum: nothing is to be taken off, which
-    would leave what the generator errs by where light is strong.
+    The thesis's map is of direct and indirect light together. What is known of it the panorama tells, lumination
+    (direct light, and what glows) / albedo, so that the generator gives the rest, and loss and critic see the sum:
+    nothing is to be taken off, which would leave what the generator errs by where light is strong.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Surround(Network):
     """
 
     remark = ("of the light map the generator gives what is indirect, which is looked up where the screen's texels "
-              "lie around the camera; for loss and critic its direct part is added, lumination / albedo, of an albedo "
+              "lie around the camera; for loss and critic the known part is added, lumination / albedo, of an albedo "
               f"of at least {DARKEST:g}, so that none is to be removed")
 
     def __init__(self, name: str, front_alone: bool = False, dropout: float = 0.5) -> None:
@@ -100,9 +100,9 @@ class Surround(Network):
         return (light * surface).to(around.dtype)
 
     def condition(self, around: Tensor, screen: Tensor) -> Tensor:
-        """What the discriminator looks at beside light maps, [B, 15, h, w]: ``seen`` on the screen, direct light."""
+        """What the discriminator looks at beside light maps, [B, 15, h, w]: ``seen`` on the screen, known light."""
         albedo, _, _, lumination = self._split(around)
-        known = torch.cat([self.seen(around), lumination / albedo.clamp(min=DARKEST)], 1).float()
+        known = torch.cat([self.seen(around).float(), lumination.float() / albedo.float().clamp(min=DARKEST)], 1)
         return functional.grid_sample(known, places(self._position(screen)), mode="nearest", align_corners=False,
                                       padding_mode="border")
 

@@ -106,8 +106,8 @@ def _multiplied(batch: Batch, contract: ModelContract, factor: Tensor, which: Ca
 
 
 def _inputs(batch: Batch, contract: ModelContract) -> list[tuple[str, TensorSpec]]:
-    names = [(f"{frame}.{t}", spec) for frame in ("current", "previous") for t, spec in contract.inputs.items()]
-    return [(name, spec) for name, spec in names if name in batch]
+    frames = ("current", "previous") if "ratio" in batch else ("current",)
+    return [(f"{frame}.{t}", spec) for frame in frames for t, spec in contract.inputs.items()]
 
 
 def _over(x: Tensor, tensor: Tensor) -> Tensor:

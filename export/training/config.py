@@ -14,6 +14,8 @@ from app.errors import SettingsError
 
 strict = dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid"))
 
+HELD_OUT = 0.1  # share of the pairs, where a configuration has no other
+
 
 @strict
 class NetworkConfig:
@@ -35,6 +37,11 @@ class LossConfig:
     critic_rate: PositiveFloat = 1e-4
 
 
+def held_out(count: int, share: float = HELD_OUT) -> range:
+    """Those of ``count`` pairs, one at least, that are never trained on."""
+    return range(count - max(1, round(share * count)), count)
+
+
 @strict
 class DataConfig:
     """Where examples come from.
@@ -54,14 +61,10 @@ class DataConfig:
     """
 
     dataset: Path
-    validation: float = Field(0.1, gt=0, lt=1)
+    validation: float = Field(HELD_OUT, gt=0, lt=1)
     pairs: PositiveInt | None = None
     most_saturated: float = Field(1.0, ge=0, le=1)
     every: PositiveInt = 1
-
-    def held_out(self, count: int) -> range:
-        """Those of ``count`` pairs, one at least, that are never trained on."""
-        return range(count - max(1, round(self.validation * count)), count)
 
 
 @strict

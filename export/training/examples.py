@@ -58,8 +58,7 @@ class Examples:
     Parameters
     ----------
     previous : bool
-        Whether the frames before are wanted, too, which takes twice as long to draw. Where they are kept already, they
-        are there without being wanted.
+        Whether with the frames before, which take as long to draw again.
 
     Attributes
     ----------
@@ -68,11 +67,9 @@ class Examples:
     """
 
     def __init__(self, pairs: Pairs, contract: ModelContract, previous: bool = True) -> None:
-        self.contract = replace(contract, scale=TARGET_SCALE)
-        both = _folder(pairs, self.contract, previous=True)
-        self.previous = previous or both.exists()
-        self.folder = both if self.previous else _folder(pairs, self.contract, previous=False)
-        layout = _layout(self.contract, pairs.pair(0).current.size, self.previous)
+        self.contract, self.previous = replace(contract, scale=TARGET_SCALE), previous
+        self.folder = _folder(pairs, self.contract, previous)
+        layout = _layout(self.contract, pairs.pair(0).current.size, previous)
         if not self.folder.exists():
             with replacing_folder(self.folder) as fresh:
                 for name, (kind, shape) in layout.items():
@@ -88,7 +85,9 @@ class Examples:
 
     def put(self, index: int, inputs: Inputs | Frame, target: Target) -> None:
         """Keep what was drawn and traced for a pair; inputs of the current frame alone without ``previous``."""
-        for name, value in _values(self.contract, inputs, target).items():
+        values = _values(self.contract, inputs, target)
+        assert values.keys() | {DONE} == self._arrays.keys()
+        for name, value in values.items():
             self._arrays[name][index] = value
         self._arrays[DONE][index] = 1  # last: a process killed before leaves it to be drawn again
 
@@ -100,6 +99,15 @@ class Examples:
         return {name: torch.from_numpy(np.stack([np.concatenate([self._arrays[k][i] for k in kept])
                                                  for i in indices]).astype(np.float32))
                 for name, kept in wanted.items()}
+
+
+def examples_for(pairs: Pairs, contract: ModelContract, previous: bool) -> Examples:
+    """Those with the frames before where these are wanted or, all of them, kept already; others without."""
+    if not previous and _folder(pairs, replace(contract, scale=TARGET_SCALE), previous=True).exists():
+        both = Examples(pairs, contract)
+        if not both.missing:
+            return both
+    return Examples(pairs, contract, previous)
 
 
 def draw_missing(pairs: Pairs, contract: ModelContract, previous: bool = True,
@@ -188,7 +196,7 @@ def _draw(pairs: Pairs, contract: ModelContract, previous: bool, indices: list[i
     with Drawer(examples.contract) as drawer:
         for index in indices:
             pair = pairs.pair(index)
-            inputs = drawer.draw(pair) if examples.previous else drawer.still(pair.current)
+            inputs = drawer.draw(pair) if previous else drawer.still(pair.current)
             examples.put(index, inputs, pairs.target(index))
     return len(indices)
 

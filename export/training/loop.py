@@ -21,7 +21,7 @@ from export.models import Network, make_network, weights_of
 from export.models.network import Conditioned
 from export.training import state
 from export.training.augment import augment, coarser
-from export.training.config import Config, ScheduleConfig
+from export.training.config import Config, ScheduleConfig, held_out
 from export.training.critic import CriticTraining
 from export.training.examples import Batch, Examples, tensors_of
 from export.training.log import Log, mean_of, write_pictures
@@ -51,8 +51,9 @@ class Run:
 
     def __init__(self, config: Config, examples: Examples, folder: Path,
                  eligible: Sequence[int] | None = None) -> None:
+        assert not examples.missing
         self.config, self.examples, self.folder = config, examples, folder
-        self.held_out = list(config.data.held_out(len(examples)))
+        self.held_out = list(held_out(len(examples), config.data.validation))
         others = range(self.held_out[0])
         candidates = [i for i in (others if eligible is None else eligible) if i in others]
         wanted = config.data.pairs or len(candidates)

@@ -95,7 +95,7 @@ def test_light_is_looked_up_on_surfaces_and_the_sky_is_black() -> None:
 
 
 @torch.no_grad()
-def test_loss_and_critic_see_direct_light_as_the_panorama_has_it() -> None:
+def test_loss_and_critic_see_lumination_as_the_panorama_has_it() -> None:
     net = network()
     inputs = room()
     inputs["screen"][:] = torch.tensor([0.01, 0.01, -5.0]).reshape(1, 3, 1, 1)

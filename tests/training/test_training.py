@@ -103,15 +103,16 @@ def test_missing_examples_are_drawn_once(tmp_path: Path) -> None:
 
 @pytest.mark.gl
 def test_frames_before_are_drawn_only_where_they_are_wanted(tmp_path: Path) -> None:
-    from export.training.examples import draw_missing
+    from export.training.examples import draw_missing, examples_for
 
     pairs = CornellPairs(tmp_path, 2)
     assert sum(draw_missing(pairs, CONTRACT, previous=False, workers=1)) == 2
     alone = Examples(pairs, CONTRACT, previous=False).batch([0, 1])
     assert set(alone) == {"current.x", "target", "seen"}
     assert len(Examples(pairs, CONTRACT).missing) == 2
+    assert not examples_for(pairs, CONTRACT, previous=False).missing, "an empty folder of both hides nothing"
     assert sum(draw_missing(pairs, CONTRACT, workers=1)) == 2
-    both = Examples(pairs, CONTRACT, previous=False)
+    both = examples_for(pairs, CONTRACT, previous=False)
     assert both.missing == [] and "previous.x" in both.batch([0]), "what is kept already serves"
     for name, x in alone.items():
         assert torch.equal(x, both.batch([0, 1])[name])

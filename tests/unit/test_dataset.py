@@ -21,7 +21,7 @@ if any(importlib.util.find_spec(name) is None for name in ("mitsuba", "distribut
 
 from app.errors import SettingsError
 from export.dataset import Dataset
-from export.dataset.config import Config, Share, from_table, read_config
+from export.dataset.config import DEFAULT, Config, Share, from_table, read_config
 from export.dataset.key import scene_key
 from export.dataset.make import make_group
 from export.dataset.plan import Choice, Group, pair_at, plan
@@ -222,6 +222,9 @@ def bad_tables() -> Iterator[tuple[dict[str, object], str]]:
     yield {**table, "size": [63, 48]}, "size"
     yield {**table, "paths": 0}, "paths"
     yield {**table, "pathes": 3}, "pathes"
+    yield {**table, "least_lit": 1.5}, "least_lit"
+    yield {**table, "least_lit": True}, "least_lit"
+    yield {**table, "darkest": 0}, "darkest"
     yield {**table, "sources": {"roon": {"share": 1, "pairs": 2}}}, "roon"
     yield {**table, "sources": {"files": {"share": 1, "pairs": 2}}}, "files"
     yield {key: value for key, value in table.items() if key != "size"}, "size"
@@ -233,9 +236,17 @@ def test_a_bad_configuration_is_refused(table: dict[str, object], named: str) ->
         from_table(table)
 
 
-def test_the_default_configuration_mixes_all_sources() -> None:
+def test_the_default_configuration_mixes_sources() -> None:
     names = {share.source for share in read_config(None).sources}
     assert names == {"room", "corridor", "hall", "courtyard", "blocks", "files"}
+
+
+def test_other_configurations_are_sound_and_ask_less_of_cameras() -> None:
+    usual = read_config(None)
+    for name in ("sky", "around"):
+        config = read_config(DEFAULT.with_name(f"{name}.toml"))
+        assert config.least_lit < usual.least_lit and config.darkest <= usual.darkest
+        assert config.environment == (name == "sky")
 
 
 def test_held_out_scenes_are_refused(tmp_path: Path) -> None:
