@@ -106,7 +106,7 @@ def _multiplied(batch: Batch, contract: ModelContract, factor: Tensor, which: Ca
 
 
 def _inputs(batch: Batch, contract: ModelContract) -> list[tuple[str, TensorSpec]]:
-    frames = ("current", "previous") if "ratio" in batch else ("current",)
+    frames = {name.partition(".")[0] for name in batch} & {"current", "previous"}
     return [(f"{frame}.{t}", spec) for frame in frames for t, spec in contract.inputs.items()]
 
 
