@@ -16,3 +16,17 @@ def merged(cube: NDArray[Any]) -> NDArray[Any]:
     # Rows are counted from below on the GPU, so the lower one of each two is picked.
     caps = [np.repeat(view[:, 1::2], 4, axis=-1) for view in (up, down)]
     return np.concatenate([caps[0], middle, caps[1]], axis=1)
+
+
+def solid_angles(height: int) -> NDArray[np.float64]:
+    """What each texel of a panorama stands for, shape (height, 2 height), in sr; 4 π together.
+
+    Units: half the edge of a view, whose texels lie at distance 1 along its axis.
+    """
+    n = height // 2
+    at = (2 * np.arange(n) + 1) / n - 1
+    view = (1 + at[:, None]**2 + at**2)**-1.5
+    found = merged(np.broadcast_to(view, (1, 6, n, n)))[0]
+    for cap in (found[:n // 2], found[n // 2 + n:]):
+        cap *= 2 / 4  # two rows of a view and a quarter of a column
+    return found * (4 * np.pi / found.sum())

@@ -12,14 +12,16 @@ from export.dataset import lights
 from export.dataset.assembly import Assembly
 from export.dataset.furniture import random_furniture
 from export.dataset.indoors import furnish, hang_lamps
-from export.dataset.materials import ceiling, floor, wall
+from export.dataset.materials import ceiling, floor, thing, wall
 from export.dataset.parts import slab
 from export.dataset.place import Place, Rng
 from export.dataset.walls import THICKNESS, Opening, Wall, build, rectangle, with_openings
 
-SUNNY = 0.35      # share of the suites that the sun lights through an end wall
+SUNNY = 0.45      # share of the suites that the sun lights through an end wall
+SHUTTERED = 0.5   # share of those windows that a shutter covers from above
 SPOTS = 0.6       # share of the others' lit rooms that spots light, others have lamps of any kind
 SECOND_LIT = 0.2  # share of the further rooms that are lit, too
+SLAT = 0.03       # thickness of a shutter, metres
 
 
 def suite(rng: Rng) -> Place:
@@ -40,17 +42,30 @@ def suite(rng: Rng) -> Place:
     assembly.add(slab((-x, -t, -z), (x, 0, z)), floor(rng))
     assembly.add(slab((-x, height, -z), (x, height + t, z)), ceiling(rng))
 
+    for o in outside[0].openings:
+        if rng.random() < SHUTTERED:
+            _shutter(rng, assembly, outside[0], o)
+
     free = []
     first = 0 if sunny else int(rng.integers(len(depths)))
-    for number, (near, far) in enumerate(pairwise(edges)):
+    for number, (near, end) in enumerate(pairwise(edges)):
+        far = end if number == len(depths) - 1 else end - THICKNESS
         furnish(rng, assembly, width, far - near, random_furniture, rng.uniform(0.05, 0.4), (0.0, (near + far) / 2))
-        free.append([[-width / 2 + 0.25, 0.5, near + 0.25], [width / 2 - 0.25, min(2.1, height - 0.2), far - 0.05]])
+        free.append([[-width / 2 + 0.25, 0.5, near + 0.25], [width / 2 - 0.25, min(2.1, height - 0.2), far - 0.1]])
         if number == first and sunny:
             azimuth = math.atan2(outside[0].inward[0], -outside[0].inward[2]) + rng.uniform(-0.7, 0.7)
             assembly.lights.append(lights.sun(rng, azimuth, irradiance=25.0))
         elif number == first or rng.random() < SECOND_LIT:
             _light(rng, assembly, np.array([[-width / 2, 0, near], [width / 2, height, far]]))
     return assembly.place("suite", free)
+
+
+def _shutter(rng: Rng, assembly: Assembly, outside: Wall, o: Opening) -> None:
+    """What leaves from all to a fiftieth of a window open, at its bottom, more often little."""
+    bottom = o.bottom + (o.top - o.bottom) * float(rng.uniform(0.15, 1.0) ** 2)
+    left, back = outside.point(o.left, bottom, THICKNESS)[[0, 2]].tolist()
+    right = float(outside.point(o.right, bottom)[0])
+    assembly.add(slab((left, bottom, back), (right, o.top, back + SLAT)), thing(rng))
 
 
 def _parting(rng: Rng, width: float, z: float, height: float) -> Wall:

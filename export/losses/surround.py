@@ -10,13 +10,13 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from export.losses.views import Views, mean_where
-from export.models.surround import COLORS, Discriminator, to_tanh
+from export.models.surround import COLORS, SEEN, Discriminator, to_tanh
 
 
 class SurroundLoss:
     """100 × L1 between light maps on Tanh's scale + what a critic makes of them, by binary cross-entropy.
 
-    Both look at what the screen shows of the light map, since the truth is known there alone.
+    Both look at what the screen shows of the light map, since the truth is known there alone, in means of the sphere.
 
     Parameters
     ----------
@@ -72,12 +72,13 @@ class ConditionalCritic(nn.Module):
 
     def _told(self, views: Views, light: Tensor, truth: float) -> Tensor:
         assert views.condition is not None
-        logits = self.discriminator(views.condition[:, :-COLORS], light)
+        logits = self.discriminator(views.condition[:, :SEEN], light)
         return functional.binary_cross_entropy_with_logits(logits, torch.full_like(logits, truth))
 
 
 def light_maps(views: Views) -> tuple[Tensor, Tensor]:
     """Direct and indirect light without albedo, the network's and the truth's, on Tanh's scale; -1 in the sky."""
     assert views.condition is not None
-    direct = views.condition[:, -COLORS:]
-    return to_tanh((views.output + direct) * views.seen), to_tanh((views.target + direct) * views.seen)
+    direct, unit = torch.split(views.condition[:, SEEN:], [COLORS, 1], dim=1)
+    output, target = (to_tanh((light / unit + direct) * views.seen) for light in (views.output, views.target))
+    return output, target

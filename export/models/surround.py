@@ -17,6 +17,8 @@ from app.channels import PANORAMA
 from app.contract import ModelContract, TensorSpec
 from export.models.finite import finite
 from export.models.network import Network
+from export.models.own_means import times_means
+from export.panorama import solid_angles
 
 EXTENT = 40.0
 FARTHEST = 2.0   # extents
@@ -26,7 +28,8 @@ SCREEN = ("position.view.xyz",)
 SEEN, COLORS = 12, 3    # channels: those of AROUND with azimuth and height; a light map's
 DROPPED = 3             # decoder blocks with dropout
 DARKEST = 0.02          # albedo that lumination is divided by, at least
-MU, BRIGHTEST = 16.0, 64.0  # of the μ-law between Tanh and light in means of the frame, and where it ends
+MU, BRIGHTEST = 16.0, 1024.0  # of the μ-law between Tanh and light in means of the sphere, and where it ends
+LEAST_MEAN = 1e-6       # that light is divided by
 EPSILON = 1e-5
 
 
@@ -51,11 +54,15 @@ class Surround(Network):
     (direct light, and what glows) / albedo, so that the generator gives the rest, and loss and critic see the sum:
     nothing is to be taken off, which would leave what the generator errs by where light is strong.
 
+    The generator is shown light in means of the sphere, of each colour: what arrives at the camera, however small the
+    places are that send it. So it need tell no more than how that light spreads.
+
     Attributes
     ----------
     contract : ModelContract
     front_alone : bool
-        Shows it nothing but the front view, for comparison: then it is DeepIllumination (Thomas and Forbes 2017).
+        Shows it nothing but the front view, whose light alone makes its means, for comparison: then it is
+        DeepIllumination (Thomas and Forbes 2017).
     """
 
     remark = ("of the light map the generator gives what is indirect, which is looked up where the screen's texels "
@@ -79,6 +86,8 @@ class Surround(Network):
         front = torch.zeros(1, 1, h, w)
         front[..., h // 4:3 * h // 4, 3 * w // 8:5 * w // 8] = 1.0
         self.register_buffer("front", front, persistent=False)
+        share = torch.from_numpy(solid_angles(h)).float() * (h * w / (4 * math.pi))
+        self.register_buffer("share", share, persistent=False)
 
     def forward(self, around: Tensor, screen: Tensor) -> Tensor:
         """Infer one batch of frames.
@@ -91,7 +100,7 @@ class Surround(Network):
         Returns
         -------
         Tensor, shape (B, 3, h, w)
-            Indirect radiance / albedo, at least 0; 0 in the sky.
+            Indirect radiance / albedo in the unit of ``around``, at least 0; 0 in the sky.
         """
         position = self._position(screen)
         light = functional.grid_sample(self.indirect_map(around), places(position), align_corners=False,
@@ -100,24 +109,37 @@ class Surround(Network):
         return (light * surface).to(around.dtype)
 
     def condition(self, around: Tensor, screen: Tensor) -> Tensor:
-        """What the discriminator looks at beside light maps, [B, 15, h, w]: ``seen`` on the screen, known light."""
+        """What the loss needs beside light, [B, 16, h, w], on the screen.
+
+        ``seen``, and known light, lumination / albedo, in a unit that is the last channel: the mean light of the whole
+        sphere over all colours, which is the same for networks that are shown less.
+        """
         albedo, _, _, lumination = self._split(around)
-        known = torch.cat([self.seen(around).float(), lumination.float() / albedo.float().clamp(min=DARKEST)], 1)
-        return functional.grid_sample(known, places(self._position(screen)), mode="nearest", align_corners=False,
+        unit = self._mean(lumination).mean(1, keepdim=True).clamp(min=LEAST_MEAN)
+        known = lumination.float() / albedo.float().clamp(min=DARKEST) / unit
+        found = torch.cat([self.seen(around).float(), known, unit.expand_as(known[:, :1])], 1)
+        return functional.grid_sample(found, places(self._position(screen)), mode="nearest", align_corners=False,
                                       padding_mode="border")
 
     def indirect_map(self, around: Tensor) -> Tensor:
-        """Indirect light [B, 3, H, 2 H] in means of the frame, without albedo, in single precision."""
-        return from_tanh(self.generator(self.seen(around)).float())
+        """Indirect light [B, 3, H, 2 H] without albedo in the unit of ``around``, in single precision."""
+        relative = from_tanh(self.generator(self.seen(around)).float())
+        return times_means(relative, self._mean(self._shown(self._split(around)[3])))
 
     def seen(self, around: Tensor) -> Tensor:
         """What generator and discriminator look at, [B, 12, H, 2 H], each channel of about unit size."""
-        albedo, normal, depth, light = self._split(around)
+        albedo, normal, depth, light = map(self._shown, self._split(around))
         depth = (depth / EXTENT).clamp(max=FARTHEST)
-        found = torch.cat([albedo, normal, depth, to_tanh(light)], 1)
-        found = found * self.get_buffer("front").to(found) if self.front_alone else found
-        angles = self.get_buffer("angles").to(found).expand(len(found), -1, -1, -1)
-        return torch.cat([found, angles], 1)
+        light = to_tanh(light.float() / self._mean(light).clamp(min=LEAST_MEAN)).to(light.dtype)
+        angles = self.get_buffer("angles").to(light).expand(len(light), -1, -1, -1)
+        return torch.cat([albedo, normal, depth, light, angles], 1)
+
+    def _mean(self, light: Tensor) -> Tensor:
+        """Of each colour over the sphere by solid angle, [B, 3, 1, 1], in single precision."""
+        return (light.float() * self.get_buffer("share").float()).mean((2, 3), keepdim=True)
+
+    def _shown(self, x: Tensor) -> Tensor:
+        return x * self.get_buffer("front").to(x) if self.front_alone else x
 
     def _split(self, around: Tensor) -> tuple[Tensor, ...]:
         return torch.split(finite(around, self.contract.inputs["around"]), [3, 3, 1, 3], dim=1)
@@ -214,7 +236,7 @@ def places(position: Tensor) -> Tensor:
 
 
 def to_tanh(light: Tensor) -> Tensor:
-    """Light in means of the frame on Tanh's scale: logarithmic, -1 is black."""
+    """Light in means of the sphere on Tanh's scale: logarithmic, -1 is black."""
     return 2 * torch.log1p(MU * light.clamp(0, BRIGHTEST)) / math.log1p(MU * BRIGHTEST) - 1
 
 

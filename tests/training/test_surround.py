@@ -17,8 +17,8 @@ from typer.testing import CliRunner  # noqa: E402
 from app.math3d import cube_rotations  # noqa: E402
 from export.losses.surround import SurroundLoss  # noqa: E402
 from export.models import make_network  # noqa: E402
-from export.models.surround import Discriminator, from_tanh, places, to_tanh  # noqa: E402
-from export.panorama import merged  # noqa: E402
+from export.models.surround import BRIGHTEST, Discriminator, from_tanh, places, to_tanh  # noqa: E402
+from export.panorama import merged, solid_angles  # noqa: E402
 from export.to_onnx import cases, write_network  # noqa: E402
 from export.training.config import from_table  # noqa: E402
 from export.training.examples import Examples, draw_missing  # noqa: E402
@@ -63,7 +63,7 @@ def test_points_are_looked_up_where_the_panorama_shows_them() -> None:
 
 
 def test_light_on_tanhs_scale_comes_back() -> None:
-    light = torch.tensor([0.0, 1e-3, 0.3, 1.0, 20.0, 64.0])
+    light = torch.tensor([0.0, 1e-3, 0.3, 1.0, 20.0, BRIGHTEST])
     assert to_tanh(light).min() == -1 and to_tanh(light).max() == pytest.approx(1.0)
     torch.testing.assert_close(from_tanh(to_tanh(light)), light, rtol=1e-4, atol=1e-6)
 
@@ -89,9 +89,9 @@ def test_light_is_looked_up_on_surfaces_and_the_sky_is_black() -> None:
     assert not found[..., :4, :].any() and found[..., 4:, :].min() >= 0 and found.max() > 0
     light = net.indirect_map(inputs["around"])
     assert found.max() <= light.max()
-    inputs["screen"][:] = torch.tensor([0.01, -0.01, -5.0]).reshape(1, 3, 1, 1)  # straight ahead
+    inputs["screen"][:] = torch.tensor([1e-5, -1e-5, -5.0]).reshape(1, 3, 1, 1)  # straight ahead
     middle = light[..., 64 - 1:64 + 1, 128 - 1:128 + 1].mean((2, 3))
-    torch.testing.assert_close(net(**inputs)[..., 0, 0], middle, rtol=0.2, atol=1e-3)
+    torch.testing.assert_close(net(**inputs)[..., 0, 0], middle, rtol=1e-3, atol=0.0)
 
 
 @torch.no_grad()
@@ -103,8 +103,54 @@ def test_loss_and_critic_see_lumination_as_the_panorama_has_it() -> None:
     inputs["around"][:, :3] = torch.tensor([0.5, 0.25, 1e-3]).reshape(1, 3, 1, 1)
     inputs["around"][:, 7:, *at] = torch.tensor([1.0, 0.5, 0.1])
     found = net.condition(**inputs)[0, :, 0, 0]
-    torch.testing.assert_close(found[12:], torch.tensor([2.0, 2.0, 5.0]))
+    unit = (inputs["around"][0, 7:].numpy() * solid_angles(128)).sum() / (4 * np.pi) / 3
+    assert float(found[15]) == pytest.approx(unit, rel=1e-5)
+    torch.testing.assert_close(found[12:15] * found[15], torch.tensor([2.0, 2.0, 5.0]))
     torch.testing.assert_close(found[:12], net.seen(inputs["around"])[0, :, *at])
+
+
+@pytest.mark.parametrize("front_alone", [False, True])
+@torch.no_grad()
+def test_more_light_of_a_colour_gives_as_much_more_of_it(front_alone: bool) -> None:
+    net = network(front_alone=front_alone)
+    around, screen = room().values()
+    before, other = net(around, screen), around.clone()
+    for factors in ((100.0, 100.0, 100.0), (1.0, 5.0, 0.01)):
+        factor = torch.tensor(factors).reshape(1, 3, 1, 1)
+        other[:, 7:] = factor * around[:, 7:]
+        torch.testing.assert_close(net(other, screen), factor * before, rtol=1e-3, atol=1e-5)
+    other[:, 8] = 0.0
+    assert not net(other, screen)[:, 1].any()
+
+
+@torch.no_grad()
+def test_light_of_a_place_counts_by_its_solid_angle_however_small_it_is() -> None:
+    """Where it lies, how far and of which colour the generator is told beside; its amount is the unit of light."""
+    net = network()
+    around = room()["around"]
+    around[:, 7:] = 0.0
+    for rows, columns in ((slice(60, 61), slice(5, 6)), (slice(10, 14), slice(40, 56))):
+        lit = around.clone()
+        lit[:, 7:, rows, columns] = 30.0
+        share = solid_angles(128)[rows, columns].sum() / (4 * np.pi)
+        torch.testing.assert_close(net._mean(lit[:, 7:]), torch.full((1, 3, 1, 1), 30.0 * share), rtol=1e-4, atol=0.0)
+        assert float(net.seen(lit)[0, 7, rows, columns].min()) == pytest.approx(
+            float(to_tanh(torch.tensor(1 / share))), rel=1e-3)
+        assert net.indirect_map(lit).max() < BRIGHTEST * 30.0 * share
+
+
+def test_solid_angles_are_those_of_a_cubes_texels() -> None:
+    """Against the closed form of a rectangle's solid angle: differences of atan(x y / sqrt(1 + x² + y²))."""
+    n = 32
+    edges = np.linspace(-1, 1, n + 1)
+    whole = np.arctan(edges[:, None] * edges / np.sqrt(1 + edges[:, None]**2 + edges**2))
+    texels = np.diff(np.diff(whole, axis=0), axis=1)
+    found = solid_angles(2 * n)
+    assert found.sum() == pytest.approx(4 * np.pi)
+    np.testing.assert_allclose(found[n // 2:n // 2 + n, n // 2:n // 2 + n], texels, rtol=1e-2)  # the left view
+    cap = found[:n // 2].reshape(n // 2, n, 4).sum(-1)
+    np.testing.assert_allclose(cap, texels[::2] + texels[1::2], rtol=0.1)  # of two rows one is picked
+    np.testing.assert_allclose([cap.sum(), found[-n // 2:].sum()], 4 * np.pi / 6, rtol=1e-2)
 
 
 def test_discriminator_judges_patches() -> None:
@@ -127,10 +173,11 @@ def test_its_loss_compares_light_maps_and_its_critic_learns(tmp_path: Path) -> N
     assert set(after) == {"l1", "adversarial", "loss"} and after["l1"] < 0.9 * before["l1"]
     assert load(tmp_path / "run" / CHECKPOINT).critic["model"]
     views = run._views(run.ema, run._batch([0]))
-    assert views.condition is not None and views.condition.shape[1] == 15
+    assert views.condition is not None and views.condition.shape[1] == 16
     right = replace(views, output=views.target)
     assert SurroundLoss(adversarial=0.0)(right)["l1"] == 0
-    expected = 100 * (to_tanh(views.output + views.condition[:, 12:]) - to_tanh(views.target + views.condition[:, 12:]))
+    known, unit = views.condition[:, 12:15], views.condition[:, 15:]
+    expected = 100 * (to_tanh(views.output / unit + known) - to_tanh(views.target / unit + known))
     torch.testing.assert_close(SurroundLoss(adversarial=0.0)(views)["l1"], expected.abs().mean())
 
 
