@@ -125,6 +125,8 @@ def from_table(table: dict[str, Any]) -> Config:
         if key not in known or key in needed:
             raise SettingsError(f"unknown or missing key {key!r}", WHERE,
                                 f"expected {', '.join(sorted(known))}")
+    if not isinstance(table["sources"], dict):
+        raise SettingsError(f"bad sources {table['sources']!r}", WHERE, "expected a table of names and their shares")
     folder = Path(table.get("folder", "."))
     shares = tuple(Share(name, **values) for name, values in table["sources"].items())
     files = tuple(str(folder / name) for name in table.get("files", ()))

@@ -225,6 +225,7 @@ def bad_tables() -> Iterator[tuple[dict[str, object], str]]:
     yield {**table, "least_lit": 1.5}, "least_lit"
     yield {**table, "least_lit": True}, "least_lit"
     yield {**table, "darkest": 0}, "darkest"
+    yield {**table, "sources": 5}, "table of names"
     yield {**table, "sources": {"roon": {"share": 1, "pairs": 2}}}, "roon"
     yield {**table, "sources": {"files": {"share": 1, "pairs": 2}}}, "files"
     yield {key: value for key, value in table.items() if key != "size"}, "size"
