@@ -1,4 +1,4 @@
-"""Boxes that are open at one side, seen from outside as a stage: all that light falls on is in front of the camera."""
+"""Boxes that are open at one side and seen from there, as a stage: nearly all that is lit is in front of the camera."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SUNNY = 0.25  # share of those that the sun lights through the open side, too
 
 
 def diorama(rng: Rng) -> Place:
-    """A box of 1.5 to 6 metres along its sides, open towards +z, and a lamp or two in it."""
+    """A box of 1.5 to 6 metres along its sides, open towards +z and now and then above, and a lamp or two in it."""
     assembly = Assembly(rng)
     width, depth = rng.uniform(1.5, 6.0, 2).tolist()
     height = float(rng.uniform(1.5, 3.6))

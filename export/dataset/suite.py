@@ -18,7 +18,7 @@ from export.dataset.place import Place, Rng
 from export.dataset.walls import THICKNESS, Opening, Wall, build, rectangle, with_openings
 
 SUNNY = 0.45      # share of the suites that the sun lights through an end wall
-SHUTTERED = 0.5   # share of those windows that a shutter covers from above
+SHUTTERED = 0.5   # share of those windows and doors that a shutter covers from above
 SPOTS = 0.6       # share of the others' lit rooms that spots light, others have lamps of any kind
 SECOND_LIT = 0.2  # share of the further rooms that are lit, too
 SLAT = 0.03       # thickness of a shutter, metres
@@ -61,7 +61,10 @@ def suite(rng: Rng) -> Place:
 
 
 def _shutter(rng: Rng, assembly: Assembly, outside: Wall, o: Opening) -> None:
-    """What leaves from all to a fiftieth of a window open, at its bottom, more often little."""
+    """What leaves 2 to 100 % of an opening open at its bottom, more often little: at times the sill alone is lit.
+
+    The wall ``outside`` is that at -z.
+    """
     bottom = o.bottom + (o.top - o.bottom) * float(rng.uniform(0.15, 1.0) ** 2)
     left, back = outside.point(o.left, bottom, THICKNESS)[[0, 2]].tolist()
     right = float(outside.point(o.right, bottom)[0])

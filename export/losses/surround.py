@@ -77,7 +77,9 @@ class ConditionalCritic(nn.Module):
 
 
 def light_maps(views: Views) -> tuple[Tensor, Tensor]:
-    """Direct and indirect light without albedo, the network's and the truth's, on Tanh's scale; -1 in the sky."""
+    """Direct and indirect light without albedo of network and truth, in means of the sphere on Tanh's scale; -1 in the
+    sky.
+    """
     assert views.condition is not None
     direct, unit = torch.split(views.condition[:, SEEN:], [COLORS, 1], dim=1)
     output, target = (to_tanh((light / unit + direct) * views.seen) for light in (views.output, views.target))

@@ -17,6 +17,7 @@ from app.channels import PANORAMA
 from app.contract import ModelContract, TensorSpec
 from export.models.finite import finite
 from export.models.network import Network
+from export.models.own_means import DARKEST as DARKEST_MEAN
 from export.models.own_means import times_means
 from export.panorama import solid_angles
 
@@ -29,7 +30,6 @@ SEEN, COLORS = 12, 3    # channels: those of AROUND with azimuth and height; a l
 DROPPED = 3             # decoder blocks with dropout
 DARKEST = 0.02          # albedo that lumination is divided by, at least
 MU, BRIGHTEST = 16.0, 1024.0  # of the μ-law between Tanh and light in means of the sphere, and where it ends
-LEAST_MEAN = 1e-6       # that light is divided by
 EPSILON = 1e-5
 
 
@@ -54,20 +54,22 @@ class Surround(Network):
     (direct light, and what glows) / albedo, so that the generator gives the rest, and loss and critic see the sum:
     nothing is to be taken off, which would leave what the generator errs by where light is strong.
 
-    The generator is shown light in means of the sphere, of each colour: what arrives at the camera, however small the
-    places are that send it. So it need tell no more than how that light spreads.
+    The generator is shown light in means of the sphere, of each colour: what arrives at the camera. So it need tell no
+    more than how that light spreads. It holds down to places of a fourteen-hundredth of the sphere; what all comes from
+    smaller ones is counted for less, as the renderer clips what is beyond 65504 of its own exposure.
 
     Attributes
     ----------
     contract : ModelContract
     front_alone : bool
-        Shows it nothing but the front view, whose light alone makes its means, for comparison: then it is
-        DeepIllumination (Thomas and Forbes 2017).
+        Shows it nothing but the front view, in the same means, for comparison: then it is DeepIllumination (Thomas and
+        Forbes 2017), though told how much light there is in all.
     """
 
     remark = ("of the light map the generator gives what is indirect, which is looked up where the screen's texels "
-              "lie around the camera; for loss and critic the known part is added, lumination / albedo, of an albedo "
-              f"of at least {DARKEST:g}, so that none is to be removed")
+              "lie around the camera, in means of the light of the sphere, by solid angle and colour; for loss and critic "
+              f"the known part is added, lumination / albedo, of an albedo of at least {DARKEST:g}, so that none is to "
+              "be removed")
 
     def __init__(self, name: str, front_alone: bool = False, dropout: float = 0.5) -> None:
         super().__init__()
@@ -112,34 +114,35 @@ class Surround(Network):
         """What the loss needs beside light, [B, 16, h, w], on the screen.
 
         ``seen``, and known light, lumination / albedo, in a unit that is the last channel: the mean light of the whole
-        sphere over all colours, which is the same for networks that are shown less.
+        sphere over all colours, so that colours are weighed by their light.
         """
         albedo, _, _, lumination = self._split(around)
-        unit = self._mean(lumination).mean(1, keepdim=True).clamp(min=LEAST_MEAN)
+        seen, means = self._exposed(around)
+        unit = means.mean(1, keepdim=True).clamp(min=DARKEST_MEAN)
         known = lumination.float() / albedo.float().clamp(min=DARKEST) / unit
-        found = torch.cat([self.seen(around).float(), known, unit.expand_as(known[:, :1])], 1)
+        found = torch.cat([seen.float(), known, unit.expand_as(known[:, :1])], 1)
         return functional.grid_sample(found, places(self._position(screen)), mode="nearest", align_corners=False,
                                       padding_mode="border")
 
     def indirect_map(self, around: Tensor) -> Tensor:
         """Indirect light [B, 3, H, 2 H] without albedo in the unit of ``around``, in single precision."""
-        relative = from_tanh(self.generator(self.seen(around)).float())
-        return times_means(relative, self._mean(self._shown(self._split(around)[3])))
+        seen, means = self._exposed(around)
+        return times_means(from_tanh(self.generator(seen).float()), means)
 
     def seen(self, around: Tensor) -> Tensor:
         """What generator and discriminator look at, [B, 12, H, 2 H], each channel of about unit size."""
-        albedo, normal, depth, light = map(self._shown, self._split(around))
-        depth = (depth / EXTENT).clamp(max=FARTHEST)
-        light = to_tanh(light.float() / self._mean(light).clamp(min=LEAST_MEAN)).to(light.dtype)
-        angles = self.get_buffer("angles").to(light).expand(len(light), -1, -1, -1)
-        return torch.cat([albedo, normal, depth, light, angles], 1)
+        return self._exposed(around)[0]
 
-    def _mean(self, light: Tensor) -> Tensor:
-        """Of each colour over the sphere by solid angle, [B, 3, 1, 1], in single precision."""
-        return (light.float() * self.get_buffer("share").float()).mean((2, 3), keepdim=True)
-
-    def _shown(self, x: Tensor) -> Tensor:
-        return x * self.get_buffer("front").to(x) if self.front_alone else x
+    def _exposed(self, around: Tensor) -> tuple[Tensor, Tensor]:
+        """``seen``, and each colour's mean over the sphere by solid angle, [B, 3, 1, 1], in single precision."""
+        albedo, normal, depth, light = self._split(around)
+        means = (light.float() * self.get_buffer("share").float()).mean((2, 3), keepdim=True)
+        relative = (light.float() / means.clamp(min=DARKEST_MEAN)).clamp(max=BRIGHTEST)
+        found = torch.cat([albedo, normal, (depth / EXTENT).clamp(max=FARTHEST), relative.to(depth)], 1)
+        if self.front_alone:
+            found = found * self.get_buffer("front").to(found)
+        found = torch.cat([found[:, :-COLORS], to_tanh(found[:, -COLORS:])], 1)
+        return torch.cat([found, self.get_buffer("angles").to(found).expand(len(found), -1, -1, -1)], 1), means
 
     def _split(self, around: Tensor) -> tuple[Tensor, ...]:
         return torch.split(finite(around, self.contract.inputs["around"]), [3, 3, 1, 3], dim=1)
@@ -236,7 +239,7 @@ def places(position: Tensor) -> Tensor:
 
 
 def to_tanh(light: Tensor) -> Tensor:
-    """Light in means of the sphere on Tanh's scale: logarithmic, -1 is black."""
+    """Light in means, of one colour or of all, on Tanh's scale: logarithmic, -1 is black."""
     return 2 * torch.log1p(MU * light.clamp(0, BRIGHTEST)) / math.log1p(MU * BRIGHTEST) - 1
 
 

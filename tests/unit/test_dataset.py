@@ -19,9 +19,13 @@ import pytest
 if any(importlib.util.find_spec(name) is None for name in ("mitsuba", "distributed")):
     pytest.skip("the extra 'export' is not installed", allow_module_level=True)
 
+import export.dataset.suite as suites
 from app.errors import SettingsError
+from app.scene import DirectionalLight
 from export.dataset import Dataset
+from export.dataset.assembly import Assembly
 from export.dataset.config import DEFAULT, Config, Share, from_table, read_config
+from export.dataset.diorama import diorama
 from export.dataset.key import scene_key
 from export.dataset.make import make_group
 from export.dataset.plan import Choice, Group, pair_at, plan
@@ -29,6 +33,7 @@ from export.dataset.run import make_dataset
 from export.dataset.sources import SOURCES
 from export.dataset.store import Origin, encode, item_path, read_origin, read_target, write_item
 from export.dataset.target import Target, picked
+from export.dataset.walls import THICKNESS, Wall
 
 pytestmark = pytest.mark.usefixtures("path_tracer")
 
@@ -84,6 +89,40 @@ def test_a_source_makes_what_its_seed_says(source: str) -> None:
         a, b, c = (mesh.positions[mesh.triangles[:, k]] for k in range(3))
         facing = np.einsum("ij,ij->i", np.cross(b - a, c - a), mesh.normals[mesh.triangles[:, 0]])
         assert (facing >= -1e-9).all()
+
+
+def test_eyes_in_a_suite_keep_out_of_its_walls_and_shutters_leave_a_gap(monkeypatch: pytest.MonkeyPatch) -> None:
+    walls: list[Wall] = []
+    monkeypatch.setattr(suites, "build", lambda assembly, built, paint: walls.extend(built))
+    open_shares = []
+    for seed in range(60):
+        walls.clear()
+        rng, assembly = np.random.default_rng(seed), Assembly(np.random.default_rng(0))
+        free = suites.suite(rng).free
+        for box in (part.box for wall in walls for part in wall.parts()):
+            assert not ((box[0] < free[:, 1]) & (box[1] > free[:, 0])).all(axis=1).any()
+        for opening in walls[0].openings:
+            suites._shutter(rng, assembly, walls[0], opening)
+            low, high = assembly.place("shutter", []).scene.bounds
+            left = walls[0].start[0] + opening.left
+            expected = left, left + opening.right - opening.left, opening.top
+            np.testing.assert_allclose((low[0], high[0], high[1]), expected, rtol=1e-6)
+            assert walls[0].start[1] - THICKNESS <= low[2] + 1e-6 < high[2] < walls[0].start[1]
+            open_shares.append((low[1] - opening.bottom) / (opening.top - opening.bottom))
+            assembly = Assembly(np.random.default_rng(0))
+    assert 0.02 < min(open_shares) < 0.1 and max(open_shares) > 0.8 and np.median(open_shares) < 0.5
+
+
+def test_a_diorama_is_seen_from_its_open_side() -> None:
+    suns = 0
+    for seed in range(40):
+        place = diorama(np.random.default_rng(seed))
+        (_, _, back), (_, _, front) = place.scene.bounds
+        assert place.free[0, 0, 2] > front - THICKNESS > back
+        directions = [light.direction for light in place.scene.lights if isinstance(light, DirectionalLight)]
+        assert all(direction[2] < 0 for direction in directions)
+        suns += len(directions)
+    assert 2 <= suns <= 20
 
 
 def test_frames_of_a_pair_are_neighbours_and_share_their_scene() -> None:
