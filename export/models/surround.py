@@ -68,8 +68,8 @@ class Surround(Network):
 
     remark = ("of the light map the generator gives what is indirect, which is looked up where the screen's texels "
               "lie around the camera, in means of the light of the sphere, by solid angle and colour; for loss and "
-              f"critic the known part is added, lumination / albedo, of an albedo of at least {DARKEST:g}, so that none "
-              "is to be removed")
+              "critic the known part is added, lumination / albedo, of an albedo of at least "
+              f"{DARKEST:g}, so that none is to be removed")
 
     def __init__(self, name: str, front_alone: bool = False, dropout: float = 0.5) -> None:
         super().__init__()
