@@ -16,6 +16,7 @@ from torch.nn import functional
 from app.channels import PANORAMA
 from app.contract import ModelContract, TensorSpec
 from export.models.finite import finite
+from export.models.fluence import fluence
 from export.models.network import Network
 from export.models.own_means import DARKEST as DARKEST_MEAN
 from export.models.own_means import times_means
@@ -54,22 +55,23 @@ class Surround(Network):
     (direct light, and what glows) / albedo, so that the generator gives the rest, and loss and critic see the sum:
     nothing is to be taken off, which would leave what the generator errs by where light is strong.
 
-    The generator is shown light in means of the sphere, of each colour: what arrives at the camera. So it need tell no
-    more than how that light spreads. It holds down to places of a fourteen-hundredth of the sphere; what all comes from
-    smaller ones is counted for less, as the renderer clips what is beyond 65504 of its own exposure.
+    The generator is shown light in means of the sphere, of each colour, and gives it relative to ``fluence``: what the
+    lit places would send by the inverse square law. So how much light there is, and how far away, it need not learn,
+    but what shadows, angles and further bounces make of it. It holds down to places of a fourteen-hundredth of the
+    sphere: where all light is in smaller ones, the renderer clips what is beyond 65504 of its own exposure.
 
     Attributes
     ----------
     contract : ModelContract
     front_alone : bool
-        Shows it nothing but the front view, in the same means, for comparison: then it is DeepIllumination (Thomas and
-        Forbes 2017), though told how much light there is in all.
+        Shows it nothing but the front view, for comparison: then it is DeepIllumination (Thomas and Forbes 2017). What
+        it gives is in means of the sphere: it is told how much light there is, not where.
     """
 
     remark = ("of the light map the generator gives what is indirect, which is looked up where the screen's texels "
-              "lie around the camera, in means of the light of the sphere, by solid angle and colour; for loss and "
-              "critic the known part is added, lumination / albedo, of an albedo of at least "
-              f"{DARKEST:g}, so that none is to be removed")
+              "lie around the camera, relative to what the lit places around it would send there by the inverse "
+              "square law (of the front alone: to the mean light of the sphere); for loss and critic the known part is "
+              f"added, lumination / albedo, of an albedo of at least {DARKEST:g}, so that none is to be removed")
 
     def __init__(self, name: str, front_alone: bool = False, dropout: float = 0.5) -> None:
         super().__init__()
@@ -88,8 +90,7 @@ class Surround(Network):
         front = torch.zeros(1, 1, h, w)
         front[..., h // 4:3 * h // 4, 3 * w // 8:5 * w // 8] = 1.0
         self.register_buffer("front", front, persistent=False)
-        share = torch.from_numpy(solid_angles(h)).float() * (h * w / (4 * math.pi))
-        self.register_buffer("share", share, persistent=False)
+        self.register_buffer("solid_angle", torch.from_numpy(solid_angles(h)).float(), persistent=False)
 
     def forward(self, around: Tensor, screen: Tensor) -> Tensor:
         """Infer one batch of frames.
@@ -105,10 +106,10 @@ class Surround(Network):
             Indirect radiance / albedo in the unit of ``around``, at least 0; 0 in the sky.
         """
         position = self._position(screen)
-        light = functional.grid_sample(self.indirect_map(around), places(position), align_corners=False,
+        light = functional.grid_sample(self.relative_map(around), places(position), align_corners=False,
                                        padding_mode="border")
         surface = (position.abs().sum(1, keepdim=True) > 0).to(position.dtype)
-        return (light * surface).to(around.dtype)
+        return times_means(light * surface, self._unit(around, position)).to(around.dtype)
 
     def condition(self, around: Tensor, screen: Tensor) -> Tensor:
         """What the loss needs beside light, [B, 16, h, w], on the screen.
@@ -124,10 +125,9 @@ class Surround(Network):
         return functional.grid_sample(found, places(self._position(screen)), mode="nearest", align_corners=False,
                                       padding_mode="border")
 
-    def indirect_map(self, around: Tensor) -> Tensor:
-        """Indirect light [B, 3, H, 2 H] without albedo in the unit of ``around``, in single precision."""
-        seen, means = self._exposed(around)
-        return times_means(from_tanh(self.generator(seen).float()), means)
+    def relative_map(self, around: Tensor) -> Tensor:
+        """Indirect light [B, 3, H, 2 H] without albedo over that of the unit at each place, in single precision."""
+        return from_tanh(self.generator(self.seen(around)).float())
 
     def seen(self, around: Tensor) -> Tensor:
         """What generator and discriminator look at, [B, 12, H, 2 H], each channel of about unit size."""
@@ -136,13 +136,26 @@ class Surround(Network):
     def _exposed(self, around: Tensor) -> tuple[Tensor, Tensor]:
         """``seen``, and each colour's mean over the sphere by solid angle, [B, 3, 1, 1], in single precision."""
         albedo, normal, depth, light = self._split(around)
-        means = (light.float() * self.get_buffer("share").float()).mean((2, 3), keepdim=True)
+        means = self._means(light)
         relative = (light.float() / means.clamp(min=DARKEST_MEAN)).clamp(max=BRIGHTEST)
         found = torch.cat([albedo, normal, (depth / EXTENT).clamp(max=FARTHEST), relative.to(depth)], 1)
         if self.front_alone:
             found = found * self.get_buffer("front").to(found)
         found = torch.cat([found[:, :-COLORS], to_tanh(found[:, -COLORS:])], 1)
         return torch.cat([found, self.get_buffer("angles").to(found).expand(len(found), -1, -1, -1)], 1), means
+
+    def _means(self, light: Tensor) -> Tensor:
+        share = self.get_buffer("solid_angle").float() / (4 * math.pi)
+        return (light.float() * share).sum((2, 3), keepdim=True)
+
+    def _unit(self, around: Tensor, position: Tensor) -> Tensor:
+        """What the generator's light is relative to, of each colour, [B, 3, h, w]; of the front alone [B, 3, 1, 1]."""
+        _, normal, depth, light = (x.float() for x in self._split(around))
+        means = self._means(light)
+        if self.front_alone:
+            return means
+        relative = light / means.clamp(min=DARKEST_MEAN)
+        return means * fluence(relative, normal, depth, self.get_buffer("solid_angle").float(), position)
 
     def _split(self, around: Tensor) -> tuple[Tensor, ...]:
         return torch.split(finite(around, self.contract.inputs["around"]), [3, 3, 1, 3], dim=1)

@@ -98,11 +98,11 @@ def test_light_is_looked_up_on_surfaces_and_the_sky_is_black() -> None:
     inputs["screen"][..., :4, :] = 0.0
     found = net(**inputs)
     assert not found[..., :4, :].any() and found[..., 4:, :].min() >= 0 and found.max() > 0
-    light = net.indirect_map(inputs["around"])
-    assert found.max() <= light.max()
+    light = net.relative_map(inputs["around"])
     inputs["screen"][:] = torch.tensor([1e-5, -1e-5, -5.0]).reshape(1, 3, 1, 1)  # straight ahead
     middle = light[..., 64 - 1:64 + 1, 128 - 1:128 + 1].mean((2, 3))
-    torch.testing.assert_close(net(**inputs)[..., 0, 0], middle, rtol=1e-3, atol=0.0)
+    unit = net._unit(inputs["around"], inputs["screen"])[..., 0, 0]
+    torch.testing.assert_close(net(**inputs)[..., 0, 0], middle * unit, rtol=1e-3, atol=0.0)
 
 
 @torch.no_grad()
@@ -192,4 +192,4 @@ def test_its_loss_compares_light_maps_and_its_critic_learns(tmp_path: Path) -> N
 
 def test_it_is_the_same_in_onnx(tmp_path: Path) -> None:
     files = write_network(network(), tmp_path, cases(network().contract), {"room": 1e-4, "random": 2e-2})
-    assert files[0].stat().st_size < 8e6
+    assert files[0].stat().st_size < 9e6
