@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.math3d import cube_rotations
+
 
 def merged(cube: NDArray[Any]) -> NDArray[Any]:
     """The panorama, shape (C, 2 n, 4 n), of a cube, shape (C, 6, n, n); top row first, n even."""
@@ -16,6 +18,15 @@ def merged(cube: NDArray[Any]) -> NDArray[Any]:
     # Rows are counted from below on the GPU, so the lower one of each two is picked.
     caps = [np.repeat(view[:, 1::2], 4, axis=-1) for view in (up, down)]
     return np.concatenate([caps[0], middle, caps[1]], axis=1)
+
+
+def directions(height: int) -> NDArray[np.float64]:
+    """From the camera to the middles of a panorama's texels, unit vectors in its space, shape (3, height, 2 height)."""
+    n = height // 2
+    at = (2 * np.arange(n) + 1) / n - 1
+    x, y = np.meshgrid(at, -at)
+    view = np.stack([x, y, -np.ones_like(x)], -1) / np.sqrt(x**2 + y**2 + 1)[..., None]
+    return merged(np.stack([np.moveaxis(view @ rotation, -1, 0) for rotation in cube_rotations()], axis=1))
 
 
 def solid_angles(height: int) -> NDArray[np.float64]:

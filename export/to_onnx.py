@@ -216,8 +216,9 @@ def _room(spec: TensorSpec, grid: tuple[int, ...], rng: np.random.Generator) -> 
     along = (rays * middle).sum(axis=0)
     points = rays * (along + np.sqrt(along ** 2 + ROOM ** 2 - 9.0))
     normals = (middle - points) / ROOM
+    depth = -points[2:] if spec.grid == SCREEN else np.linalg.norm(points, axis=0, keepdims=True)
     return {"position.view.xyz": points, "normal.view.xyz": normals, "normal.world.xyz": normals,
-            "depth": -points[2:], "solid_angle": (4 / (grid[-1] * grid[-2]) / length ** 3)[None],
+            "depth": depth, "solid_angle": (4 / (grid[-1] * grid[-2]) / length ** 3)[None],
             **dict.fromkeys(("radiance.rgb", "lumination.rgb", "direct.rgb", *COARSE_CHANNELS), 1 + normals)}
 
 

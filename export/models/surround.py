@@ -57,8 +57,8 @@ class Surround(Network):
 
     The generator is shown light in means of the sphere, of each colour, and gives it relative to ``fluence``: what the
     lit places would send by the inverse square law. So how much light there is, and how far away, it need not learn,
-    but what shadows, angles and further bounces make of it. It holds down to places of a fourteen-hundredth of the
-    sphere: where all light is in smaller ones, the renderer clips what is beyond 65504 of its own exposure.
+    but what shadows, angles and further bounces make of it. It holds down to 23 lit texels of a panorama that is 128
+    high: where all light is in fewer, the renderer clips what is beyond 65504 of its own exposure.
 
     Attributes
     ----------
@@ -137,12 +137,13 @@ class Surround(Network):
         """``seen``, and each colour's mean over the sphere by solid angle, [B, 3, 1, 1], in single precision."""
         albedo, normal, depth, light = self._split(around)
         means = self._means(light)
-        relative = (light.float() / means.clamp(min=DARKEST_MEAN)).clamp(max=BRIGHTEST)
-        found = torch.cat([albedo, normal, (depth / EXTENT).clamp(max=FARTHEST), relative.to(depth)], 1)
-        if self.front_alone:
-            found = found * self.get_buffer("front").to(found)
-        found = torch.cat([found[:, :-COLORS], to_tanh(found[:, -COLORS:])], 1)
+        relative = self._shown(light.float() / means.clamp(min=DARKEST_MEAN))
+        surfaces = self._shown(torch.cat([albedo, normal, (depth / EXTENT).clamp(max=FARTHEST)], 1))
+        found = torch.cat([surfaces, to_tanh(relative).to(depth)], 1)
         return torch.cat([found, self.get_buffer("angles").to(found).expand(len(found), -1, -1, -1)], 1), means
+
+    def _shown(self, x: Tensor) -> Tensor:
+        return x * self.get_buffer("front").to(x) if self.front_alone else x
 
     def _means(self, light: Tensor) -> Tensor:
         share = self.get_buffer("solid_angle").float() / (4 * math.pi)

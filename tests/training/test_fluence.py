@@ -7,8 +7,8 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from export.models.fluence import GRAZING, at_depth_1, fluence  # noqa: E402
-from export.panorama import solid_angles  # noqa: E402
+from export.models.fluence import GRAZING, fluence  # noqa: E402
+from export.panorama import directions, solid_angles  # noqa: E402
 
 HEIGHT = 64
 SOLID = torch.from_numpy(solid_angles(HEIGHT)).float()
@@ -16,18 +16,17 @@ SOLID = torch.from_numpy(solid_angles(HEIGHT)).float()
 
 def inside_a_ball(radius: float) -> tuple[torch.Tensor, torch.Tensor]:
     """Normal and depth that a camera in the middle of a ball sees."""
-    at = torch.from_numpy(at_depth_1(HEIGHT))
-    length = at.norm(dim=1, keepdim=True)
-    return -at / length, radius / length
+    normal = -torch.from_numpy(directions(HEIGHT)).float()[None]
+    return normal, torch.full((1, 1, HEIGHT, 2 * HEIGHT), radius)
 
 
-def test_texels_lie_where_their_depth_says() -> None:
-    at = at_depth_1(HEIGHT)[0]
-    assert np.abs(np.abs(at).max(axis=0) - 1).max() < 1e-6
+def test_directions_are_those_that_the_panorama_shows() -> None:
+    at = directions(HEIGHT)
     middle = HEIGHT // 2
-    np.testing.assert_allclose(at[:, middle, HEIGHT], (1 / 32, -1 / 32, -1), atol=1e-6)    # ahead, right and below
-    np.testing.assert_allclose(at[:, middle, 0], (-1 / 32, -1 / 32, 1), atol=1e-6)         # behind
-    assert (at[1, 0] > 0.99).all() and (at[1, -1] < -0.99).all()
+    np.testing.assert_allclose(np.linalg.norm(at, axis=0), 1.0)
+    np.testing.assert_allclose(at[:, middle, HEIGHT], (1 / 32, -1 / 32, -1), atol=1e-3)    # ahead, right and below
+    np.testing.assert_allclose(at[:, middle, 0], (-1 / 32, -1 / 32, 1), atol=1e-3)         # behind
+    assert (at[1, 0] > 0.5).all() and (at[1, -1] < -0.5).all()
 
 
 @pytest.mark.parametrize("radius", [0.5, 20.0])
@@ -35,8 +34,7 @@ def test_a_small_patch_sends_by_the_inverse_square_law(radius: float) -> None:
     normal, depth = inside_a_ball(radius)
     light = torch.zeros(1, 3, HEIGHT, 2 * HEIGHT)
     light[:, :, 40, 10] = torch.tensor([1.0, 2.0, 4.0])
-    at = torch.from_numpy(at_depth_1(HEIGHT))[0, :, 40, 10]
-    patch = radius * at / at.norm()
+    patch = radius * torch.from_numpy(directions(HEIGHT)[:, 40, 10]).float()
     area = float(SOLID[40, 10]) * radius**2
     for distance in (0.5, 1.0, 3.0):
         point = (patch + distance * radius * torch.tensor([0.6, 0.0, -0.8])).reshape(1, 3, 1, 1)
@@ -46,13 +44,16 @@ def test_a_small_patch_sends_by_the_inverse_square_law(radius: float) -> None:
 
 
 def test_it_is_finite_within_what_sends_and_half_as_much_seen_from_there() -> None:
-    """Of a ball that shines from everywhere, in its middle: half the radiance, as flux goes to a half space of 2 π."""
+    """Of a ball that shines from everywhere, in its middle: half the radiance, as flux goes to a half space of 2 π.
+
+    On the ball itself the integral of 1 / r² has no end but that of the blocks' own size.
+    """
     normal, depth = inside_a_ball(3.0)
     light = torch.ones(1, 3, HEIGHT, 2 * HEIGHT)
     middle = fluence(light, normal, depth, SOLID, torch.zeros(1, 3, 1, 1))
     torch.testing.assert_close(middle, torch.full((1, 3, 1, 1), 0.5), rtol=0.1, atol=0.0)
     wall = fluence(light, normal, depth, SOLID, torch.tensor([0.0, 0.0, -3.0]).reshape(1, 3, 1, 1))
-    assert 0.3 < wall.max() < 2.0
+    assert 0.5 < wall.max() < 1.5
 
 
 def test_it_does_not_change_with_the_unit_of_length() -> None:
@@ -63,7 +64,7 @@ def test_it_does_not_change_with_the_unit_of_length() -> None:
     points = torch.randn(1, 3, 4, 6, generator=generator)
     found = fluence(light, normal, depth, SOLID, points)
     torch.testing.assert_close(fluence(light, normal, 7 * depth, SOLID, 7 * points), found, rtol=1e-3, atol=0.0)
-    place = at_depth_1(HEIGHT).astype(np.float64)[0] * depth[0].double().numpy()
+    place = directions(HEIGHT) * depth[0].double().numpy()
     cosine = np.abs((normal[0].double().numpy() * place).sum(0)) / np.sqrt((place**2).sum(0))
     area = SOLID.double().numpy() * (place**2).sum(0) / np.maximum(cosine, GRAZING)
     far = np.array([300.0, 100.0, -200.0])  # from where blocks are as good as their texels
