@@ -47,11 +47,19 @@ def fluence(light: Tensor, normal: Tensor, depth: Tensor, solid_angle: Tensor, p
         _sums(torch.cat([flux, weight * place, weight, area * (weight > 0)], 1)), [3, 3, 1, 1], dim=1)
     middle = moment / weight.clamp(min=SMALL)
     points = position.flatten(2).transpose(1, 2)
-    x, y, z = (points[..., i:i + 1] - middle[:, i:i + 1] for i in range(3))
-    near = 1 / (x * x + y * y + z * z + area / math.pi + SMALL)
-    found = near @ (flux.transpose(1, 2) / (8 * math.pi))
+    found = 1 / _softened(points, middle, area / math.pi + SMALL) @ (flux.transpose(1, 2) / (8 * math.pi))
     sky = (light * solid_angle * (depth <= 0)).sum((2, 3), keepdim=True) / (4 * math.pi)
     return found.transpose(1, 2).reshape(position.shape) + sky
+
+
+def _softened(points: Tensor, middle: Tensor, least: Tensor) -> Tensor:
+    """|p − m|² + ``least``, [B, K, M], of points [B, K, 3], middles [B, 3, M] and [B, 1, M].
+
+    As one product of matrices, |p|² − 2 p·m + (|m|² + least), which takes half the time of summing squares.
+    """
+    left = torch.cat([-2 * points, points.square().sum(2, keepdim=True), torch.ones_like(points[..., :1])], 2)
+    right = torch.cat([middle, torch.ones_like(least), middle.square().sum(1, keepdim=True) + least], 1)
+    return torch.maximum(left @ right, least)
 
 
 def _sums(x: Tensor) -> Tensor:
