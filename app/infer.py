@@ -10,7 +10,7 @@ import numpy as np
 import onnxruntime as ort
 from numpy.typing import NDArray
 
-from app.channels import CHANNELS, SCREEN, VECTOR
+from app.channels import CHANNELS, PANORAMA, SCREEN, VECTOR
 from app.contract import ModelContract, TensorSpec, read_contract
 from app.errors import DeviceError, ModelError, SettingsError
 from app.kept import Kept, is_kept
@@ -173,7 +173,7 @@ def feed(contract: ModelContract, tensors: Mapping[str, F32], out: Mapping[str, 
         _sanitise(tensors[t], *_bounds(spec), out=out[t])
     if contract.exposure == "none":
         return 1.0
-    radiance, arriving, texels, surfaces = [], [], 0, _surfaces(contract, out)
+    radiance, arriving, whole, texels, surfaces = [], [], 0.0, 0, _surfaces(contract, out)
     for t, spec in contract.inputs.items():
         surface = surfaces.get(spec.grid, np.ones(out[t].shape[1:], bool))
         for name, rows in spec.rows():
@@ -183,13 +183,16 @@ def feed(contract: ModelContract, tensors: Mapping[str, F32], out: Mapping[str, 
             radiance.append(r)
             if spec.grid == VECTOR:  # coefficients, which are light of no place
                 continue
-            arriving.append(r)
             if CHANNELS[name].sky:
                 texels += r.size
             else:
                 np.multiply(r, surface, out=r)
                 texels += int(np.count_nonzero(surface)) * len(r)
-    mean = _robust_mean(arriving, texels) if radiance else 1.0
+            if spec.grid == PANORAMA:
+                whole += float(r.sum(dtype=np.float64))
+            else:
+                arriving.append(r)
+    mean = _robust_mean(arriving, whole, texels) if radiance else 1.0
     most = CHANNELS["radiance.rgb"].range[1]
     for r in radiance:
         np.multiply(r, np.float32(1.0 / max(mean, FLOOR)), out=r)
@@ -256,14 +259,15 @@ def _sanitise(values: F32, background: F32, low: F32, high: F32, out: F32 | None
     return out
 
 
-def _robust_mean(radiance: list[F32], count: int) -> float:
+def _robust_mean(radiance: list[F32], whole: float, count: int) -> float:
     """Mean of values clamped at 32 times their mean, so that one bright texel can't darken the rest; 0 for none.
 
-    Not repeated: where light falls on less than a thirty-second of the texels, that would end at 0.
+    Not repeated: where light falls on less than a thirty-second of the texels, that would end at 0. A panorama's light
+    counts as a whole, its sum being ``whole``: the one small lit place around the camera is no firefly.
     """
-    mean = sum(float(r.sum()) for r in radiance) / max(count, 1)
+    mean = (sum(float(r.sum()) for r in radiance) + whole) / max(count, 1)
     cap = np.float32(FIREFLY * mean)
-    return sum(float(np.minimum(r, cap).sum()) for r in radiance) / max(count, 1)
+    return (sum(float(np.minimum(r, cap).sum()) for r in radiance) + whole) / max(count, 1)
 
 
 def _bounds(spec: TensorSpec) -> tuple[F32, F32, F32]:

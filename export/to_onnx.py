@@ -63,7 +63,7 @@ def export_checkpoint(checkpoint: Checkpoint, folder: Path, dtypes: Iterable[str
         When onnxruntime differs too much from torch in single precision, or gives a value that is not finite.
     """
     network = checkpoint.network()
-    network.contract = replace(network.contract, trained_on=summary(checkpoint))
+    network.contract = replace(network.shipped(), trained_on=summary(checkpoint))
     inputs = [*real_cases(network.contract), *cases(network.contract)]
     differences = {}
     for dtype in dtypes:

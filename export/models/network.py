@@ -25,6 +25,10 @@ class Network(nn.Module):
     contract: ModelContract
     remark: str = ""
 
+    def shipped(self) -> ModelContract:
+        """The contract of its file, if that is to be given more than in training."""
+        return self.contract
+
 
 class Conditioned(Protocol):
     """What a network has whose loss looks at ``Views.condition``."""

@@ -7,7 +7,7 @@ networks are those of pix2pix (Isola et al. 2017). Where the text is silent the 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor, nn
@@ -29,6 +29,7 @@ AROUND = ("albedo.rgb", "normal.view.xyz", "depth", "lumination.rgb")
 SCREEN = ("position.view.xyz",)
 SEEN, COLORS = 12, 3    # channels: those of AROUND with azimuth and height; a light map's
 DROPPED = 3             # decoder blocks with dropout
+SHARPER = 2             # panorama that is drawn for users, to that which the generator sees
 DARKEST = 0.02          # albedo that lumination is divided by, at least
 MU, BRIGHTEST = 16.0, 1024.0  # of the μ-law between Tanh and light in means of the sphere, and where it ends
 EPSILON = 1e-5
@@ -57,8 +58,7 @@ class Surround(Network):
 
     The generator is shown light in means of the sphere, of each colour, and gives it relative to ``fluence``: what the
     lit places would send by the inverse square law. So how much light there is, and how far away, it need not learn,
-    but what shadows, angles and further bounces make of it. It holds down to 23 lit texels of a panorama that is 128
-    high: where all light is in fewer, the renderer clips what is beyond 65504 of its own exposure.
+    but what shadows, angles and further bounces make of it.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class Surround(Network):
     def __init__(self, name: str, front_alone: bool = False, dropout: float = 0.5) -> None:
         super().__init__()
         preset = PRESETS[name]
-        self.front_alone = front_alone
+        self.front_alone, self.height = front_alone, preset.height
         self.contract = ModelContract(
             name=name + "-front" * front_alone,
             paper="Mahmud et al. 2022, Surrounding-Aware Screen-Space Global Illumination",
@@ -110,6 +110,17 @@ class Surround(Network):
                                        padding_mode="border")
         surface = (position.abs().sum(1, keepdim=True) > 0).to(position.dtype)
         return times_means(light * surface, self._unit(around, position)).to(around.dtype)
+
+    def shipped(self) -> ModelContract:
+        """With a panorama of more texels, over which light is averaged: a strip of sun sends as much as it is wide.
+
+        Where the lit places lie the front alone does not tell, which is left as it is.
+        """
+        if self.front_alone:
+            return self.contract
+        around = self.contract.inputs["around"]
+        return replace(self.contract, inputs={**self.contract.inputs,
+                                              "around": replace(around, size=SHARPER * self.height)})
 
     def condition(self, around: Tensor, screen: Tensor) -> Tensor:
         """What the loss needs beside light, [B, 16, h, w], on the screen.
@@ -159,7 +170,13 @@ class Surround(Network):
         return means * fluence(relative, normal, depth, self.get_buffer("solid_angle").float(), position)
 
     def _split(self, around: Tensor) -> tuple[Tensor, ...]:
-        return torch.split(finite(around, self.contract.inputs["around"]), [3, 3, 1, 3], dim=1)
+        """Albedo, normal, depth, lumination of the generator's size: of more texels light's mean, one of the rest."""
+        albedo, normal, depth, light = torch.split(finite(around, self.contract.inputs["around"]), [3, 3, 1, 3], dim=1)
+        every = around.shape[2] // self.height
+        if every == 1:
+            return albedo, normal, depth, light
+        picked = (x[..., every // 2::every, every // 2::every] for x in (albedo, normal, depth))
+        return *picked, functional.avg_pool2d(light.float(), every).to(light.dtype)
 
     def _position(self, screen: Tensor) -> Tensor:
         """In single precision, [B, 3, h, w]."""

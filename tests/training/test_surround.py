@@ -149,6 +149,21 @@ def test_light_of_a_place_counts_by_its_solid_angle() -> None:
             float(to_tanh(torch.tensor(1 / share))), rel=1e-3)
 
 
+@torch.no_grad()
+def test_of_more_texels_light_is_averaged() -> None:
+    net = network()
+    around, screen = room().values()
+    finer = around.repeat_interleave(2, -1).repeat_interleave(2, -2)
+    assert finer.shape[2] == net.shipped().inputs["around"].size == 2 * net.contract.inputs["around"].size
+    expected = net(around, screen)
+    torch.testing.assert_close(net(finer, screen), expected)
+    uneven = finer.clone()
+    uneven[:, 7:, ::2, ::2] *= 4.0
+    uneven[:, 7:, 1::2] = uneven[:, 7:, ::2, 1::2] = 0.0
+    torch.testing.assert_close(net(uneven, screen), expected, rtol=1e-4, atol=1e-6)
+    assert network(front_alone=True).shipped() == network(front_alone=True).contract
+
+
 def test_solid_angles_are_those_of_a_cubes_texels() -> None:
     """Against the closed form of a rectangle's solid angle: differences of atan(x y / sqrt(1 + x² + y²))."""
     n = 32

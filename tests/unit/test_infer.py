@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from app.channels import HALF_MAX
-from app.contract import bundled_models, find_model, read_contract
+from app.contract import ModelContract, TensorSpec, bundled_models, find_model, read_contract
 from app.errors import DeviceError, ModelError, SettingsError
 from app.infer import Network, feed, providers
 from tests.rooms import Arrays, Lamp, View, box, tensors
@@ -111,6 +111,21 @@ def test_light_on_few_texels_still_counts(tmp_path: Path) -> None:
     x[4] = 1.0
     x[:3, 0, :31] = 2.0
     assert mean_of(network, x) >= 0.1 * 2.0 * 31 / (64 * 48)
+
+
+def test_the_one_lit_place_of_a_panorama_counts_as_a_whole() -> None:
+    """Four of 2048 texels; on the screen or a cube they would count for a sixteenth."""
+    contract = ModelContract(
+        name="x", inputs={"screen": TensorSpec(("position.view.xyz",)),
+                          "around": TensorSpec(("depth", "lumination.rgb"), "panorama", 32)},
+        outputs={"y": TensorSpec(("indirect.rgb",))}, scale=1.0, exposure="mean-radiance", bounces="multi",
+        scene_extent=40.0, cube_axes="camera")
+    given = {"screen": np.ones((3, 4, 4), np.float32), "around": np.ones((4, 32, 64), np.float32)}
+    given["around"][1:] = 0.0
+    given["around"][1:, 7, 3:7] = 8.0
+    out = {t: np.empty_like(x) for t, x in given.items()}
+    assert feed(contract, given, out) == pytest.approx(8.0 * 4 / 2048)
+    np.testing.assert_allclose(out["around"][1:, 7, 3:7], 2048 / 4)
 
 
 def test_a_firefly_has_bounded_influence(bundled: Network) -> None:
