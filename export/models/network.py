@@ -26,7 +26,7 @@ class Network(nn.Module):
     remark: str = ""
 
     def shipped(self) -> ModelContract:
-        """The contract of its file, if that is to be given more than in training."""
+        """The contract of its exported file, whose inputs may have more texels than in training."""
         return self.contract
 
 

@@ -63,6 +63,8 @@ class Surround(Network):
     Attributes
     ----------
     contract : ModelContract
+    height : int
+        Of the panorama that the generator sees, in texels.
     front_alone : bool
         Shows it nothing but the front view, for comparison: then it is DeepIllumination (Thomas and Forbes 2017). What
         it gives is in means of the sphere: it is told how much light there is, not where.
@@ -114,7 +116,7 @@ class Surround(Network):
     def shipped(self) -> ModelContract:
         """With a panorama of more texels, over which light is averaged: a strip of sun sends as much as it is wide.
 
-        Where the lit places lie the front alone does not tell, which is left as it is.
+        The twin of the front alone is not told where the lit places lie, so its panorama stays as it is.
         """
         if self.front_alone:
             return self.contract
@@ -138,7 +140,7 @@ class Surround(Network):
 
     def relative_map(self, around: Tensor) -> Tensor:
         """Indirect light [B, 3, H, 2 H] without albedo over that of the unit at each place, in single precision."""
-        return from_tanh(self.generator(self.seen(around)).float())
+        return from_tanh(smooth(self.generator(self.seen(around)).float()))
 
     def seen(self, around: Tensor) -> Tensor:
         """What generator and discriminator look at, [B, 12, H, 2 H], each channel of about unit size."""
@@ -267,6 +269,11 @@ def places(position: Tensor) -> Tensor:
     turned = torch.where(level, across, 4 * x)
     down = torch.where(level, -y, torch.where(y > 0, -1.5 - z / 2, 1.5 + z / 2))
     return torch.stack([turned / 4, down / 2], -1)
+
+
+def smooth(picture: Tensor) -> Tensor:
+    """Without what repeats after two or four texels, as transposed convolutions leave it: [1 2 2 2 1] / 8."""
+    return functional.avg_pool2d(functional.avg_pool2d(functional.pad(picture, (2, 2, 2, 2), "replicate"), 4, 1), 2, 1)
 
 
 def to_tanh(light: Tensor) -> Tensor:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 Arrays = dict[str, NDArray[Any]]
 Batch = dict[str, Tensor]
 
-VERSION = 2         # of what is kept
+VERSION = 3         # of what is kept
 TARGET_SCALE = 0.5  # targets lie on the grid of half the image, so that is what inputs are drawn for
 AT_ONCE = 16        # neighbours that one process draws, as they often share a scene
 DONE = "done"
