@@ -64,5 +64,5 @@ class MetricError(AfterglowError):
     """Images that can't be compared."""
 
 
-class TruthError(AfterglowError):
-    """A path tracer that failed, or a truth that does not fit the scene."""
+class PathTracerError(AfterglowError):
+    """A path tracer that failed, or a reference that does not fit the scene."""

@@ -6,39 +6,39 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from app.channels import DIFFUSE, INDIRECT, SPECULAR, VECTOR
 from app.errors import SettingsError
 from app.gl.lights import LightSet
 from app.graph import Pass, Plan, compile_graph
-from app.models import Models
+from app.network.channels import DIFFUSE, GLOBALS, INDIRECT, SPECULAR
+from app.network.selection import Models
 from app.passes import (
     accumulate,
     background,
-    coarse,
     composite,
     direct,
-    downsample,
-    fill,
     gbuffer,
+    lowres_gbuffer,
     network,
-    output,
-    pick,
+    pack_globals,
+    pack_screen,
+    pack_surfels,
     position,
+    push_pull,
     shadow,
     ssgi,
     surfel_light,
-    surfels,
     taa,
+    tonemap,
+    unshadowed_environment,
     upsample,
-    vector,
 )
 from app.scene import Environment, Scene
 from app.settings import Settings
 from app.surfels.tracked import TrackedSurfels
 
 if TYPE_CHECKING:
-    from app.bounces import Reapplied
-    from app.infer import Network
+    from app.network.bounces import Reapplied
+    from app.network.session import Network
 
 AOVS: dict[str, str] = {
     "final": "the finished picture, linear radiance, W/(sr m²)",
@@ -54,11 +54,11 @@ AOVS: dict[str, str] = {
     "background": "radiance of the environment where nothing is seen, W/(sr m²)",
     "lit": "the composite before temporal anti-aliasing, W/(sr m²)",
 }
-SHADING_PASSES = ("environment_pick", "coarse", "environment_vector", "environment_downsample",
+SHADING_PASSES = ("environment_lowres_gbuffer", "unshadowed_environment", "environment_pack_globals", "environment_pack_screen",
                   "environment_network", *(f"{step}_{kind}" for kind in ("diffuse", "specular")
-                                           for step in ("fill", "upsample")))
-AROUND = ("surround", "surround_direct", "surround_background")
-NETWORK_PASSES = (*AROUND, "surfel_light", "surfels", "vector", "downsample", "network")
+                                           for step in ("push_pull", "upsample")))
+CUBE_PASSES = ("cube_gbuffer", "cube_direct", "cube_background")
+NETWORK_PASSES = (*CUBE_PASSES, "surfel_light", "pack_surfels", "pack_globals", "pack_screen", "network")
 # On the GPU these are multiplied by LightSet.scale.
 RADIANCE = frozenset({"final", "direct", "specular", "indirect", "emission", "background", "lit"})
 
@@ -95,7 +95,7 @@ class Frame:
 
 def build_frame(scene: Scene, settings: Settings, lights: LightSet, models: Models) -> Frame:
     """List the passes of one frame, in the order of its flow."""
-    shiny = any(m.shiny for m in scene.materials)
+    has_specular = any(m.has_specular for m in scene.materials)
     absent: dict[str, str] = {}
     passes: list[Pass] = []
     if scene.lights:
@@ -104,19 +104,19 @@ def build_frame(scene: Scene, settings: Settings, lights: LightSet, models: Mode
         absent["shadow"] = "the scene has no light that casts"
     passes += [gbuffer.declare(scene), position.declare()]
     if scene.environment is None:
-        absent |= dict.fromkeys(("background", "surround_background", *SHADING_PASSES),
+        absent |= dict.fromkeys(("background", "cube_background", *SHADING_PASSES),
                                 "the scene has no environment, or a black one")
     else:
         passes.append(background.declare(scene.environment, lights.scale))
         if models.environment is not None:
-            passes += _shading(scene, scene.environment, settings, lights, models.environment, shiny, absent)
+            passes += _shading(scene, scene.environment, settings, lights, models.environment, has_specular, absent)
         else:
             absent |= dict.fromkeys(SHADING_PASSES, "no model was chosen that shades an environment")
-    passes.append(direct.declare(lights, shiny))
+    passes.append(direct.declare(lights, has_specular))
     if models.indirect is not None:
         passes += _indirect(scene, settings, lights, models, models.indirect, absent)
     else:
-        absent |= dict.fromkeys((*NETWORK_PASSES, "ssgi", "pick", "accumulate", "fill", "upsample"),
+        absent |= dict.fromkeys((*NETWORK_PASSES, "ssgi", "lowres_gbuffer", "accumulate", "push_pull", "upsample"),
                                 "no model was chosen")
     passes.append(composite.declare(has_indirect=models.indirect is not None))
     if settings.taa:
@@ -124,39 +124,39 @@ def build_frame(scene: Scene, settings: Settings, lights: LightSet, models: Mode
     else:
         absent |= dict.fromkeys(("accumulate", "taa"), "switched off by --no-taa")
     finished = "taa" if settings.taa else "lit"
-    passes.append(output.declare(finished))
+    passes.append(tonemap.declare(finished))
     return Frame(tuple(passes), absent, finished)
 
 
 def _shading(scene: Scene, environment: Environment, settings: Settings, lights: LightSet,
-             model: Network | Literal["coarse"], shiny: bool, absent: dict[str, str]) -> list[Pass]:
+             model: Network | Literal["unshadowed_environment"], has_specular: bool, absent: dict[str, str]) -> list[Pass]:
     """The passes that shade by the environment at low resolution, and those that bring that to the image's."""
-    kinds = ("diffuse", "specular") if shiny else ("diffuse",)
+    kinds = ("diffuse", "specular") if has_specular else ("diffuse",)
     low = {kind: f"environment_{kind}_low" for kind in kinds}
-    surface = "environment_surface"
+    surface = "environment_lowres_gbuffer"
     if isinstance(model, str):
-        grid = coarse.grid(settings.size)
-        passes = [coarse.declare(environment, lights.scale, grid, low)]
+        grid = unshadowed_environment.grid(settings.size)
+        passes = [unshadowed_environment.declare(environment, lights.scale, grid, low)]
         absent |= dict.fromkeys(SHADING_PASSES[2:5], "the environment is shaded without a network")
     else:
         grid = model.contract.screen_size(settings.size)
-        tensors = downsample.tensor_names(model.contract)
-        passes = [coarse.declare(environment, lights.scale, grid, {kind: f"coarse_{kind}" for kind in kinds})]
+        tensors = pack_screen.tensor_names(model.contract)
+        passes = [unshadowed_environment.declare(environment, lights.scale, grid, {kind: f"unshadowed_{kind}" for kind in kinds})]
         if _reads_vectors(model):
-            passes.append(vector.declare(model.contract, tensors, environment, lights.scale, None,
-                                         "environment_vector"))
+            passes.append(pack_globals.declare(model.contract, tensors, environment, lights.scale, None,
+                                         "environment_pack_globals"))
         else:
-            absent["environment_vector"] = "the network reads no vector"
+            absent["environment_pack_globals"] = "the network reads no vector"
         targets = {name: low[kind] for name, kind in ((DIFFUSE, "diffuse"), (SPECULAR, "specular")) if kind in low}
-        passes += [downsample.declare(model.contract, settings.size, scene.longest_edge, "environment_downsample"),
+        passes += [pack_screen.declare(model.contract, settings.size, scene.longest_edge, "environment_pack_screen"),
                    network.declare(model, tensors, grid, targets, "environment_network")]
-    if not shiny:
-        absent |= dict.fromkeys(("fill_specular", "upsample_specular"), "no material has highlights")
+    if not has_specular:
+        absent |= dict.fromkeys(("push_pull_specular", "upsample_specular"), "no material has highlights")
     for kind in kinds:
         light = f"environment_{kind}"
-        passes += [fill.declare(grid, light, surface, f"fill_{kind}"),
+        passes += [push_pull.declare(grid, light, surface, f"push_pull_{kind}"),
                    upsample.declare(grid, light, surface, f"upsample_{kind}", gathered=False)]
-    return [pick.declare(grid, surface, "environment_pick"), *passes]
+    return [lowres_gbuffer.declare(grid, surface, "environment_lowres_gbuffer"), *passes]
 
 
 def _indirect(scene: Scene, settings: Settings, lights: LightSet, models: Models,
@@ -173,8 +173,8 @@ def _indirect(scene: Scene, settings: Settings, lights: LightSet, models: Models
         absent["ssgi"] = "a network was chosen"
     if settings.taa:
         passes.append(accumulate.declare(grid, noisy=isinstance(model, str)))
-    return [pick.declare(grid, "surface_low", "pick"), *passes, fill.declare(grid, "indirect", "surface_low", "fill"),
-            upsample.declare(grid, "indirect", "surface_low", "upsample", settings.taa)]
+    return [lowres_gbuffer.declare(grid, "lowres_gbuffer", "lowres_gbuffer"), *passes, push_pull.declare(grid, "indirect", "lowres_gbuffer", "push_pull"),
+            upsample.declare(grid, "indirect", "lowres_gbuffer", "upsample", settings.taa)]
 
 
 def _network(scene: Scene, settings: Settings, lights: LightSet, model: Network | Reapplied, grid: tuple[int, int],
@@ -184,26 +184,26 @@ def _network(scene: Scene, settings: Settings, lights: LightSet, model: Network 
     passes: list[Pass] = []
     camera_axes = contract.cube_axes == "camera"
     if contract.face is not None:
-        passes += [gbuffer.declare_surround(scene, contract.face, camera_axes),
-                   direct.declare_surround(lights, contract.face, camera_axes)]
+        passes += [gbuffer.declare_cube(scene, contract.face, camera_axes),
+                   direct.declare_cube(lights, contract.face, camera_axes)]
         if scene.environment is not None:
-            passes.append(background.declare_surround(scene.environment, lights.scale, contract.face, camera_axes))
+            passes.append(background.declare_cube(scene.environment, lights.scale, contract.face, camera_axes))
     else:
-        absent |= dict.fromkeys(AROUND, "the network reads no cube")
-    tensors = downsample.tensor_names(contract)
+        absent |= dict.fromkeys(CUBE_PASSES, "the network reads no cube")
+    tensors = pack_screen.tensor_names(contract)
     if contract.surfels is not None:
         world = TrackedSurfels(scene, *contract.surfels)
         passes += [surfel_light.declare(world, lights),
-                   surfels.declare(world, contract, tensors, scene.longest_edge, sky_is_direct)]
+                   pack_surfels.declare(world, contract, tensors, scene.longest_edge, sky_is_direct)]
     else:
-        absent |= dict.fromkeys(("surfel_light", "surfels"), "the network reads no surfels")
+        absent |= dict.fromkeys(("surfel_light", "pack_surfels"), "the network reads no surfels")
     if _reads_vectors(model):
-        passes.append(vector.declare(contract, tensors, scene.environment, lights.scale, settings.bounces))
+        passes.append(pack_globals.declare(contract, tensors, scene.environment, lights.scale, settings.bounces))
     else:
-        absent["vector"] = "the network reads no vector"
-    passes.append(downsample.declare(contract, settings.size, scene.longest_edge))
+        absent["pack_globals"] = "the network reads no vector"
+    passes.append(pack_screen.declare(contract, settings.size, scene.longest_edge))
     return [*passes, network.declare(model, tensors, grid, {INDIRECT: target})]
 
 
 def _reads_vectors(model: Network | Reapplied) -> bool:
-    return any(spec.grid == VECTOR for spec in model.contract.inputs.values())
+    return any(spec.grid == GLOBALS for spec in model.contract.inputs.values())

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.contract import Model
 from app.frame import RADIANCE, build_frame
 from app.gl.context import Device
 from app.gl.frame_state import CameraBlock, FrameState
@@ -22,7 +21,8 @@ from app.gl.pool import Pool, Resources
 from app.gl.timer import NEWEST, Timer
 from app.graph import BoundPass, Buf, Tex
 from app.math3d import View, halton
-from app.models import load_models
+from app.network.contract import Model
+from app.network.selection import load_models
 from app.scene import Camera, Light, Scene
 from app.settings import Settings
 
@@ -151,7 +151,7 @@ class Renderer:
         start = perf_counter()
         with self._gl.ctx:
             image = self._pixels(output, newest=True) if output == "display" else self._read(output)
-        for name in ("output", "frame"):
+        for name in ("tonemap", "frame"):
             self._timer.extend(name, (perf_counter() - start) * 1e3)
         return image
 

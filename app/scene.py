@@ -52,7 +52,7 @@ class Material:
         Reflectance at normal incidence (F0); zeros mean that there is no highlight at all.
     double_sided : bool
         Whether the back side emits too. Both sides always reflect.
-    analytic : bool
+    is_light_proxy : bool
         True when the emission is also in ``Scene.lights``: shown, but never lights a second time.
     """
 
@@ -66,14 +66,14 @@ class Material:
     roughness: float = 1.0
     specular: tuple[float, float, float] = (0.0, 0.0, 0.0)
     double_sided: bool = True
-    analytic: bool = False
+    is_light_proxy: bool = False
 
     @property
     def emits(self) -> bool:
         return max(self.emission) > 0.0
 
     @property
-    def shiny(self) -> bool:
+    def has_specular(self) -> bool:
         return max(self.specular) > 0.0
 
 

@@ -1,4 +1,4 @@
-"""``python -m export``: datasets, networks and their judgement, and the path-traced truth. A file per command."""
+"""``python -m export``: datasets, training, ONNX files, path-traced references and validation."""
 
 from __future__ import annotations
 
@@ -7,23 +7,19 @@ import sys
 import typer
 
 from app.errors import AfterglowError
-from export.cli.dataset import dataset
-from export.cli.linearity import linearity
-from export.cli.models import models
-from export.cli.onnx import onnx, stamp
-from export.cli.precision import precision
-from export.cli.rebuild import rebuild
-from export.cli.reference import reference
-from export.cli.sized import sized
-from export.cli.skies import skies
-from export.cli.train import train
-from export.cli.validate import validate
-from export.cli.walks import walks
+from export.dataset.cli import cli as dataset
+from export.onnx.cli import cli as onnx
+from export.reference.cli import reference
+from export.training.cli import rebuild, train
+from export.validation.cli import cli as validate
 
 cli = typer.Typer(add_completion=False, no_args_is_help=True, help=__doc__, pretty_exceptions_enable=False)
-for command in (dataset, train, models, onnx, stamp, rebuild, sized, precision, linearity, reference, validate, walks,
-                skies):
-    cli.command()(command)
+cli.add_typer(dataset, name="dataset")
+cli.command()(train)
+cli.add_typer(onnx, name="onnx")
+cli.command()(reference)
+cli.add_typer(validate, name="validate")
+cli.command()(rebuild)
 
 
 if __name__ == "__main__":

@@ -2,16 +2,16 @@
 // surface by motion and mixes in what it was, so that the network's picks don't flicker.
 #include "numbers.glsl"
 #include "camera.glsl"
-#include "pick.glsl"
+#include "nearest_texel.glsl"
 #include "history.glsl"
 
 const float AROUND = 4.0;  // level of the mean that noisy light is compared with: of 16x16 texels
 
 uniform sampler2D indirect_now;
-uniform sampler2D surface_low;
+uniform sampler2D lowres_gbuffer;
 uniform sampler2D motion;
 uniform sampler2D indirect_low_prev;  // rgb: history, a: frames gathered
-uniform sampler2D surface_low_prev;
+uniform sampler2D lowres_gbuffer_prev;
 uniform vec2 ratio;  // full-resolution texels per low-resolution texel
 uniform float longest;  // history in frames
 uniform bool history_valid;
@@ -27,7 +27,7 @@ struct Receiver {
 // Adds a texel of the history, ``away`` from where the receiver was, if it shows the same surface.
 void add(ivec2 low, vec2 away, Receiver r, inout vec4 sum, inout float weight)
 {
-    vec4 old = texelFetch(indirect_low_prev, low, 0), surface = texelFetch(surface_low_prev, low, 0);
+    vec4 old = texelFetch(indirect_low_prev, low, 0), surface = texelFetch(lowres_gbuffer_prev, low, 0);
     bool same = all(greaterThanEqual(low, ivec2(0))) && all(lessThan(low, textureSize(indirect_low_prev, 0)))
         && same_surface(surface.a > 0.0 ? 1.0 / surface.a : 0.0, r.before * (1.0 + dot(r.slope * ratio, away)), r.slope,
                         surface.xyz, r.normal)
@@ -39,9 +39,9 @@ void add(ivec2 low, vec2 away, Receiver r, inout vec4 sum, inout float weight)
 
 void main()
 {
-    ivec2 low = ivec2(gl_FragCoord.xy), full = representative(low, ratio);
+    ivec2 low = ivec2(gl_FragCoord.xy), full = nearest_texel(low, ratio);
     vec3 now = sanitize_radiance(texelFetch(indirect_now, low, 0).rgb);
-    vec4 surface = texelFetch(surface_low, low, 0);
+    vec4 surface = texelFetch(lowres_gbuffer, low, 0);
     vec3 moved = texelFetch(motion, full, 0).xyz;
     Receiver r = Receiver(surface.xyz, 1.0 / (surface.a * moved.z), plane_slope(surface.xyz, vec2(full) + 0.5));
     vec2 at = gl_FragCoord.xy - moved.xy * vec2(1.0, -1.0) / ratio - 0.5;

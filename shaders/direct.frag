@@ -11,7 +11,7 @@ uniform sampler2D albedo;
 uniform sampler2D normal;
 uniform sampler2D depth;
 #ifdef WRITE_SPECULAR
-uniform sampler2D gloss;
+uniform sampler2D specular_roughness;
 #endif
 
 #ifdef HAS_ENVIRONMENT_DIFFUSE
@@ -47,7 +47,7 @@ void main()
         v = wanted ? v : 0.0;
         diffuse += wanted ? v * e : vec3(0.0);
 #ifdef WRITE_SPECULAR
-        highlight += wanted ? v * ggx_highlight(lights[i], p, n, texelFetch(gloss, texel, 0)) : vec3(0.0);
+        highlight += wanted ? v * ggx_highlight(lights[i], p, n, texelFetch(specular_roughness, texel, 0)) : vec3(0.0);
 #endif
     }
 #ifdef HAS_ENVIRONMENT_DIFFUSE
@@ -60,7 +60,7 @@ void main()
 #ifdef WRITE_SPECULAR
 #ifdef HAS_ENVIRONMENT_SPECULAR
     if (is_surface(d))
-        highlight += environment_reflectance(texelFetch(gloss, texel, 0), max(dot(n, -normalize(p)), 0.0))
+        highlight += environment_reflectance(texelFetch(specular_roughness, texel, 0), max(dot(n, -normalize(p)), 0.0))
             * sanitize_radiance(texelFetch(environment_specular, texel, 0).rgb);
 #endif
     out_specular = vec4(sanitize_radiance(highlight), 1.0);

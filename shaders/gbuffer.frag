@@ -1,7 +1,7 @@
 // Surface attributes of the nearest surface, one target per attribute that somebody reads.
 #include "numbers.glsl"
 #include "camera.glsl"
-#include "nearness.glsl"
+#include "inverse_depth.glsl"
 #include "octahedral.glsl"
 
 in vec3 position;
@@ -14,7 +14,7 @@ in vec4 color;
 #endif
 
 uniform vec3 albedo;
-uniform vec4 gloss;           // F0, perceptual roughness
+uniform vec4 specular_roughness;           // F0, perceptual roughness
 uniform vec3 emission;
 uniform vec3 emission_flags;  // shines from both sides; may light other surfaces; -1 for a mirrored transform
 #ifdef ALBEDO_MAP
@@ -41,13 +41,13 @@ layout(location = WRITE_DEPTH) out float out_depth;
 #ifdef WRITE_EMISSION
 layout(location = WRITE_EMISSION) out vec4 out_emission;  // a: 1 where it may light other surfaces
 #endif
-#ifdef WRITE_GLOSS
-layout(location = WRITE_GLOSS) out vec4 out_gloss;
+#ifdef WRITE_SPECULAR_ROUGHNESS
+layout(location = WRITE_SPECULAR_ROUGHNESS) out vec4 out_specular_roughness;
 #endif
 #ifdef WRITE_MOTION
 in vec3 clip_now;
 in vec3 clip_before;
-layout(location = WRITE_MOTION) out vec4 out_motion;      // pixels, +y down; z: depth one frame ago / now; w: nearness
+layout(location = WRITE_MOTION) out vec4 out_motion;      // pixels, +y down; z: depth one frame ago / now; w: inverse_depth
 #endif
 
 // Towards the viewer, from screen-space derivatives.
@@ -104,11 +104,11 @@ void main()
     bool front = gl_FrontFacing == (emission_flags.z > 0.0);
     out_emission = front || emission_flags.x > 0.5 ? vec4(sanitize_radiance(light), emission_flags.y) : vec4(0.0);
 #endif
-#ifdef WRITE_GLOSS
-    out_gloss = gloss;
+#ifdef WRITE_SPECULAR_ROUGHNESS
+    out_specular_roughness = specular_roughness;
 #endif
 #ifdef WRITE_MOTION
-    out_motion = vec4(0.0, 0.0, 0.0, UNIT_NEARNESS * gl_FragCoord.z);  // z = near / depth
+    out_motion = vec4(0.0, 0.0, 0.0, UNIT_INVERSE_DEPTH * gl_FragCoord.z);  // z = near / depth
     if (clip_before.z > 0.0) {
         vec2 moved = clip_now.xy / clip_now.z - clip_before.xy / clip_before.z;
         out_motion.xyz = vec3(moved * image.xy * vec2(0.5, -0.5), clip_before.z / clip_now.z);

@@ -8,14 +8,14 @@
 #include "numbers.glsl"
 #include "grid.glsl"
 #include "noise.glsl"
-#include "pick.glsl"
+#include "nearest_texel.glsl"
 
 const float THICKNESS = 0.1;  // of everything, away from the eye, relative to its depth
 const float CREASE = 0.01;    // relative to depth: surfaces join unless one lies farther than this behind the other
 const float STEEPEST = 2.0;   // a stretch is at most this many times nearer or farther than its sample
 const float SECTORS = 32.0;
 
-uniform sampler2D surface_low;
+uniform sampler2D lowres_gbuffer;
 uniform sampler2D ssgi_radiance;
 uniform vec2 ratio;      // full-resolution texels per low-resolution texel
 uniform vec2 turn;       // of the two noise patterns in this frame
@@ -53,11 +53,11 @@ bool is_before(vec2 a, vec2 b)
 
 void main()
 {
-    ivec2 texel = ivec2(gl_FragCoord.xy), last = textureSize(surface_low, 0) - 1;
-    vec4 here = texelFetch(surface_low, texel, 0);
+    ivec2 texel = ivec2(gl_FragCoord.xy), last = textureSize(lowres_gbuffer, 0) - 1;
+    vec4 here = texelFetch(lowres_gbuffer, texel, 0);
     float d = is_surface(here.a) ? here.a : 1.0;
     vec3 n = sanitize_normal(here.xyz);
-    vec2 pixel = vec2(representative(texel, ratio)) + 0.5;
+    vec2 pixel = vec2(nearest_texel(texel, ratio)) + 0.5;
     vec3 view = view_ray(pixel), ray = relative_from_view(view), p = ray * d;
 
     // The walk's direction, uniform around the direction to the eye.
@@ -91,9 +91,9 @@ void main()
         float at = (float(i) + jitter) / float(steps), end = i + 1 < steps ? at + 0.5 / float(steps) : 1.0;
         vec2 stretch = vec2(start, min(reach * end * end, reach));
         ivec2 t = clamp(ivec2((pixel + walk * (reach * at * at)) / ratio), ivec2(0), last);
-        vec4 there = texelFetch(surface_low, t, 0);
+        vec4 there = texelFetch(lowres_gbuffer, t, 0);
         vec3 light = texelFetch(ssgi_radiance, t, 0).rgb;
-        vec3 point = surface_ray(vec2(representative(t, ratio)) + 0.5) * there.a;
+        vec3 point = surface_ray(vec2(nearest_texel(t, ratio)) + 0.5) * there.a;
 
         // Depths where the sample's plane crosses the ends of its stretch.
         float plane = dot(there.xyz, point);

@@ -2,12 +2,12 @@
 // et al. 2010, "Edge-Avoiding À-Trous Wavelet Transform for fast Global Illumination Filtering").
 #include "numbers.glsl"
 #include "grid.glsl"
-#include "pick.glsl"
+#include "nearest_texel.glsl"
 
 const float PLANE_SIGMA = 0.02;  // of the receiver's depth
 
 uniform sampler2D WALKS;  // rgb: light times a, a: weight
-uniform sampler2D surface_low;
+uniform sampler2D lowres_gbuffer;
 uniform vec2 ratio;       // full-resolution texels per low-resolution texel
 uniform int apart;        // texels from one to the next
 uniform int rows = 3;     // no constant, so that the loop stays a loop
@@ -23,9 +23,9 @@ struct Receiver {
 // Adds one texel, as far as it shows the same surface.
 void add(ivec2 low, Receiver r, inout vec4 sum, inout float total)
 {
-    low = clamp(low, ivec2(0), textureSize(surface_low, 0) - 1);
-    vec4 surface = texelFetch(surface_low, low, 0), walks = texelFetch(WALKS, low, 0);
-    vec3 ray = surface_ray(vec2(representative(low, ratio)) + 0.5);
+    low = clamp(low, ivec2(0), textureSize(lowres_gbuffer, 0) - 1);
+    vec4 surface = texelFetch(lowres_gbuffer, low, 0), walks = texelFetch(WALKS, low, 0);
+    vec3 ray = surface_ray(vec2(nearest_texel(low, ratio)) + 0.5);
     float plane = (dot(r.normal, ray) * surface.a - r.here) * r.inverse_sigma;
     float facing = max(dot(r.normal, surface.xyz), 0.0);
     facing *= facing;
@@ -39,9 +39,9 @@ void add(ivec2 low, Receiver r, inout vec4 sum, inout float total)
 void main()
 {
     ivec2 texel = ivec2(gl_FragCoord.xy);
-    vec4 here = texelFetch(surface_low, texel, 0);
+    vec4 here = texelFetch(lowres_gbuffer, texel, 0);
     vec3 n = sanitize_normal(here.xyz);
-    vec3 ray = surface_ray(vec2(representative(texel, ratio)) + 0.5);
+    vec3 ray = surface_ray(vec2(nearest_texel(texel, ratio)) + 0.5);
     Receiver r = Receiver(n, dot(n, ray) * here.a, 1.0 / (PLANE_SIGMA * here.a));
     vec4 sum = vec4(0.0);
     float total = 0.0;

@@ -2,8 +2,8 @@
 #include "numbers.glsl"
 #include "shadow.glsl"
 
-uniform sampler2D place_position;  // local space: world axes, the scene's centre as origin
-uniform sampler2D place_normal;    // 0: no place
+uniform sampler2D light_sample_position;  // local space: world axes, the scene's centre as origin
+uniform sampler2D light_sample_normal;    // 0: no place
 uniform vec3 local_eye;
 
 out vec4 light;
@@ -11,8 +11,8 @@ out vec4 light;
 void main()
 {
     ivec2 place = ivec2(gl_FragCoord.xy) / 2;
-    vec3 p = texelFetch(place_position, place, 0).xyz - local_eye;
-    vec3 n = texelFetch(place_normal, place, 0).xyz;
+    vec3 p = texelFetch(light_sample_position, place, 0).xyz - local_eye;
+    vec3 n = texelFetch(light_sample_normal, place, 0).xyz;
     bool used = dot(n, n) > 0.5;
     QuadNoise noise = quad_noise();
     vec3 sum = vec3(0.0);

@@ -3,7 +3,7 @@
 // around shows a pixel's surface, too thin or at an edge, the pixel keeps the light that it had.
 #include "numbers.glsl"
 #include "camera.glsl"
-#include "pick.glsl"
+#include "nearest_texel.glsl"
 #include "history.glsl"
 
 const float PLANE_SIGMA = 0.02;  // of the receiver's depth
@@ -12,13 +12,13 @@ const float SHOWN = 0.1;         // weight from which on the texels around show 
 const float SKY = 1e-30;         // keeps what was filled in where no texel shows any
 
 uniform sampler2D light_filled;
-uniform sampler2D surface_low;
+uniform sampler2D lowres_gbuffer;
 uniform sampler2D normal;
 uniform sampler2D depth;
 uniform vec2 ratio;  // full-resolution texels per low-resolution texel
 #ifdef HAS_INDIRECT_PREV
-uniform sampler2D motion;         // w: nearness
-uniform sampler2D indirect_prev;  // a: nearness
+uniform sampler2D motion;         // w: inverse_depth
+uniform sampler2D indirect_prev;  // a: inverse_depth
 uniform sampler2D normal_prev;
 uniform float longest;  // history in frames
 uniform bool history_valid;
@@ -42,13 +42,13 @@ vec2 image_position(vec2 pixel)
 // What column and row of a low-resolution texel add to its distance along the normal, per depth.
 vec2 along_normal(ivec2 low, Receiver r)
 {
-    return r.slope.xy * image_position(vec2(representative(low, ratio)) + 0.5);
+    return r.slope.xy * image_position(vec2(nearest_texel(low, ratio)) + 0.5);
 }
 
 // rgb: weighted light, a: weight of one low-resolution texel.
 vec4 tap(ivec2 low, float along, float closeness, Receiver r)
 {
-    vec4 surface = texelFetch(surface_low, low, 0);
+    vec4 surface = texelFetch(lowres_gbuffer, low, 0);
     float plane = ((along + r.slope.z) * surface.a - r.here) * r.inverse_sigma;
     float facing = max(dot(r.normal, surface.xyz), 0.0);
     facing *= facing;
@@ -73,7 +73,7 @@ vec3 with_history(vec3 light, float shown, vec4 moved, Receiver r)
 
 void main()
 {
-    ivec2 texel = ivec2(gl_FragCoord.xy), last = textureSize(surface_low, 0) - 1;
+    ivec2 texel = ivec2(gl_FragCoord.xy), last = textureSize(lowres_gbuffer, 0) - 1;
     float d = texelFetch(depth, texel, 0).r;
     vec3 n = sanitize_normal(texelFetch(normal, texel, 0).xyz);
     vec3 slope = mat3(view_from_relative) * n * vec3(lens.xy, -1.0);

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from app.contract import find_model
 from app.errors import DeviceError
 from app.gl.context import Device
+from app.network.contract import find_model
 from tests.coarse_shadows import coarse_shadow_maps
 
 SMALL_EMBER = 256, 36  # surfels, and rays of each
@@ -27,7 +27,7 @@ def egl() -> None:
 @pytest.fixture(scope="session")
 def path_tracer() -> None:
     """Skips where the path tracer can't run."""
-    from export.mitsuba_scene import mitsuba
+    from export.reference.mitsuba_scene import mitsuba
 
     try:
         mitsuba()
@@ -60,6 +60,6 @@ def small_ember(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if importlib.util.find_spec("torch") is None:
         return Path(find_model("ember"))
     from export.models.ember import Ember
-    from export.to_onnx import write_network
+    from export.onnx.export import write_network
 
     return write_network(Ember(*SMALL_EMBER).eval(), tmp_path_factory.mktemp("nets"), [], {})[0]

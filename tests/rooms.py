@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.channels import ALL_BOUNCES, SCREEN, VECTOR
-from app.contract import ModelContract
+from app.network.channels import ALL_BOUNCES, GLOBALS, SCREEN
+from app.network.contract import ModelContract
 
 F64 = NDArray[np.float64]
 Arrays = dict[str, NDArray[np.float32]]
@@ -71,7 +71,7 @@ def tensors(contract: ModelContract, quads: list[Quad], view: View, lamp: Lamp |
     for name, spec in contract.inputs.items():
         if spec.grid == SCREEN:
             channels = _shade(quads, view, *_screen_rays(view), lamp)
-        elif spec.grid == VECTOR:
+        elif spec.grid == GLOBALS:
             channels = {"bounces": np.array([ALL_BOUNCES])}
         else:
             assert contract.cube_axes == "world" and spec.size

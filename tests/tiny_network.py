@@ -7,7 +7,7 @@ from pathlib import Path
 import onnx
 from onnx import TensorProto, helper
 
-from app.contract import KEY, ModelContract, TensorSpec
+from app.network.contract import KEY, ModelContract, TensorSpec
 
 TINY = ModelContract(
     name="tiny", inputs={"x": TensorSpec(("direct.rgb", "normal.world.xyz"))},

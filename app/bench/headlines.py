@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from app.bench.front import Point, Ratio, error_ratio, mean_ratio, speed_up
-from app.bench.measure import FRAME
-from app.bench.rivals import DENOISED, TRACED
-from app.contract import SSGI
+from app.bench.baselines import DENOISED, TRACED
+from app.bench.pareto import Point, Ratio, error_ratio, mean_ratio, speed_up
+from app.evaluation.timing import FRAME
+from app.network.contract import SSGI
 
 HEADLINE_ERROR = ("final", "flip")
 
@@ -16,14 +16,14 @@ Json = dict[str, Any]
 
 
 def headlines(scenes: Sequence[Json]) -> list[Json]:
-    """Both figures of each network against each rival: their geometric means, and each scene's own."""
+    """Both figures of each network against each baseline: their geometric means, and each scene's own."""
     found: dict[tuple[str, str], dict[str, tuple[Ratio, Ratio]]] = {}
     for scene in scenes:
         curves = points_of(scene)
         for label in networks(scene):
             ours = curves[label][0]
-            for name, rival in opponents(curves).items():
-                both = speed_up(ours, rival), error_ratio(ours, rival)
+            for name, baseline in opponents(curves).items():
+                both = speed_up(ours, baseline), error_ratio(ours, baseline)
                 found.setdefault((label, name), {})[scene["name"]] = both
     return [{"model": label, "against": name,
              **_both(mean_ratio([s for s, _ in rows.values()]), mean_ratio([e for _, e in rows.values()])),
@@ -31,13 +31,13 @@ def headlines(scenes: Sequence[Json]) -> list[Json]:
 
 
 def points_of(scene: Json) -> dict[str, list[Point]]:
-    """Time against the headline error: a point for each judged configuration, and a curve for each rival."""
+    """Time against the headline error: a point for each judged configuration, and a curve for each baseline."""
     layer, metric = HEADLINE_ERROR
     curves: dict[str, list[Point]] = {}
     for c in scene["configurations"]:
         if c["errors"] is not None:
             curves[c["label"]] = [Point(c["label"], c["stages"][FRAME]["median"], c["errors"][layer][metric])]
-    for r in scene["rivals"]:
+    for r in scene["baselines"]:
         curves.setdefault(r["name"], []).append(Point(r["name"], r["ms"], r["errors"][layer][metric]))
     return curves
 

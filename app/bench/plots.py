@@ -7,18 +7,18 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from app.bench.configurations import NONE
-from app.bench.front import pareto_front
+from app.bench.baselines import NAMES
 from app.bench.headlines import HEADLINE_ERROR, networks, points_of
-from app.bench.measure import FRAME, YARDSTICK
-from app.bench.rivals import NAMES
-from app.contract import SSGI
+from app.bench.pareto import pareto_front
+from app.evaluation.configurations import NONE
+from app.evaluation.timing import FRAME, YARDSTICK
 from app.extras import extra_module
+from app.network.contract import SSGI
 
 Json = dict[str, Any]
 
 COLUMNS = 3
-RIVAL_STYLES = dict(zip(NAMES, (("#999999", "o"), ("#6aa2d8", "s"), ("#2f6db3", "D")), strict=True))
+BASELINE_STYLES = dict(zip(NAMES, (("#999999", "o"), ("#6aa2d8", "s"), ("#2f6db3", "D")), strict=True))
 GREY = "#555555"
 NETWORK_COLOURS = ("#d1495b", "#e8963e", "#7b4fa3", "#2a9d8f", "#8a6d3b", "#c46bae", "#7a9e2f", "#1f4e79")
 STAGES_LEFT_OUT = (FRAME, YARDSTICK)
@@ -30,8 +30,8 @@ def scatter(results: Json) -> str:
         curves = points_of(scene)
         ours = networks(scene)
         for name, points in curves.items():
-            if name in RIVAL_STYLES:
-                colour, marker = RIVAL_STYLES[name]
+            if name in BASELINE_STYLES:
+                colour, marker = BASELINE_STYLES[name]
                 axes.plot([p.ms for p in points], [p.error for p in points], color=colour, marker=marker, markersize=4,
                           linewidth=1, label=name)
             else:

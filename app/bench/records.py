@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from app.bench.judge import Errors, errors_of
-from app.bench.measure import Contender, Spread
-from app.bench.rivals import Rival
-from app.bench.truth import Truth
+from app.bench.baselines import Baseline
+from app.evaluation.picture_errors import Errors, errors_of
+from app.evaluation.reference import Reference
+from app.evaluation.timing import Spread, TimedRun
 
 Json = dict[str, Any]
 
 
-def contender(measured: Contender) -> Json:
+def timed_run(measured: TimedRun) -> Json:
     """A configuration with its times; ``errors`` and ``fresh`` are filled in where they were measured."""
     c = measured.configuration
     return {"label": c.label, "size": list(c.size), "grid": c.grid and list(c.grid), "precision": c.precision,
@@ -21,13 +21,13 @@ def contender(measured: Contender) -> Json:
             "errors": None, "fresh": None}
 
 
-def rival(found: Rival, truth: Truth) -> Json:
+def baseline(found: Baseline, reference: Reference) -> Json:
     """One of the path tracer's pictures, bare or denoised."""
     return {"name": found.name, "spp": found.spp, "ms": round(found.ms, 4),
-            "errors": errors(errors_of({"final": found.picture}, truth))}
+            "errors": errors(errors_of({"final": found.picture}, reference))}
 
 
-def truth(found: Truth) -> Json:
+def reference(found: Reference) -> Json:
     """Size, key, and what the path tracer says about its samples, its noise and what it did not draw."""
     about: Json = {key: found.about[key] for key in ("spp", "seconds", "paths_per_second") if key in found.about}
     noise = {name: _finite(float(value)) for name, value in found.about.get("noise", {}).items()}

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.bench.headlines import networks
-from app.bench.judge import AMBIENT
-from app.bench.measure import FRAME
-from app.bench.pictures import shown
 from app.bench.plots import growth, scatter, stages
-from app.bench.tables import number
+from app.bench.rows import number
+from app.evaluation.embedded_images import shown
+from app.evaluation.picture_errors import AMBIENT
+from app.evaluation.timing import FRAME
 
 Json = dict[str, Any]
 F32 = NDArray[np.float32]
@@ -34,9 +34,9 @@ def html_report(results: Json, pictures: dict[str, dict[str, F32]]) -> str:
     results : dict
         As in the JSON file.
     pictures : dict
-        Linear pictures by scene and label, among them each scene's ``truth``.
+        Linear pictures by scene and label, among them each scene's ``reference``.
     """
-    width, height = results["scenes"][0]["truth"]["size"]
+    width, height = results["scenes"][0]["reference"]["size"]
     # "</" would end the script.
     data = json.dumps({scene: shown(images) for scene, images in pictures.items()}).replace("</", "<\\/")
     return fill_page(
@@ -74,17 +74,17 @@ def _headlines(found: Sequence[Json]) -> str:
         for key, what in (("speed_up", "speed-up at equal error"), ("error_ratio", "error ratio at equal time")):
             own = [_ratio(row["scenes"][s][key]) if s in row["scenes"] else "–" for s in scenes]
             body.append([f"{row['model']} against {row['against']}: {what}", _ratio(row[key]), *own])
-    return html_table(["", "mean", *scenes], body) if found else "<p>No network was measured beside a rival.</p>"
+    return html_table(["", "mean", *scenes], body) if found else "<p>No network was measured beside a baseline.</p>"
 
 
 def _scene(scene: Json) -> str:
-    truth, name = scene["truth"], escape(scene["name"])
+    reference, name = scene["reference"], escape(scene["name"])
     first = escape(next(iter(networks(scene)), AMBIENT))
-    noise = ", ".join(f"{layer} {value:.2%}" for layer, value in truth["noise"].items() if value is not None)
+    noise = ", ".join(f"{layer} {value:.2%}" for layer, value in reference["noise"].items() if value is not None)
     about = (f"{scene['triangles']} triangles, {scene['lights']} light{'s' * (scene['lights'] != 1)}"
              + (f" (lighting {scene['lighting']})" if scene["lighting"] else "")
-             + (f"; truth of {truth['spp']} samples per pixel" if "spp" in truth else "")
-             + (f", noise {noise}" if noise else "") + "".join(f"; {notice}" for notice in truth["notices"]))
+             + (f"; reference of {reference['spp']} samples per pixel" if "spp" in reference else "")
+             + (f", noise {noise}" if noise else "") + "".join(f"; {notice}" for notice in reference["notices"]))
     return (f'<h2>{name}</h2><p class=note>{escape(about)}</p><div data-scene="{name}" data-first="{first}">'
             '<div class=pair><img alt=right><img class=over alt=left></div><div class=controls><select></select>'
             '<input type=range value=50><select></select></div></div>' + _errors(scene) + _times(scene))
@@ -93,7 +93,7 @@ def _scene(scene: Json) -> str:
 def _errors(scene: Json) -> str:
     entries = [(c["label"], c["stages"][FRAME]["median"], c["errors"]) for c in scene["configurations"] if c["errors"]]
     entries.append((AMBIENT, None, scene["ambient"]["errors"]))
-    entries += [(f"{r['name']}, {r['spp']} spp", r["ms"], r["errors"]) for r in scene["rivals"]]
+    entries += [(f"{r['name']}, {r['spp']} spp", r["ms"], r["errors"]) for r in scene["baselines"]]
     head = ["", "ms", *(text for _ in LAYERS for text in COLUMNS.values())]
     above = "<tr><td colspan=2>" + "".join(f"<th colspan={len(COLUMNS)}>{layer}" for layer in LAYERS)
     body = [[label, "–" if ms is None else number(ms),

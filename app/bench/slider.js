@@ -2,7 +2,7 @@
   for (const box of document.querySelectorAll("[data-scene]")) {
     const scene = pictures[box.dataset.scene], [under, over] = box.querySelectorAll("img");
     const [left, right] = box.querySelectorAll("select"), cut = box.querySelector("input");
-    const reference = box.dataset.reference || "truth";
+    const reference = box.dataset.reference || "reference";
     for (const select of [left, right])
       for (const [kind, prefix] of [["picture", ""], ["flip", "FLIP map: "]])
         for (const label in scene)

@@ -20,12 +20,12 @@ from app.settings import Settings, parse_size
 
 WORSE = 1
 ALL, AUTO = "all", "auto"
-LEAST_SIDE = 11
+MIN_SIDE = 11
 EMBEDDED = "cornell-box.obj", "patio.obj"  # a closed scene, and one under a sky
 
 COLUMNS = {"size": "size", "frame.median_ms": "ms", "frame.p95_ms": "p95", "final.flip": "FLIP", "final.psnr": "PSNR",
            "startup_s": "start s", "peak_mb": "MB"}
-WHAT, TRUTH, OUTPUT = "What is measured", "Truth", "Output"
+WHAT, REFERENCE, OUTPUT = "What is measured", "Reference", "Output"
 
 
 def bench(
@@ -63,11 +63,11 @@ def bench(
         "--grow", help="Also sweep pixels, triangles, lights, queries, surfels and width in a generated scene.",
         rich_help_panel=WHAT)] = False,
     reference: Annotated[str, typer.Option(
-        help="Folder with the truth (of more than one scene: with a folder for each scene's name), or auto: "
+        help="Folder with the reference (of more than one scene: with a folder for each scene's name), or auto: "
              "path-traced and kept.",
-        metavar="DIR|auto", rich_help_panel=TRUTH)] = AUTO,
+        metavar="DIR|auto", rich_help_panel=REFERENCE)] = AUTO,
     spp: Annotated[int, typer.Option(
-        help="Samples per pixel of a truth that is made.", min=8, metavar="N", rich_help_panel=TRUTH)] = 1024,
+        help="Samples per pixel of a reference that is made.", min=8, metavar="N", rich_help_panel=REFERENCE)] = 1024,
     out: Annotated[Path, typer.Option(
         help="Folder for bench.json, bench.csv, pareto.svg and report.html.", metavar="DIR",
         parser=parse_folder, rich_help_panel=OUTPUT)] = Path("out/bench"),
@@ -75,14 +75,14 @@ def bench(
         help="Result of an earlier run; exit code 1 when something became slower or worse beyond noise.",
         metavar="OLD.json", show_default=False, rich_help_panel=OUTPUT)] = None,
 ) -> None:
-    """Measure time and error of every model against the path-traced truth, beside what one would use instead.
+    """Measure time and error of every model against the path-traced reference, beside what one would use instead.
 
     Writes JSON, CSV and one HTML page with the speed-error scatter, the stages' times, pictures and FLIP maps.
-    Needs the extra [bold]judge[/bold], and [bold]export[/bold] for the truth and the path tracer.
+    Needs the extra [bold]judge[/bold], and [bold]export[/bold] for the reference and the path tracer.
 
     [bold]Examples[/bold]
 
-    [cyan]python -m app bench sponza.glb room.obj[/cyan]  [dim]# all models, truth made and kept[/dim]
+    [cyan]python -m app bench sponza.glb room.obj[/cyan]  [dim]# all models, reference made and kept[/dim]
 
     [cyan]python -m app bench room.obj --models none,mine.onnx --scales 1/16,1/8[/cyan]  [dim]# your own network[/dim]
 
@@ -92,19 +92,19 @@ def bench(
 
     [cyan]python -m app bench room.obj --compare bench/bench.json[/cyan]  [dim]# what did a change cost?[/dim]
     """
-    from app.atomic import prepare_folders
-    from app.bench.compare import read_results
-    from app.bench.configurations import PRECISIONS, all_models, expand, sky_models
-    from app.bench.grow import grow as measure_growth
+    from app.bench.regressions import read_results
     from app.bench.run import Options
     from app.bench.run import bench as measure
-    from app.infer import check_provider
+    from app.bench.scaling import grow as measure_growth
+    from app.evaluation.configurations import PRECISIONS, all_models, expand, sky_models
+    from app.io.atomic_files import prepare_folders
+    from app.network.session import check_provider
 
     check_provider(provider)
     old = None if compare is None else read_results(compare)
     options = Options(
         scenes=tuple(scenes or embedded(lighting, camera)), sizes=_sizes(sizes), lighting=lighting, camera=camera,
-        reference=None if reference == AUTO else Path(reference), spp=spp, turns=repeats,
+        reference_folder=None if reference == AUTO else Path(reference), spp=spp, turns=repeats,
         provider=provider)
     names = (*all_models(), *sky_models()) if models == ALL else tuple(_list(models))
     if not names:
@@ -150,10 +150,10 @@ def embedded(lighting: str | None, camera: str | None) -> list[Path]:
 
 
 def _write(out: Path, outcome: Any) -> None:
-    from app.atomic import write_text
     from app.bench.plots import scatter
     from app.bench.report import html_report
-    from app.bench.tables import rows, to_csv
+    from app.bench.rows import rows, to_csv
+    from app.io.atomic_files import write_text
 
     # The figures first: they took long.
     write_text(out / "bench.json", json.dumps(outcome.results, indent=1, allow_nan=False) + "\n")
@@ -163,13 +163,13 @@ def _write(out: Path, outcome: Any) -> None:
 
 
 def _print(results: dict[str, Any]) -> None:
-    """The renderer's own rows; those of its rivals are in the files."""
-    from app.bench.tables import number, rows
+    """The renderer's own rows; those of its baselines are in the files."""
+    from app.bench.rows import number, rows
 
     console = Console(highlight=False)
     for scene in results["scenes"]:
         table = Table(scene["name"], *COLUMNS.values(), box=box.SIMPLE)
-        for row in rows({**results, "scenes": [{**scene, "rivals": []}]}):
+        for row in rows({**results, "scenes": [{**scene, "baselines": []}]}):
             cells = [row.get(key) for key in COLUMNS]
             table.add_row(str(row["label"]), *(number(c) if isinstance(c, float) else str(c or "") for c in cells))
         console.print(table)
@@ -177,14 +177,14 @@ def _print(results: dict[str, Any]) -> None:
         speed, error = (f"{row[key]['bound']}{number(row[key]['value'])}" for key in ("speed_up", "error_ratio"))
         console.print(f"{row['model']} against {row['against']}: speed-up at equal error {speed}, error ratio at equal "
                       f"time {error}", soft_wrap=True, markup=False)
-    notices = [f"{scene['name']}: {notice}" for scene in results["scenes"] for notice in scene["truth"]["notices"]]
+    notices = [f"{scene['name']}: {notice}" for scene in results["scenes"] for notice in scene["reference"]["notices"]]
     for line in [*results["absent"], *notices]:
         console.print(f"note: {line}", soft_wrap=True, markup=False)
 
 
 def _print_changes(old: dict[str, Any], new: dict[str, Any]) -> bool:
     """Print what changed beyond noise; whether something became slower or worse."""
-    from app.bench.compare import compare
+    from app.bench.regressions import compare
 
     changes, notes = compare(old, new)
     for line in [f"note: {note}" for note in notes] + [str(change) for change in changes]:
@@ -198,8 +198,8 @@ def _sizes(text: str) -> tuple[tuple[int, int], ...]:
     found = tuple(dict.fromkeys(Settings(size=parse_size(part)).size for part in _list(text)))
     if not found:
         raise SettingsError("no size given", "--sizes", "expected such as 256x192,1024x768")
-    if min(map(min, found)) < LEAST_SIDE:
-        raise SettingsError(f"bad sizes {text!r}", "--sizes", f"expected sides of at least {LEAST_SIDE}, SSIM's window")
+    if min(map(min, found)) < MIN_SIDE:
+        raise SettingsError(f"bad sizes {text!r}", "--sizes", f"expected sides of at least {MIN_SIDE}, SSIM's window")
     return found
 
 

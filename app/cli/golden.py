@@ -13,9 +13,9 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from app.atomic import prepare_folders, write_text
 from app.cli.options import unknown
 from app.errors import SettingsError
+from app.io.atomic_files import prepare_folders, write_text
 
 if TYPE_CHECKING:
     from app.golden import Case, Finding, Report

@@ -13,8 +13,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from app.channels import CUBE, PANORAMA, RAYS, SURFELS
-from app.contract import SSGI, ModelContract, TensorSpec, bundled_models, read_contract
+from app.network.channels import CUBE, PANORAMA, RAYS, SURFELS
+from app.network.contract import SSGI, ModelContract, TensorSpec, bundled_models, read_contract
 
 CLASSICAL = {
     SSGI: {
@@ -65,7 +65,7 @@ def _rows(contract: ModelContract) -> list[tuple[str, str]]:
         ("scale", f"{contract.scale:g} of the image, padded to multiples of {contract.multiple_of}"),
         ("bounces", contract.bounces), ("exposure", contract.exposure), ("dtype", contract.dtype),
         ("scene extent", f"{contract.scene_extent:g}"), ("cube axes", contract.cube_axes or ""),
-        ("keeps", f"what {contract.kept_from} decides, while it stays the same" if contract.kept_from else ""),
+        ("keeps", f"what {contract.static_input} decides, while it stays the same" if contract.static_input else ""),
         ("paper", contract.paper), ("trained on", contract.trained_on), ("licence", contract.licence),
     ]
     return [(label, text) for label, text in rows if text]

@@ -13,8 +13,6 @@ import typer
 from rich.console import Console
 from rich.progress import Progress
 
-from app.atomic import prepare_folders
-from app.channels import HALF_MAX
 from app.cli.options import (
     DEFAULT_MODEL,
     FORMATS,
@@ -33,14 +31,16 @@ from app.cli.options import (
     unknown,
 )
 from app.cli.report import print_summary, write_timing
-from app.contract import Model, find_model
 from app.errors import SettingsError
-from app.image import Image, write_exr, write_png
-from app.models import about_environment
-from app.preview import preview
+from app.io.atomic_files import prepare_folders
+from app.io.image import Image, write_exr, write_png
+from app.io.preview import preview
+from app.io.video import CODECS, check_video, video
+from app.network.channels import HALF_MAX
+from app.network.contract import Model, find_model
+from app.network.selection import about_environment
 from app.scene import CameraPath, Scene
 from app.settings import Settings, parse_size
-from app.video import CODECS, check_video, video
 
 if TYPE_CHECKING:
     from app.renderer import Renderer
@@ -124,7 +124,7 @@ def render(
         # The summary shows each pass's time, so each pass is waited for.
         timing=True, check=check)
     if provider != "auto":
-        from app.infer import check_provider  # imports onnxruntime
+        from app.network.session import check_provider  # imports onnxruntime
 
         check_provider(provider)
     kinds = parse_names(formats, (*FORMATS, *CODECS), "--format")
@@ -170,7 +170,7 @@ def render(
 
 def _rescaled(models: list[Model], scale: float, stack: ExitStack) -> list[Model]:
     """The same with copies of networks that have another grid, as long as ``stack`` is open."""
-    from app.bench.configurations import rescaled
+    from app.evaluation.configurations import rescaled
 
     if not any(isinstance(model, Path) for model in models):
         raise SettingsError("a scale without a network", "--scale", "expected a --model that is one")
@@ -189,7 +189,7 @@ def choose_camera(scene: Scene, name: str | None, frames: int) -> CameraPath:
         When the scene has no camera of that name.
     """
     from app.load import auto_camera, is_camera_word, load_camera, orbit
-    from app.load.views import AUTO, ORBIT
+    from app.load.cameras import AUTO, ORBIT
 
     own = scene.cameras[scene.default_camera]
     if name is None:

@@ -10,7 +10,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from app.atomic import write_text
+from app.io.atomic_files import write_text
 
 YARDSTICK = "copy"
 

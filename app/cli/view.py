@@ -42,9 +42,9 @@ def view(
     provider: Provider = "auto",
     strict_device: StrictDevice = False,
 ) -> None:
-    """See a scene live, in a browser: orbit, drag lights, compare models with each other and with the truth.
+    """See a scene live, in a browser: orbit, drag lights, compare models with each other and with the reference.
 
-    Serves one page and prints its link; Ctrl-C ends it. Needs the extra [bold]view[/bold], and for the truth
+    Serves one page and prints its link; Ctrl-C ends it. Needs the extra [bold]view[/bold], and for the reference
     [bold]export[/bold].
 
     [bold]Examples[/bold]
@@ -55,16 +55,16 @@ def view(
 
     [cyan]python -m app view room.obj --host 0.0.0.0 --port 8080[/cyan]  [dim]# for others, by a secret link[/dim]
     """
-    from app.bench.configurations import NONE, all_models
     from app.cli.render import choose_camera
-    from app.contract import find_model
+    from app.evaluation.configurations import NONE, all_models
     from app.extras import extra_module
     from app.gl.context import Device
-    from app.infer import check_provider
     from app.load import load_parts
-    from app.models import about_environment, load_models, shades_environment
+    from app.network.contract import find_model
+    from app.network.selection import about_environment, load_models, shades_environment
+    from app.network.session import check_provider
     from app.paths import data_dir
-    from app.view.drawing import shown_outputs
+    from app.view.model_renderer import shown_outputs
     from app.view.protocol import Choices
     from app.view.server import EXTRA, serve
     from app.view.session import Session

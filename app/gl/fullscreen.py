@@ -13,7 +13,7 @@ from app.gl.pool import Resources
 from app.graph import PREVIOUS, BoundPass
 
 Uniforms = Callable[[FrameState], Mapping[str, Any]]
-SURROUND = "surround_"  # begins the names of what is drawn on the six views around the camera
+CUBE_PREFIX = "cube_"  # begins the names of what is drawn on the six views around the camera
 
 
 def no_uniforms(frame: FrameState) -> Mapping[str, Any]:

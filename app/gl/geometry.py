@@ -51,7 +51,7 @@ class GpuScene:
         self.update(0.0, cut=True)
 
     def update(self, time: float, cut: bool = False) -> None:
-        """Place all instances at ``time`` seconds; ``cut`` makes last frame's places the same."""
+        """GeneratedScene all instances at ``time`` seconds; ``cut`` makes last frame's places the same."""
         self.previous, self.time = self.transforms, time
         if self._time is None or (self._moving and time != self._time):
             places = [i.transform_at(time) for i in self.scene.instances]
@@ -97,9 +97,9 @@ class GpuScene:
         if surface:
             cofactor = normal_matrix(place)
             program.set(normal_from_object=cofactor / max(float(np.abs(cofactor).max()), 1e-30))
-            program.set(albedo=m.albedo, gloss=(*m.specular, m.roughness),
+            program.set(albedo=m.albedo, specular_roughness=(*m.specular, m.roughness),
                         emission=tuple(c * scale for c in m.emission),
-                        emission_flags=(float(m.double_sided), float(not m.analytic),
+                        emission_flags=(float(m.double_sided), float(not m.is_light_proxy),
                                         -1.0 if np.linalg.det(place[:3, :3]) < 0 else 1.0))
         if m.albedo_map is not None and "ALBEDO_MAP" in d.features:
             self._texture(m.albedo_map).use(ALBEDO_UNIT)

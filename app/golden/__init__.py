@@ -3,7 +3,7 @@
 from app.golden.case import Case, Picture
 from app.golden.catalogue import catalogue
 from app.golden.check import Report, check, orphan_cases
-from app.golden.judge import Finding
+from app.golden.comparison import Finding
 from app.golden.page import page
 from app.golden.scene_case import SceneCase, Shot
 from app.golden.update import update

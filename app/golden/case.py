@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from app.channels import HALF_MAX
+from app.network.channels import HALF_MAX
 
 F32 = NDArray[np.float32]
 

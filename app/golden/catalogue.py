@@ -6,20 +6,20 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-from app.contract import SSGI, Model, bundled_models, find_model, read_contract
 from app.golden import scenes
 from app.golden.case import Case
 from app.golden.copy_case import CopyCase
 from app.golden.network_case import NetworkCase
 from app.golden.scene_case import SceneCase, Shot
+from app.network.contract import SSGI, Model, bundled_models, find_model, read_contract
 from app.scene import Scene
 
 PROBE = Path(__file__).with_name("probe.onnx")  # reads every channel, with a cube that turns with the camera
 PROBE_ENVIRONMENT = PROBE.with_name("probe_environment.onnx")  # the same of what shades an environment
-NOON_STAGES = ("environment_pick", "coarse", "environment_vector", "environment_downsample", "environment_network",
-               "fill_diffuse", "upsample_specular", "direct")
-SKY_STAGES = ("surround_background", "background", "vector", "downsample", "composite", "taa")
-SSGI_STAGES = ("pick", "ssgi_pick", "ssgi", "ssgi_filter_near", "ssgi_filter_far", "accumulate", "fill", "upsample")
+NOON_STAGES = ("environment_lowres_gbuffer", "unshadowed_environment", "environment_pack_globals", "environment_pack_screen", "environment_network",
+               "push_pull_diffuse", "upsample_specular", "direct")
+SKY_STAGES = ("cube_background", "background", "pack_globals", "pack_screen", "composite", "taa")
+SSGI_STAGES = ("lowres_gbuffer", "ssgi_radiance", "ssgi", "ssgi_filter_near", "ssgi_filter_far", "accumulate", "push_pull", "upsample")
 SETTLING = 3                                     # frames after which accumulation and TAA have a history to show
 
 
@@ -39,7 +39,7 @@ def catalogue() -> dict[str, Case]:
         SceneCase("dusk", scenes.dusk(), PROBE, (Shot("path", 5),), (2, 5), stages=SKY_STAGES),
         replace(_under_sky("noon", PROBE_ENVIRONMENT), stages=NOON_STAGES),
         replace(_settled("ssgi", scenes.room(), SSGI), stages=SSGI_STAGES),
-        replace(_settled("ember", scenes.room(), ember), stages=("surfel_light", "surfels")),
+        replace(_settled("ember", scenes.room(), ember), stages=("surfel_light", "pack_surfels")),
     ]
     drawn = {case.model for case in cases}
     others = [NetworkCase(_alone(name, file), file) for name, file in bundled_models().items() if file not in drawn]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.golden.case import Case
-from app.golden.judge import Finding, judge
+from app.golden.comparison import Finding, judge
 from app.golden.store import ORIGIN, file_name, names, read_origin, read_picture
 from app.golden.tolerance import tolerance
 

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from app.contract import read_contract
 from app.errors import SceneError
 from app.golden.case import F32, Picture, half
 from app.golden.origin import network_origin
 from app.golden.scene_case import SceneCase
 from app.golden.store import file_name
-from app.image import read_exr
-from app.infer import Network
-from app.passes.downsample import tensor_names
+from app.io.image import read_exr
+from app.network.contract import read_contract
+from app.network.session import Network
+from app.passes.pack_screen import tensor_names
 
 FRAME = 1
 LAYER = f"frame{FRAME}"

@@ -8,10 +8,10 @@ from importlib import resources
 from string import Template
 
 from app.golden.check import Report
-from app.golden.judge import Finding
-from app.golden.shown import difference_map, picture
+from app.golden.comparison import Finding
+from app.golden.visualize import difference_map, picture
 
-MOST_SHOWN = 40  # broken resources with pictures; the others follow from them
+MAX_SHOWN = 40  # broken resources with pictures; the others follow from them
 
 
 def page(report: Report) -> str:
@@ -20,11 +20,11 @@ def page(report: Report) -> str:
     first = f"{broken[0].stage or broken[0].resource} of {broken[0].case} broke first" if broken else "all is well"
     notes = [*report.origins, *(f"{case}: the goldens come from {origin}, so the wider tolerance holds"
                                 for case, origin in report.foreign.items())]
-    if len(broken) > MOST_SHOWN:
-        notes.append(f"Pictures of the first {MOST_SHOWN} of {len(broken)} broken resources.")
+    if len(broken) > MAX_SHOWN:
+        notes.append(f"Pictures of the first {MAX_SHOWN} of {len(broken)} broken resources.")
     template = Template((resources.files("app.golden") / "page.html").read_text("utf-8"))
     return template.substitute(title=escape(first), origins="<br>".join(map(escape, notes)),
-                               broken="\n".join(map(_section, broken[:MOST_SHOWN])),
+                               broken="\n".join(map(_section, broken[:MAX_SHOWN])),
                                rows="\n".join(map(_row, report.findings)))
 
 

@@ -9,17 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from app.contract import Model
 from app.golden.case import F32, Picture
 from app.golden.origin import gl_origin
 from app.golden.scenes import FRAME_SECONDS
 from app.graph import Buf
+from app.network.contract import Model
 from app.renderer import Renderer
 from app.scene import Camera, Scene
 from app.settings import Settings
 
 OUTPUTS = ("final", "position")  # what makes every pass run
-MOST_TEXELS = 2**16              # of a golden; larger ones, such as shadow atlases, are thinned to it
+MAX_TEXELS = 2**16              # of a golden; larger ones, such as shadow atlases, are thinned to it
 
 
 @dataclass(frozen=True)
@@ -105,6 +105,6 @@ def _image(renderer: Renderer, resource: str) -> F32:
 
 
 def _thinned(image: F32) -> F32:
-    """Every n-th row and column, n as small as ``MOST_TEXELS`` allows."""
-    step = max(1, math.ceil(math.sqrt(image.shape[0] * image.shape[1] / MOST_TEXELS)))
+    """Every n-th row and column, n as small as ``MAX_TEXELS`` allows."""
+    step = max(1, math.ceil(math.sqrt(image.shape[0] * image.shape[1] / MAX_TEXELS)))
     return np.ascontiguousarray(image[::step, ::step])

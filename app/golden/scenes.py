@@ -69,7 +69,7 @@ def outdoor() -> Scene:
         Material("ground"),
         Material("card", albedo=(0.9, 0.9, 0.9), albedo_map=Texture(_chequers()), alpha_cutoff=0.5),
         Material("block", albedo=(0.2, 0.35, 0.7), roughness=0.4, specular=(0.04, 0.04, 0.04)),
-        Material("lamp", emission=(4.0, 3.0, 2.0), analytic=True),
+        Material("lamp", emission=(4.0, 3.0, 2.0), is_light_proxy=True),
     )
     edge_u, edge_v = (0.0, 0.6, 0.0), (0.0, 0.0, 0.8)
     meshes = (
@@ -110,7 +110,7 @@ def noon() -> Scene:
     """The same, with highlights on the ground and a metal block, a lamp, and a mast thinner than a texel."""
     scene = dusk()
     mast = block("mast", 1, (0.02, 2.2, 0.02))
-    ground, metal = (replace(m, **gloss) for m, gloss in zip(scene.materials, (  # type: ignore[arg-type]
+    ground, metal = (replace(m, **specular_roughness) for m, specular_roughness in zip(scene.materials, (  # type: ignore[arg-type]
         {"roughness": 0.5, "specular": (0.04, 0.04, 0.04)},
         {"roughness": 0.25, "specular": (0.9, 0.6, 0.3), "albedo": (0.1, 0.1, 0.1)}), strict=True))
     lamp = PointLight((-1.0, 1.2, 0.8), (0.6, 0.5, 0.4))
@@ -157,7 +157,7 @@ def lamps() -> Scene:
         Material("floor", albedo=(0.4, 0.4, 0.45), roughness=0.3, specular=(0.3, 0.3, 0.3)),
         Material("post", albedo=(0.6, 0.3, 0.2)),
         Material("sign", emission=(1.0, 1.0, 1.0), emission_map=Texture(glow), double_sided=False),
-        Material("lamp", emission=(2.0, 2.5, 3.0), analytic=True),
+        Material("lamp", emission=(2.0, 2.5, 3.0), is_light_proxy=True),
     )
     edge_u, edge_v = (-0.7, 0.0, 0.0), (0.0, 0.5, 0.3)
     bars = (((-1.2, 0.4, -0.9 + 0.13 * i), (1.4, 0.0, 0.0), (0.0, 0.0, -0.02)) for i in range(8))
@@ -203,7 +203,7 @@ def terrace() -> Scene:
         Material("stone", albedo=(0.7, 0.65, 0.55)),
         Material("tile", albedo=(0.1, 0.3, 0.3), roughness=0.5, specular=(0.1, 0.1, 0.1)),
         Material("window", albedo=(0.2, 0.2, 0.2), emission=(0.6, 0.5, 0.2)),
-        Material("screen", albedo=(0.2, 0.2, 0.2), emission=(0.2, 0.3, 0.8), analytic=True),
+        Material("screen", albedo=(0.2, 0.2, 0.2), emission=(0.2, 0.3, 0.8), is_light_proxy=True),
     )
     meshes = (
         quads("ground", 0, ((-2, 0, 2), (4, 0, 0), (0, 0, -4)), ((-1.2, 0, -1), (2.4, 0, 0), (0, 1.6, 0))),

@@ -10,10 +10,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from urllib.parse import quote
 
-from app.atomic import write_text
 from app.errors import OutputError, SceneError
 from app.golden.case import F32, Picture, half
-from app.image import read_exr, write_exr
+from app.io.atomic_files import write_text
+from app.io.image import read_exr, write_exr
 
 ORIGIN = "origin.json"
 LAYER = "frame"

@@ -29,13 +29,13 @@ PICTURES = frozenset({"direct", "specular", "indirect", "emission", "lit", "taa"
 REST = "every other stage"
 
 # Where surfels lie is a chain of comparisons, so rounding moves some of them, and the numbers of those between.
-_SURFELS = {stage: Tolerance(2e-2, 1e-1, 0.0) for stage in ("surfel_light", "surfels")}
+_SURFELS = {stage: Tolerance(2e-2, 1e-1, 0.0) for stage in ("surfel_light", "pack_surfels")}
 # The same renderer may round otherwise on another CPU. TAA's count of frames hangs on rounding most of all; one of the
 # 255 levels of the display image is 0.004.
 SAME_RENDERER = {
     **_SURFELS,
     "taa": Tolerance(2e-2, 1e-2, 5e-3),
-    "output": Tolerance(5e-3, 1e-3, 5e-3),
+    "tonemap": Tolerance(5e-3, 1e-3, 5e-3),
     REST: Tolerance(2e-3, 5e-4, 5e-3),
 }
 # Another one also rasterises edges, filters textures and orders sums otherwise.
@@ -44,7 +44,7 @@ OTHER_RENDERER = {
     "direct": Tolerance(2e-2, 2e-2, 2e-2),
     "composite": Tolerance(2e-2, 2e-2, 2e-2),
     "taa": Tolerance(2e-1, 5e-2, 2e-2),
-    "output": Tolerance(2e-2, 2e-2, 2e-2),
+    "tonemap": Tolerance(2e-2, 2e-2, 2e-2),
     REST: Tolerance(2e-2, 1e-2, 2e-2),
 }
 

@@ -6,10 +6,10 @@ import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from app.atomic import prepare_folders, replacing_folder
 from app.errors import OutputError
 from app.golden.case import Case
 from app.golden.store import read_origin, refuse_strangers, write_case
+from app.io.atomic_files import prepare_folders, replacing_folder
 
 
 def update(cases: Sequence[Case], folder: Path, known: Iterable[str], looked: bool = False) -> list[Path]:

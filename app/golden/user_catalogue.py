@@ -6,13 +6,13 @@ import re
 from pathlib import Path
 from typing import Any
 
-from app.contract import Model, find_model
 from app.errors import ModelError, SceneError
 from app.golden.case import Case
 from app.golden.catalogue import SETTLING, with_networks
 from app.golden.scene_case import SceneCase, Shot
+from app.io.checked_json import at, did_you_mean, read_checked
 from app.load import load_scene
-from app.load.checked_json import at, did_you_mean, read_checked
+from app.network.contract import Model, find_model
 from app.scene import Scene
 
 SCHEMA = "golden.schema.json"

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from app.load.cameras import auto_camera, is_camera_word, orbit
 from app.load.scene import Parts, embedded_scene, load_parts, load_scene
 from app.load.sidecar import load_camera, parse_camera, parse_light
-from app.load.views import auto_camera, is_camera_word, orbit
 
 __all__ = ["Parts", "auto_camera", "embedded_scene", "is_camera_word", "load_camera", "load_parts", "load_scene",
            "orbit", "parse_camera", "parse_light"]

@@ -13,15 +13,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from app.load.draft import Draft, color, vector
 from app.load.geometry import face_vectors
 from app.load.images import mean_color
+from app.load.scene_builder import SceneBuilder, color, vector
 from app.scene import F64, Instance, Light, Material, Mesh, PointLight, RectLight
 
-MOST_LIGHTS = 16
+MAX_LIGHTS = 16
 _FLAT_WITHIN = 1e-3
 _SAME_AREA_WITHIN = 0.01
-_MOST_DIRECTIONS = 256
+_MAX_DIRECTIONS = 256
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 
@@ -34,40 +34,40 @@ class _Piece:
     power: float
 
 
-def find_emitters(draft: Draft) -> None:
-    """Add lights for the draft's emissive surfaces and mark their materials as analytic."""
+def find_emitters(builder: SceneBuilder) -> None:
+    """Add lights for the builder's emissive surfaces and mark their materials as analytic."""
     pieces: list[_Piece] = []
     count = 0
     radiance: dict[int, F64] = {}
-    for index, instance in enumerate(draft.instances):
-        material = draft.materials[draft.meshes[instance.mesh].material]
+    for index, instance in enumerate(builder.instances):
+        material = builder.materials[builder.meshes[instance.mesh].material]
         if not material.emits:
             continue
         if instance.motion is not None:
-            draft.notice(f"{instance.name!r} moves: it glows, but is no analytic light")
+            builder.notice(f"{instance.name!r} moves: it glows, but is no analytic light")
             continue
         radiance[index] = _radiance(material)
-        found, total = _pieces(index, instance, draft.meshes[instance.mesh], float(radiance[index] @ _LUMINANCE))
+        found, total = _pieces(index, instance, builder.meshes[instance.mesh], float(radiance[index] @ _LUMINANCE))
         pieces += found
         count += total
-    chosen = sorted((p for p in pieces if p.power > 0), key=lambda p: -p.power)[:MOST_LIGHTS]
+    chosen = sorted((p for p in pieces if p.power > 0), key=lambda p: -p.power)[:MAX_LIGHTS]
     if len(chosen) < count:
-        draft.notice(f"of {count} emissive pieces the {len(chosen)} most powerful are lights; "
+        builder.notice(f"of {count} emissive pieces the {len(chosen)} most powerful are lights; "
                      "the others only glow and bounce")
     lit: dict[int, list[NDArray[np.int64]]] = {}
     for piece in sorted(chosen, key=lambda p: (p.instance, p.triangles[0])):
-        instance = draft.instances[piece.instance]
-        mesh = draft.meshes[instance.mesh]
+        instance = builder.instances[piece.instance]
+        mesh = builder.meshes[instance.mesh]
         points = _world(mesh, instance)[mesh.triangles[piece.triangles]]
-        material = draft.materials[mesh.material]
+        material = builder.materials[mesh.material]
         mirrored = np.linalg.det(instance.transform[:3, :3]) < 0
         light, exact = _fit(points[:, ::-1] if mirrored else points, radiance[piece.instance], material.double_sided)
-        draft.lights.append(light)
+        builder.lights.append(light)
         if not exact:
             shape = "rectangle" if isinstance(light, RectLight) else "sphere"
-            draft.notice(f"{instance.name!r} glows but is no rectangle: a {shape} light stands in for it")
+            builder.notice(f"{instance.name!r} glows but is no rectangle: a {shape} light stands in for it")
         lit.setdefault(piece.instance, []).append(piece.triangles)
-    _Splitter(draft).split({i: np.concatenate(t) for i, t in lit.items()})
+    _Splitter(builder).split({i: np.concatenate(t) for i, t in lit.items()})
 
 
 def _radiance(material: Material) -> F64:
@@ -84,7 +84,7 @@ def _pieces(index: int, instance: Instance, mesh: Mesh, luminance: float) -> tup
     label = _connected(mesh)
     areas = np.linalg.norm(face_vectors(_world(mesh, instance), mesh.triangles), axis=1) / 2
     power = np.bincount(label, areas) * math.pi * luminance
-    strongest = np.argsort(-power, kind="stable")[:MOST_LIGHTS]
+    strongest = np.argsort(-power, kind="stable")[:MAX_LIGHTS]
     return [_Piece(index, np.flatnonzero(label == k), float(power[k])) for k in strongest], len(power)
 
 
@@ -132,7 +132,7 @@ def _smallest_rectangle(points: F64, normal: F64) -> tuple[F64, F64, F64]:
     edges = (points.reshape(-1, 3, 3) - np.roll(points.reshape(-1, 3, 3), 1, axis=1)).reshape(-1, 3)
     edges -= np.outer(edges @ normal, normal)
     length = np.linalg.norm(edges, axis=1)
-    longest = np.argsort(-length, kind="stable")[:_MOST_DIRECTIONS]
+    longest = np.argsort(-length, kind="stable")[:_MAX_DIRECTIONS]
     us = edges[longest] / length[longest, None]
     vs = np.cross(normal, us)
     along_u, along_v = points @ us.T, points @ vs.T
@@ -146,32 +146,32 @@ def _smallest_rectangle(points: F64, normal: F64) -> tuple[F64, F64, F64]:
 class _Splitter:
     """Gives the triangles that became lights an analytic copy of their material."""
 
-    def __init__(self, draft: Draft) -> None:
-        self._draft = draft
+    def __init__(self, builder: SceneBuilder) -> None:
+        self._builder = builder
         self._materials: dict[int, int] = {}
         self._meshes: dict[tuple[int, bytes, bool], int] = {}
 
     def split(self, lit: dict[int, NDArray[np.int64]]) -> None:
         """Replace the mesh of each instance in ``lit`` by an analytic part and, where needed, a rest."""
         for index, triangles in lit.items():
-            instance = self._draft.instances[index]
-            mask = np.zeros(len(self._draft.meshes[instance.mesh].triangles), bool)
+            instance = self._builder.instances[index]
+            mask = np.zeros(len(self._builder.meshes[instance.mesh].triangles), bool)
             mask[triangles] = True
-            self._draft.instances[index] = replace(instance, mesh=self._part(instance.mesh, mask, True))
+            self._builder.instances[index] = replace(instance, mesh=self._part(instance.mesh, mask, True))
             if not mask.all():
-                self._draft.instances.append(replace(instance, mesh=self._part(instance.mesh, ~mask, False)))
+                self._builder.instances.append(replace(instance, mesh=self._part(instance.mesh, ~mask, False)))
 
     def _part(self, mesh: int, mask: NDArray[np.bool_], analytic: bool) -> int:
         key = (mesh, mask.tobytes(), analytic)
         if key not in self._meshes:
-            source = self._draft.meshes[mesh]
+            source = self._builder.meshes[mesh]
             material = self._analytic(source.material) if analytic else source.material
-            self._meshes[key] = len(self._draft.meshes)
-            self._draft.meshes.append(replace(source, triangles=source.triangles[mask], material=material))
+            self._meshes[key] = len(self._builder.meshes)
+            self._builder.meshes.append(replace(source, triangles=source.triangles[mask], material=material))
         return self._meshes[key]
 
     def _analytic(self, material: int) -> int:
         if material not in self._materials:
-            self._materials[material] = len(self._draft.materials)
-            self._draft.materials.append(replace(self._draft.materials[material], analytic=True))
+            self._materials[material] = len(self._builder.materials)
+            self._builder.materials.append(replace(self._builder.materials[material], is_light_proxy=True))
         return self._materials[material]

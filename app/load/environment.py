@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from app.image import read_radiance
-from app.load.draft import BRIGHTEST
+from app.io.image import read_radiance
+from app.load.scene_builder import BRIGHTEST
 from app.scene import Environment
 
 GRADIENT_ROWS = 512

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from app.scene import F64
 
-_SHORTEST_NORMAL = 1e-6
-_LARGEST_FLOAT = float(np.finfo(np.float32).max)  # what the GPU takes for infinite is broken too
+_MIN_NORMAL = 1e-6
+_MAX_FLOAT = float(np.finfo(np.float32).max)  # what the GPU takes for infinite is broken too
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ def clean(surface: Surface) -> Cleaned:
     if surface.positions.shape[1:] != (3,):
         raise ValueError("a vertex needs three coordinates")
     triangles = surface.triangles
-    finite = np.asarray((np.abs(surface.positions) < _LARGEST_FLOAT).all(axis=1))
+    finite = np.asarray((np.abs(surface.positions) < _MAX_FLOAT).all(axis=1))
     kept = triangles[finite[triangles].all(axis=1)]
     kept = kept[face_vectors(surface.positions, kept).any(axis=1)]
 
@@ -87,7 +87,7 @@ def _unit(normals: F64 | None, count: int) -> tuple[F64, int]:
         return np.zeros((count, 3)), 0
     with np.errstate(invalid="ignore", over="ignore"):
         length = np.linalg.norm(normals, axis=1)
-    fine: NDArray[np.bool_] = np.isfinite(length) & (length > _SHORTEST_NORMAL)
+    fine: NDArray[np.bool_] = np.isfinite(length) & (length > _MIN_NORMAL)
     unit = np.zeros((count, 3))
     unit[fine] = normals[fine] / length[fine, None]
     return unit, int((~fine).sum())

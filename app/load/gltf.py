@@ -1,4 +1,4 @@
-"""glTF and GLB files -> Draft."""
+"""glTF and GLB files -> SceneBuilder."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from trimesh.util import triangle_strips_to_faces
 
-from app.load.draft import LARGEST, Draft, color, vector
 from app.load.geometry import Surface
 from app.load.gltf_file import GltfFile, open_gltf
 from app.load.gltf_materials import DEFAULT, Materials
+from app.load.scene_builder import LARGEST, SceneBuilder, color, vector
 from app.load.transforms import compose, quaternion_matrices
 from app.scene import F64, Camera, CameraPath, DirectionalLight, Light, PointLight, SpotLight
 
@@ -23,27 +23,27 @@ _HONOURED = {"KHR_lights_punctual", "KHR_materials_emissive_strength", "KHR_text
              "EXT_mesh_gpu_instancing", "KHR_mesh_quantization", "EXT_texture_webp"}
 
 
-def read_gltf(path: Path, draft: Draft) -> None:
-    """Fill ``draft`` from a glTF or GLB file."""
-    _Reader(open_gltf(path), draft).run()
+def read_gltf(path: Path, builder: SceneBuilder) -> None:
+    """Fill ``builder`` from a glTF or GLB file."""
+    _Reader(open_gltf(path), builder).run()
 
 
 class _Reader:
-    def __init__(self, file: GltfFile, draft: Draft) -> None:
-        self._file, self._draft = file, draft
+    def __init__(self, file: GltfFile, builder: SceneBuilder) -> None:
+        self._file, self._builder = file, builder
         self._uv_sets: list[int] = []
         self._meshes: dict[int, list[int]] = {}
         self._default_material: int | None = None
 
     def run(self) -> None:
         for name in sorted(set(self._file.json.get("extensionsRequired", [])) - _HONOURED):
-            self._draft.notice(f"the file requires the extension {name}, which is not supported")
+            self._builder.notice(f"the file requires the extension {name}, which is not supported")
         if "animations" in self._file.json:
-            self._draft.notice("animations of the file are left out")
-        materials = Materials(self._file, self._draft)
+            self._builder.notice("animations of the file are left out")
+        materials = Materials(self._file, self._builder)
         for index, spec in enumerate(self._file.items("materials")):
             material, uv_set = materials.read(spec, index)
-            self._draft.materials.append(material)
+            self._builder.materials.append(material)
             self._uv_sets.append(uv_set)
         for index, world, names in self._nodes():
             self._visit(index, world, names)
@@ -77,21 +77,21 @@ class _Reader:
             self._camera(self._file.json["cameras"][node["camera"]], node.get("name"), world)
         if "KHR_lights_punctual" in extensions:
             lights = self._file.json["extensions"]["KHR_lights_punctual"]["lights"]
-            self._draft.lights.append(self._light(lights[extensions["KHR_lights_punctual"]["light"]], world))
+            self._builder.lights.append(self._light(lights[extensions["KHR_lights_punctual"]["light"]], world))
         if "mesh" not in node:
             return
-        if "skin" in node:
-            self._draft.notice(f"{names[0]!r}: its skin is left out, it is drawn in its rest pose")
+        if "ray_epsilon" in node:
+            self._builder.notice(f"{names[0]!r}: its ray_epsilon is left out, it is drawn in its rest pose")
         if "EXT_mesh_gpu_instancing" in extensions:
             local = self._instances(extensions["EXT_mesh_gpu_instancing"]["attributes"])
         else:
             local = np.eye(4)[None]
         for mesh in self._mesh(node["mesh"]):
             for matrix in local:
-                self._draft.place(names[0], mesh, world @ matrix, names)
+                self._builder.place(names[0], mesh, world @ matrix, names)
 
     def _mesh(self, index: int) -> list[int]:
-        """Indices into the draft of a mesh's drawable primitives; read once, however often it is placed."""
+        """Indices into the builder of a mesh's drawable primitives; read once, however often it is placed."""
         if index not in self._meshes:
             spec = self._file.json["meshes"][index]
             found = [self._primitive(p, spec.get("name", f"mesh {index}")) for p in spec["primitives"]]
@@ -101,10 +101,10 @@ class _Reader:
     def _primitive(self, spec: dict[str, Any], name: str) -> int | None:
         mode, attributes = spec.get("mode", _TRIANGLES), spec.get("attributes", {})
         if mode not in (_TRIANGLES, _STRIP, _FAN):
-            self._draft.notice("point clouds and line strips are left out")
+            self._builder.notice("point clouds and line strips are left out")
             return None
         if "KHR_draco_mesh_compression" in spec.get("extensions", {}) or "POSITION" not in attributes:
-            self._draft.notice(f"{name!r}: geometry without readable positions is left out")
+            self._builder.notice(f"{name!r}: geometry without readable positions is left out")
             return None
         material = spec.get("material")
         if material is None:
@@ -119,7 +119,7 @@ class _Reader:
             uvs=_v_up(self._attribute(attributes, f"TEXCOORD_{uv_set}", len(positions))),
             colors=_with_alpha(self._attribute(attributes, "COLOR_0", len(positions))),
         )
-        return self._draft.add_mesh(name, surface, material)
+        return self._builder.add_mesh(name, surface, material)
 
     def _attribute(self, attributes: dict[str, int], key: str, count: int) -> F64 | None:
         if key not in attributes:
@@ -131,8 +131,8 @@ class _Reader:
 
     def _white(self) -> int:
         if self._default_material is None:
-            self._default_material = len(self._draft.materials)
-            self._draft.materials.append(DEFAULT)
+            self._default_material = len(self._builder.materials)
+            self._builder.materials.append(DEFAULT)
         return self._default_material
 
     def _instances(self, attributes: dict[str, int]) -> F64:
@@ -150,24 +150,24 @@ class _Reader:
         return matrices
 
     def _camera(self, spec: dict[str, Any], node_name: str | None, world: F64) -> None:
-        name = node_name or spec.get("name") or f"camera {len(self._draft.cameras)}"
+        name = node_name or spec.get("name") or f"camera {len(self._builder.cameras)}"
         if "perspective" not in spec:
-            self._draft.notice(f"camera {name!r} is orthographic: left out")
+            self._builder.notice(f"camera {name!r} is orthographic: left out")
             return
         fov = math.degrees(float(spec["perspective"]["yfov"]))
         if not 0 < fov < 180:
-            self._draft.notice(f"camera {name!r} has a field of view of {fov:g} degrees: left out")
+            self._builder.notice(f"camera {name!r} has a field of view of {fov:g} degrees: left out")
             return
         forward, up = _direction(world, (0, 0, -1)), _direction(world, (0, 1, 0))
         eye = _place(world)
-        self._draft.cameras[name] = CameraPath.still(Camera(
+        self._builder.cameras[name] = CameraPath.still(Camera(
             eye=vector(eye), target=vector(eye + forward), up=vector(up), fov_y_deg=fov))
 
     def _light(self, spec: dict[str, Any], world: F64) -> Light:
         power = color(np.asarray(spec.get("color", (1, 1, 1)), np.float64) * spec.get("intensity", 1.0))
         position, direction = vector(_place(world)), vector(_direction(world, (0, 0, -1)))
         if "range" in spec:
-            self._draft.notice("the range of lights is left out: they shine without end")
+            self._builder.notice("the range of lights is left out: they shine without end")
         if spec["type"] == "directional":
             return DirectionalLight(direction, power)
         if spec["type"] == "spot":

@@ -23,7 +23,7 @@ from app.errors import SceneError
 _COMPONENTS = {5120: np.int8, 5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
-_MOST_ZEROS = 2**28
+_MAX_ZEROS = 2**28
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class GltfFile:
             values = _strided(self.view(spec["bufferView"]), dtype, count, width, spec.get("byteOffset", 0),
                               view.get("byteStride", dtype.itemsize * width))
         else:
-            if count * width > _MOST_ZEROS:
+            if count * width > _MAX_ZEROS:
                 raise ValueError(f"accessor {index} claims {count} elements without any data")
             values = np.zeros((count, width), dtype)
         if "sparse" in spec:

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.load.draft import Draft, color
 from app.load.gltf_file import GltfFile
 from app.load.images import decode_image, mean_color
+from app.load.scene_builder import SceneBuilder, color
 from app.scene import F64, Material, Texture
 
 _REPEATING = 10497
@@ -23,8 +23,8 @@ DEFAULT = Material(name="glTF default", albedo=(1.0, 1.0, 1.0), double_sided=Fal
 class Materials:
     """Reads the materials of one file; every image is decoded once."""
 
-    def __init__(self, file: GltfFile, draft: Draft) -> None:
-        self._file, self._draft = file, draft
+    def __init__(self, file: GltfFile, builder: SceneBuilder) -> None:
+        self._file, self._builder = file, builder
         self._pixels: dict[int, NDArray[np.uint8]] = {}
 
     def read(self, spec: dict[str, Any], index: int) -> tuple[Material, int]:
@@ -37,7 +37,7 @@ class Materials:
         if albedo_map is None:
             uv_set = emission_set
         elif emission_map is not None and emission_set != uv_set:
-            self._draft.notice(f"material {name!r}: its emission texture takes the colour texture's coordinates")
+            self._builder.notice(f"material {name!r}: its emission texture takes the colour texture's coordinates")
         metallic, roughness = self._metal(name, pbr)
         tint = mean_color(albedo_map.pixels) if albedo_map is not None else np.ones(3)
         glossy = metallic > 0 or ("roughnessFactor" in pbr and roughness < _GLOSSY_BELOW)
@@ -64,10 +64,10 @@ class Materials:
             if texture is not None:
                 mean = texture.pixels.mean(axis=(0, 1), dtype=np.float64) / 255
                 metallic, roughness = metallic * float(mean[2]), roughness * float(mean[1])
-                self._draft.notice(f"material {name!r}: the mean of its metallic-roughness texture is used")
+                self._builder.notice(f"material {name!r}: the mean of its metallic-roughness texture is used")
         elif "metallicFactor" not in pbr:
             metallic = 0.0
-            self._draft.notice(f"material {name!r} does not say whether it is metal: taken as non-metal, because the "
+            self._builder.notice(f"material {name!r} does not say whether it is metal: taken as non-metal, because the "
                                "renderer shows no reflections")
         return min(max(metallic, 0.0), 1.0), min(max(roughness, 0.0), 1.0)
 
@@ -76,7 +76,7 @@ class Materials:
         if mode == "MASK":
             return float(spec.get("alphaCutoff", 0.5))
         if mode == "BLEND" and (alpha < 1.0 or (texture is not None and texture.pixels[..., 3].min() < 255)):
-            self._draft.notice(f"material {name!r}: blending is drawn as a mask at alpha 0.5")
+            self._builder.notice(f"material {name!r}: blending is drawn as a mask at alpha 0.5")
             return 0.5
         return None
 
@@ -87,7 +87,7 @@ class Materials:
         texture = self._file.json["textures"][info["index"]]
         source = texture.get("extensions", {}).get("EXT_texture_webp", texture).get("source")
         if source is None:
-            self._draft.notice(f"texture {info['index']} is in a format that can't be read: left out")
+            self._builder.notice(f"texture {info['index']} is in a format that can't be read: left out")
             return None, 0
         if source not in self._pixels:
             image = self._file.json["images"][source]
@@ -97,7 +97,7 @@ class Materials:
         sampler = self._file.json["samplers"][texture["sampler"]] if "sampler" in texture else {}
         wrap = (sampler.get("wrapS", _REPEATING), sampler.get("wrapT", _REPEATING))
         if _MIRRORED in wrap:
-            self._draft.notice("mirrored texture wrapping is drawn as plain repetition")
+            self._builder.notice("mirrored texture wrapping is drawn as plain repetition")
         transform = info.get("extensions", {}).get("KHR_texture_transform", {})
         return Texture(
             self._pixels[source],

@@ -17,7 +17,7 @@ from app.load.transforms import axis_angle_matrix, compose, euler_matrix
 from app.scene import F64, Motion
 
 _STEP_DEG = 2.0
-_MOST_STEPS = 10_000
+_MAX_STEPS = 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ def build_motion(keys: Sequence[MotionKey], center: F64) -> Motion:
     steps = [keys[0]]
     for a, b in pairwise(keys):
         degrees = math.degrees(float(np.abs(b.turn - a.turn).sum()))
-        count = min(max(1, math.ceil(degrees / _STEP_DEG)), _MOST_STEPS)
+        count = min(max(1, math.ceil(degrees / _STEP_DEG)), _MAX_STEPS)
         steps += [_between(a, b, i / count) for i in range(1, count + 1)]
     return Motion(np.array([s.time for s in steps]), np.array([_matrix(s, about_axis, center) for s in steps]))
 

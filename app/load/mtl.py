@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from app.load.draft import Draft, color
 from app.load.images import read_image
+from app.load.scene_builder import SceneBuilder, color
 from app.scene import Material, Texture
 
 _GLASS = {4, 6, 7, 9}
@@ -26,17 +26,17 @@ class _Entry:
     values: dict[str, list[str]] = field(default_factory=dict)
 
 
-def read_mtl(folder: Path, names: str, draft: Draft) -> dict[str, Material]:
+def read_mtl(folder: Path, names: str, builder: SceneBuilder) -> dict[str, Material]:
     """Materials by name from the MTL file, or the files, of one ``mtllib`` line."""
     found: dict[str, Material] = {}
     images: dict[Path, NDArray[np.uint8]] = {}
     for name in [names] if locate(folder, names) else names.split():
         path = locate(folder, name)
         if path is None:
-            draft.notice(f"the material file {name!r} is missing: default materials are used")
+            builder.notice(f"the material file {name!r} is missing: default materials are used")
             continue
         for entry in _entries(path.read_bytes().decode("utf-8", errors="replace")):
-            found[entry.name] = _Builder(path.parent, images, draft).build(entry)
+            found[entry.name] = _Builder(path.parent, images, builder).build(entry)
     return found
 
 
@@ -65,8 +65,8 @@ def _entries(text: str) -> list[_Entry]:
 
 
 class _Builder:
-    def __init__(self, folder: Path, images: dict[Path, NDArray[np.uint8]], draft: Draft) -> None:
-        self._folder, self._images, self._draft = folder, images, draft
+    def __init__(self, folder: Path, images: dict[Path, NDArray[np.uint8]], builder: SceneBuilder) -> None:
+        self._folder, self._images, self._builder = folder, images, builder
 
     def build(self, entry: _Entry) -> Material:
         values = entry.values
@@ -99,7 +99,7 @@ class _Builder:
     def _tell_about_glass(self, entry: _Entry, alpha: float) -> None:
         glass = _number(entry.values.get("illum"), 0.0) in _GLASS or alpha < 1.0
         if glass and alpha >= _TRANSPARENT_BELOW:
-            self._draft.notice(f"material {entry.name!r} lets light through: it is drawn opaque")
+            self._builder.notice(f"material {entry.name!r} lets light through: it is drawn opaque")
 
     def _texture(self, entry: _Entry, key: str) -> Texture | None:
         words = entry.values.get(key)
@@ -108,7 +108,7 @@ class _Builder:
         name, transform, clamped = _map_options(words)
         path = locate(self._folder, name)
         if path is None:
-            self._draft.notice(f"material {entry.name!r}: the texture {name!r} is missing, its plain colour is used")
+            self._builder.notice(f"material {entry.name!r}: the texture {name!r} is missing, its plain colour is used")
             return None
         if path not in self._images:
             self._images[path] = read_image(path)

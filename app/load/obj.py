@@ -1,4 +1,4 @@
-"""Wavefront OBJ files -> Draft, through trimesh.
+"""Wavefront OBJ files -> SceneBuilder, through trimesh.
 
 trimesh skips lines whose key is followed by a tab, counts relative indices from the end of the file
 and quantises colours, so the text is put in order first and the materials are read in ``mtl.py``.
@@ -16,22 +16,22 @@ import numpy as np
 from numpy.typing import NDArray
 from trimesh.exchange.obj import load_obj
 
-from app.load.draft import Draft
 from app.load.geometry import Surface
 from app.load.mtl import read_mtl
+from app.load.scene_builder import SceneBuilder
 from app.scene import Material
 
-_MOST_OBJECTS = 64
+_MAX_OBJECTS = 64
 
 
-def read_obj(path: Path, draft: Draft) -> None:
-    """Fill ``draft`` from an OBJ file and the MTL files that it names."""
+def read_obj(path: Path, builder: SceneBuilder) -> None:
+    """Fill ``builder`` from an OBJ file and the MTL files that it names."""
     text = _tidy(path.read_bytes().decode("utf-8", errors="replace"))
     materials: dict[str, Material] = {}
     for name in re.findall(r"^mtllib (.+)$", text, re.MULTILINE):
-        materials |= read_mtl(path.parent, name, draft)
+        materials |= read_mtl(path.parent, name, builder)
     if re.search(r"^[lp] ", text, re.MULTILINE):
-        draft.notice("points and lines are left out")
+        builder.notice("points and lines are left out")
     text, parts = _number_parts(text, path.stem)
     if re.search(r"^f .*-\d", text, re.MULTILINE):
         text = "\n".join(_absolute(text))
@@ -43,11 +43,11 @@ def read_obj(path: Path, draft: Draft) -> None:
     for geometry in loaded.get("geometry", {}).values():
         name, material = parts[int(geometry["visual"].material.name)]
         if material not in indices:
-            indices[material] = len(draft.materials)
-            draft.materials.append(materials.get(material) or _undefined(material, draft))
-        mesh = draft.add_mesh(name, _surface(geometry), indices[material])
+            indices[material] = len(builder.materials)
+            builder.materials.append(materials.get(material) or _undefined(material, builder))
+        mesh = builder.add_mesh(name, _surface(geometry), indices[material])
         if mesh is not None:
-            draft.place(name, mesh, np.eye(4))
+            builder.place(name, mesh, np.eye(4))
 
 
 def _tidy(text: str) -> str:
@@ -60,7 +60,7 @@ def _tidy(text: str) -> str:
 
 def _number_parts(text: str, stem: str) -> tuple[str, list[tuple[str, str]]]:
     """Replace all object, group and material lines by the number of an (object, material) pair."""
-    named = len(set(re.findall(r"^[og] (.+)$", text, re.MULTILINE))) <= _MOST_OBJECTS
+    named = len(set(re.findall(r"^[og] (.+)$", text, re.MULTILINE))) <= _MAX_OBJECTS
     parts: dict[tuple[str, str], int] = {}
     current = [stem, ""]
 
@@ -95,10 +95,10 @@ def _absolute_corner(corner: str, counts: dict[str, int]) -> str:
                     for i, count in zip(corner.split("/"), counts.values(), strict=False))
 
 
-def _undefined(name: str, draft: Draft) -> Material:
+def _undefined(name: str, builder: SceneBuilder) -> Material:
     if not name:
         return Material(double_sided=False)
-    draft.notice(f"material {name!r} is not defined: the default material is used")
+    builder.notice(f"material {name!r} is not defined: the default material is used")
     return Material(name=name, double_sided=False)
 
 

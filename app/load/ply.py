@@ -1,4 +1,4 @@
-"""PLY files -> Draft, through trimesh."""
+"""PLY files -> SceneBuilder, through trimesh."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from typing import Any
 import numpy as np
 from trimesh.exchange.ply import load_ply
 
-from app.load.draft import Draft
 from app.load.geometry import Surface, smooth_normals
 from app.load.images import read_image, to_linear
 from app.load.mtl import locate
+from app.load.scene_builder import SceneBuilder
 from app.scene import F64, Material, Texture
 
 _WHITE = (1.0, 1.0, 1.0)
 
 
-def read_ply(path: Path, draft: Draft) -> None:
-    """Fill ``draft`` from a PLY file; without normals it is taken as smooth."""
+def read_ply(path: Path, builder: SceneBuilder) -> None:
+    """Fill ``builder`` from a PLY file; without normals it is taken as smooth."""
     data = path.read_bytes()
     loaded = load_ply(io.BytesIO(data), skip_materials=True)
     if loaded.get("faces") is None:
         return
     surface = _surface(loaded)
-    texture = _texture(path, data, draft) if surface.uvs is not None else None
+    texture = _texture(path, data, builder) if surface.uvs is not None else None
     tinted = surface.colors is not None or texture is not None
-    draft.materials.append(Material(name=path.stem, albedo=_WHITE if tinted else Material().albedo, albedo_map=texture))
-    mesh = draft.add_mesh(path.stem, surface, 0)
+    builder.materials.append(Material(name=path.stem, albedo=_WHITE if tinted else Material().albedo, albedo_map=texture))
+    mesh = builder.add_mesh(path.stem, surface, 0)
     if mesh is not None:
-        draft.place(path.stem, mesh, np.eye(4))
+        builder.place(path.stem, mesh, np.eye(4))
 
 
 def _surface(loaded: dict[str, Any]) -> Surface:
@@ -62,14 +62,14 @@ def _taken_apart(surface: Surface, face_colors: F64) -> Surface:
     )
 
 
-def _texture(path: Path, data: bytes, draft: Draft) -> Texture | None:
+def _texture(path: Path, data: bytes, builder: SceneBuilder) -> Texture | None:
     header = data[:data.find(b"end_header")].decode("ascii", errors="replace")
     match = re.search(r"^comment TextureFile (.+?)\r?$", header, re.MULTILINE | re.IGNORECASE)
     if match is None:
         return None
     file = locate(path.parent, match[1])
     if file is None:
-        draft.notice(f"the texture {match[1]!r} is missing: the plain colour is used")
+        builder.notice(f"the texture {match[1]!r} is missing: the plain colour is used")
         return None
     return Texture(read_image(file))
 

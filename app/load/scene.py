@@ -10,20 +10,20 @@ from pathlib import Path
 import numpy as np
 
 from app.errors import SceneError
-from app.load.checked_json import at, did_you_mean
-from app.load.draft import LARGEST, Draft
+from app.io.checked_json import at, did_you_mean
+from app.load.cameras import AUTO, automatic_camera, automatic_light
 from app.load.emitters import find_emitters
 from app.load.environment import environment
 from app.load.gltf import read_gltf
 from app.load.motion import build_motion
 from app.load.obj import read_obj
 from app.load.ply import read_ply
+from app.load.scene_builder import LARGEST, SceneBuilder
 from app.load.sidecar import Lighting, Sidecar, read_sidecar
 from app.load.survey import Survey
-from app.load.views import AUTO, automatic_camera, automatic_light
 from app.scene import CameraPath, Environment, Scene, bounds_of
 
-READERS: dict[str, Callable[[Path, Draft], None]] = {
+READERS: dict[str, Callable[[Path, SceneBuilder], None]] = {
     ".obj": read_obj, ".gltf": read_gltf, ".glb": read_gltf, ".ply": read_ply,
 }
 
@@ -77,21 +77,21 @@ def load_scene(path: str | Path, *, lighting: str | None = None, scene_json: str
 def load_parts(path: str | Path, *, lighting: str | None = None, scene_json: str | Path | None = None) -> Parts:
     """The same as ``load_scene``, with what an editor needs to know besides."""
     path = Path(path)
-    draft = _read(path)
+    builder = _read(path)
     sidecar = _sidecar(path, scene_json)
-    draft.cameras = sidecar.cameras | draft.cameras | sidecar.cameras
+    builder.cameras = sidecar.cameras | builder.cameras | sidecar.cameras
     name = _choose(lighting, sidecar.default_lighting, list(sidecar.lightings), "lighting", sidecar.path or path)
-    _add_motions(draft, sidecar)
+    _add_motions(builder, sidecar)
     if name is not None:
-        draft.lights = list(sidecar.lightings[name].lights)
-        draft.scale_emission(sidecar.lightings[name].emission)
-        draft.environment = _environment(sidecar, name, draft.notice)
-    before = len(draft.lights)
-    find_emitters(draft)
-    emitters = len(draft.lights) - before
-    draft.drop_unused()
-    scene = _finish(draft, path, sidecar, name)
-    objects = {group: tuple(members) for group, members in draft.groups.items()}
+        builder.lights = list(sidecar.lightings[name].lights)
+        builder.scale_emission(sidecar.lightings[name].emission)
+        builder.environment = _environment(sidecar, name, builder.notice)
+    before = len(builder.lights)
+    find_emitters(builder)
+    emitters = len(builder.lights) - before
+    builder.drop_unused()
+    scene = _finish(builder, path, sidecar, name)
+    objects = {group: tuple(members) for group, members in builder.groups.items()}
     return Parts(scene, len(scene.lights) - emitters, objects, sidecar)
 
 
@@ -107,7 +107,7 @@ def embedded_scene(*, lighting: str | None = None) -> Scene:
         return load_scene(folder / "cornell-box.obj", lighting=lighting)
 
 
-def _read(path: Path) -> Draft:
+def _read(path: Path) -> SceneBuilder:
     expected = f"expected one of: {', '.join(READERS)}"
     if path.is_dir():
         raise SceneError("a folder, not a scene file", path, expected)
@@ -116,10 +116,10 @@ def _read(path: Path) -> Draft:
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise SceneError(f"unknown kind of scene file {path.suffix!r}", path, expected)
-    draft = Draft(str(path))
+    builder = SceneBuilder(str(path))
     try:
         with np.errstate(all="ignore"):
-            reader(path, draft)
+            reader(path, builder)
     except SceneError:
         raise
     except MemoryError as error:
@@ -128,11 +128,11 @@ def _read(path: Path) -> Draft:
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:120]
         raise SceneError(f"the scene file is corrupt ({reason})", path,
                          f"expected a valid {path.suffix} file") from error
-    draft.notice_repairs()
-    if not draft.instances:
-        hints = f" ({'; '.join(draft.notices)})" if draft.notices else ""
+    builder.notice_repairs()
+    if not builder.instances:
+        hints = f" ({'; '.join(builder.notices)})" if builder.notices else ""
         raise SceneError(f"no triangle to draw{hints}", path, "expected at least one triangle with an area")
-    return draft
+    return builder
 
 
 def _sidecar(path: Path, scene_json: str | Path | None) -> Sidecar:
@@ -156,41 +156,41 @@ def _environment(sidecar: Sidecar, lighting: str, notice: Callable[[str], object
     return environment(spec, (sidecar.path or Path()).parent, notice) if spec is not None else None
 
 
-def _add_motions(draft: Draft, sidecar: Sidecar) -> None:
+def _add_motions(builder: SceneBuilder, sidecar: Sidecar) -> None:
     where = sidecar.path or Path()
     for name, keys in sidecar.objects.items():
-        if name not in draft.groups:
+        if name not in builder.groups:
             raise SceneError(f"no object {name!r}", at(where, "objects", name),
-                             did_you_mean(name, list(draft.groups)))
-        moved = tuple(draft.instances[i] for i in draft.groups[name])
-        motion = build_motion(keys, bounds_of(tuple(draft.meshes), moved).mean(axis=0))
-        for i in draft.groups[name]:
-            if draft.instances[i].motion is not None:
-                raise SceneError(f"{draft.instances[i].name!r} is moved twice", at(where, "objects", name),
+                             did_you_mean(name, list(builder.groups)))
+        moved = tuple(builder.instances[i] for i in builder.groups[name])
+        motion = build_motion(keys, bounds_of(tuple(builder.meshes), moved).mean(axis=0))
+        for i in builder.groups[name]:
+            if builder.instances[i].motion is not None:
+                raise SceneError(f"{builder.instances[i].name!r} is moved twice", at(where, "objects", name),
                                  "expected one motion for each object")
-            draft.instances[i] = replace(draft.instances[i], motion=motion)
+            builder.instances[i] = replace(builder.instances[i], motion=motion)
 
 
-def _finish(draft: Draft, path: Path, sidecar: Sidecar, lighting: str | None) -> Scene:
-    meshes, instances = tuple(draft.meshes), tuple(draft.instances)
+def _finish(builder: SceneBuilder, path: Path, sidecar: Sidecar, lighting: str | None) -> Scene:
+    meshes, instances = tuple(builder.meshes), tuple(builder.instances)
     bounds = bounds_of(meshes, instances)
     if not np.abs(bounds).max() < LARGEST:
         raise SceneError("the scene is too large or not finite", path, f"expected coordinates below {LARGEST:g}")
-    default = _choose(None, sidecar.default_camera, list(draft.cameras), "camera", sidecar.path or path)
-    glows = any(m.emits for m in draft.materials)
-    lightless = lighting is None and not draft.lights and not glows
+    default = _choose(None, sidecar.default_camera, list(builder.cameras), "camera", sidecar.path or path)
+    glows = any(m.emits for m in builder.materials)
+    lightless = lighting is None and not builder.lights and not glows
     if default is None or lightless:
         survey = Survey(meshes, instances)
         if default is None:
             camera, notice = automatic_camera(survey)
-            draft.cameras[AUTO], default = CameraPath.still(camera), AUTO
-            draft.notice(notice)
+            builder.cameras[AUTO], default = CameraPath.still(camera), AUTO
+            builder.notice(notice)
         if lightless:
-            light, notice = automatic_light(survey, draft.cameras[default].at(0.0))
-            draft.lights.append(light)
-            draft.notice(notice)
+            light, notice = automatic_light(survey, builder.cameras[default].at(0.0))
+            builder.lights.append(light)
+            builder.notice(notice)
     return Scene(
-        name=path.stem, meshes=meshes, instances=instances, materials=tuple(draft.materials),
-        lights=tuple(draft.lights), cameras=draft.cameras, default_camera=default, bounds=bounds,
-        lighting=lighting or "", notices=tuple(draft.notices), environment=draft.environment,
+        name=path.stem, meshes=meshes, instances=instances, materials=tuple(builder.materials),
+        lights=tuple(builder.lights), cameras=builder.cameras, default_camera=default, bounds=bounds,
+        lighting=lighting or "", notices=tuple(builder.notices), environment=builder.environment,
     )

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from app.errors import SceneError
-from app.load.checked_json import at, check, read_checked
-from app.load.draft import vector
+from app.io.checked_json import at, check, read_checked
 from app.load.motion import MotionKey, motion_key
+from app.load.scene_builder import vector
 from app.scene import Camera, CameraPath, DirectionalLight, Light, PointLight, RectLight, SpotLight
 
 _SQUARE_WITHIN = 1e-3

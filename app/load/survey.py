@@ -14,9 +14,9 @@ from app.scene import F64, Instance, Mesh, bounds_of
 _VOXELS = 64
 _STEP = 0.7
 _SAMPLES_PER_FACE = 8.0
-_MOST_SAMPLES = 4e6
+_MAX_SAMPLES = 4e6
 _LATTICE = (8, 6, 8)
-_MOST_TRIANGLES = 262_144
+_MAX_TRIANGLES = 262_144
 _BACK_FACING = 0.3
 _WALLED_IN = 0.78
 _MOSTLY_WALLED = 0.55
@@ -59,7 +59,7 @@ class Survey:
         count: F64 = np.zeros(int(np.prod(self._shape)))
         normal = np.zeros((len(count), 3))
         areas = sum(_area(meshes[i.mesh], i) for i in instances)
-        density = min(_SAMPLES_PER_FACE / self.voxel**2, _MOST_SAMPLES / max(areas, 1e-300))
+        density = min(_SAMPLES_PER_FACE / self.voxel**2, _MAX_SAMPLES / max(areas, 1e-300))
         random = np.random.default_rng(0)
         for instance in instances:
             for points, normals in _sample(meshes[instance.mesh], instance, density, random):
@@ -157,8 +157,8 @@ def _sample(mesh: Mesh, instance: Instance, density: float, random: np.random.Ge
     matrix = instance.transform_at(0.0)
     world = mesh.positions @ matrix[:3, :3].T + matrix[:3, 3]
     blocks = []
-    for start in range(0, len(mesh.triangles), _MOST_TRIANGLES):
-        triangles = mesh.triangles[start:start + _MOST_TRIANGLES]
+    for start in range(0, len(mesh.triangles), _MAX_TRIANGLES):
+        triangles = mesh.triangles[start:start + _MAX_TRIANGLES]
         faces = face_vectors(world, triangles)
         double_area = np.linalg.norm(faces, axis=1)
         unit = faces / np.maximum(double_area, 1e-300)[:, None] * _outward(mesh, triangles, matrix)[:, None]

@@ -20,7 +20,7 @@ def declare(grid: tuple[int, int], noisy: bool = False) -> Pass:
         Whether texels differ a lot from frame to frame, so that their history is not judged by one of them alone.
     """
     return Pass("accumulate",
-                reads=("indirect_now", "surface_low", "motion", "indirect_low@prev", "surface_low@prev"),
+                reads=("indirect_now", "lowres_gbuffer", "motion", "indirect_low@prev", "lowres_gbuffer@prev"),
                 writes={"indirect_low": Tex("f4", 4, size=grid)},
                 make=lambda device, bound: make(device, bound, grid, noisy))
 

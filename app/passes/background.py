@@ -12,7 +12,7 @@ import numpy as np
 from app.errors import SceneError
 from app.gl.context import Device
 from app.gl.frame_state import FrameState
-from app.gl.fullscreen import SURROUND, cube_defines, make_fullscreen
+from app.gl.fullscreen import CUBE_PREFIX, cube_defines, make_fullscreen
 from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
 from app.scene import Environment
@@ -26,10 +26,10 @@ def declare(environment: Environment, scale: float) -> Pass:
                 make=lambda device, bound: _make(device, bound, environment, scale, {}, None))
 
 
-def declare_surround(environment: Environment, scale: float, face: int, camera_axes: bool) -> Pass:
+def declare_cube(environment: Environment, scale: float, face: int, camera_axes: bool) -> Pass:
     """On the six views around the camera, an atlas row of faces with ``face`` texels a side."""
-    return Pass("surround_background", reads=("surround_depth",),
-                writes={"surround_background": Tex("f2", 4, size=(6 * face, face))},
+    return Pass("cube_background", reads=("cube_depth",),
+                writes={"cube_background": Tex("f2", 4, size=(6 * face, face))},
                 make=lambda device, bound: _make(device, bound, environment, scale,
                                                  cube_defines(face, camera_axes), face))
 
@@ -46,7 +46,7 @@ def _make(device: Device, bound: BoundPass, environment: Environment, scale: flo
         return {"environment": UNIT, "turn": environment.rotation_deg / 360 % 1.0,
                 "level": math.log2(max(pixel * texels_per_radian, 1.0))}
 
-    return make_fullscreen(device, bound, "background.frag", uniforms, grid, SURROUND)
+    return make_fullscreen(device, bound, "background.frag", uniforms, grid, CUBE_PREFIX)
 
 
 def _upload(device: Device, environment: Environment, scale: float) -> moderngl.Texture:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from app.gl.context import Device
 from app.gl.frame_state import FrameState
-from app.gl.fullscreen import write_defines
+from app.gl.fullscreen import CUBE_PREFIX, write_defines
 from app.gl.geometry import Drawable
 from app.gl.pool import Resources
 from app.gl.shader import Program
@@ -28,8 +28,8 @@ def targets(scene: Scene, size: tuple[int, int] | None = None) -> dict[str, Reso
                                   "depth": Tex("f4", 1, size=size)}
     if any(m.emits for m in scene.materials):
         found["emission"] = Tex("f2", 4, size=size)
-    if any(m.shiny for m in scene.materials):
-        found["gloss"] = Tex("f2", 4, size=size)
+    if any(m.has_specular for m in scene.materials):
+        found["specular_roughness"] = Tex("f2", 4, size=size)
     return found
 
 
@@ -47,11 +47,11 @@ def make(device: Device, bound: BoundPass) -> Callable[[FrameState, Resources], 
     return execute
 
 
-def declare_surround(scene: Scene, face: int, camera_axes: bool) -> Pass:
+def declare_cube(scene: Scene, face: int, camera_axes: bool) -> Pass:
     """The six views' G-buffer: an atlas row of faces with ``face`` texels a side, in contract order."""
-    writes = {f"surround_{name}": tex for name, tex in targets(scene, (6 * face, face)).items()}
+    writes = {f"cube_{name}": tex for name, tex in targets(scene, (6 * face, face)).items()}
 
-    def make_surround(device: Device, bound: BoundPass) -> Callable[[FrameState, Resources], None]:
+    def make_cube(device: Device, bound: BoundPass) -> Callable[[FrameState, Resources], None]:
         rotations = cube_rotations()
 
         def execute(frame: FrameState, resources: Resources) -> None:
@@ -62,12 +62,12 @@ def declare_surround(scene: Scene, face: int, camera_axes: bool) -> Pass:
                 target.viewport = (index * face, 0, face, face)
                 clip = np.eye(4)
                 clip[:3, :3] = rotation @ frame.view.rotation if camera_axes else rotation
-                defines = {**write_defines(bound, "surround_"), "GRID_CUBE": 1}
+                defines = {**write_defines(bound, "cube_"), "GRID_CUBE": 1}
                 draw_surfaces(device, frame, perspective_reversed(1.0, 1.0, frame.view.near) @ clip, defines)
 
         return execute
 
-    return Pass("surround", writes=writes, make=make_surround)
+    return Pass("cube_gbuffer", writes=writes, make=make_cube)
 
 
 def draw_surfaces(device: Device, frame: FrameState, clip: F64, defines: dict[str, object]) -> None:

@@ -13,8 +13,8 @@ from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
 
 if TYPE_CHECKING:
-    from app.bounces import Reapplied
-    from app.infer import Network
+    from app.network.bounces import Reapplied
+    from app.network.session import Network
 
 
 def declare(network: Network | Reapplied, tensors: dict[str, str], grid: tuple[int, int],

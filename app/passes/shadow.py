@@ -70,5 +70,5 @@ def _draw_face(device: Device, frame: FrameState, face: ShadowFace, writes: dict
         program.set(clip_from_relative=face.clip, frame=face.frame)
         return program
 
-    casters = frame.geometry.visible(face.clip, face.origin, lambda d: not d.material.analytic)
+    casters = frame.geometry.visible(face.clip, face.origin, lambda d: not d.material.is_light_proxy)
     frame.geometry.draw(casters, program_of, face.origin)

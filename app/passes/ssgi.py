@@ -19,9 +19,9 @@ def grid(size: Size) -> Size:
 
 def declare_picks(low: Size) -> Pass:
     """Copies the radiance of the texels that stand for those of grid ``low``."""
-    return Pass("ssgi_pick", reads=("direct",), optional=("emission",),
+    return Pass("ssgi_radiance", reads=("direct",), optional=("emission",),
                 writes={"ssgi_radiance": Tex("f2", 4, size=low)},
-                make=lambda device, bound: make_fullscreen(device, bound, "ssgi_pick.frag", lambda frame: {
+                make=lambda device, bound: make_fullscreen(device, bound, "ssgi_radiance.frag", lambda frame: {
                     "ratio": _ratio(frame, low)}))
 
 
@@ -34,7 +34,7 @@ def declare(low: Size, accumulated: bool) -> Pass:
         Whether frames are gathered. Then each walks in other directions; otherwise they are fixed per texel, so that
         still pictures stay still.
     """
-    return Pass("ssgi", reads=("surface_low", "ssgi_radiance"), writes={"ssgi_walks": Tex("f2", 4, size=low)},
+    return Pass("ssgi", reads=("lowres_gbuffer", "ssgi_radiance"), writes={"ssgi_walks": Tex("f2", 4, size=low)},
                 make=lambda device, bound: make_fullscreen(device, bound, "ssgi.frag", lambda frame: {
                     "ratio": _ratio(frame, low), "noise_phase": frame.noise_phase,
                     "turn": tuple(turn * frame.index % 1.0 if accumulated else 0.0 for turn in R2)}))
@@ -47,7 +47,7 @@ def declare_filters(low: Size, output: str) -> tuple[Pass, Pass]:
 
 
 def _filter(name: str, source: str, target: str, low: Size, apart: int) -> Pass:
-    return Pass(name, reads=(source, "surface_low"), writes={target: Tex("f2", 4, size=low)},
+    return Pass(name, reads=(source, "lowres_gbuffer"), writes={target: Tex("f2", 4, size=low)},
                 make=lambda device, bound: make_fullscreen(device, bound, "ssgi_filter.frag", lambda frame: {
                     "ratio": _ratio(frame, low), "apart": apart}, {"WALKS": source}))
 

@@ -14,7 +14,7 @@ from app.gl.lights import LightSet
 from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
 from app.surfels.tracked import TrackedSurfels
-from app.surfels.world import F32, PLACES
+from app.surfels.world import F32, MAX_LIGHT_SAMPLES
 
 
 def declare(surfels: TrackedSurfels, lights: LightSet) -> Pass:
@@ -22,8 +22,8 @@ def declare(surfels: TrackedSurfels, lights: LightSet) -> Pass:
 
     A place takes the four texels of a quad, which search its shadows together.
     """
-    columns = math.isqrt(surfels.count * PLACES - 1) + 1
-    rows = -(-surfels.count * PLACES // columns)
+    columns = math.isqrt(surfels.count * MAX_LIGHT_SAMPLES - 1) + 1
+    rows = -(-surfels.count * MAX_LIGHT_SAMPLES // columns)
     return Pass("surfel_light", reads=lights.shadow_maps,
                 writes={"surfel_light": Tex("f2", 4, size=(2 * columns, 2 * rows))},
                 make=lambda device, bound: make(device, bound, surfels, lights, (columns, rows)))
@@ -32,7 +32,7 @@ def declare(surfels: TrackedSurfels, lights: LightSet) -> Pass:
 def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: LightSet,
          layout: tuple[int, int]) -> Callable[[FrameState, Resources], None]:
     program = device.fullscreen("surfel_light.frag", lights.defines)
-    textures = {name: device.ctx.texture(layout, 4, dtype="f4") for name in ("place_position", "place_normal")}
+    textures = {name: device.ctx.texture(layout, 4, dtype="f4") for name in ("light_sample_position", "light_sample_normal")}
     drawn: list[object] = []  # what the texels show
 
     def execute(frame: FrameState, resources: Resources) -> None:
@@ -41,8 +41,8 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
         if drawn == [state]:
             return
         world = surfels.world
-        for unit, (name, values) in enumerate((("place_position", world.place_position),
-                                               ("place_normal", world.place_normal))):
+        for unit, (name, values) in enumerate((("light_sample_position", world.light_sample_position),
+                                               ("light_sample_normal", world.light_sample_normal))):
             textures[name].write(_laid_out(values, layout).tobytes())
             textures[name].use(len(bound.reads) + unit)
             program.set(**{name: len(bound.reads) + unit})

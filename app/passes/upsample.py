@@ -26,7 +26,7 @@ def declare(grid: tuple[int, int], light: str, surface: str, name: str, gathered
         history = {"longest": min(HISTORY[frame.motion], LONGEST), "history_valid": frame.history_valid}
         return {**ratio, **history} if gathered else ratio
 
-    samplers = {f"{light}_filled": "light_filled", surface: "surface_low"}
+    samplers = {f"{light}_filled": "light_filled", surface: "lowres_gbuffer"}
     return Pass(name, reads=(*samplers, "normal", "depth", *(BEFORE if gathered else ())),
                 writes={light: Tex("f2", 4)}, make=lambda device, bound: make_fullscreen(
                     device, bound, "upsample.frag", uniforms, samplers=samplers))

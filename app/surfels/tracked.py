@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from app.math3d import View
+from app.raycast.body import embree
 from app.scene import Scene
-from app.surfels.body import embree
 from app.surfels.world import WorldSurfels
 
 

@@ -10,23 +10,23 @@ from numpy.typing import NDArray
 
 from app.environment import sky_light
 from app.math3d import View
+from app.raycast.caster import Caster, Hits
 from app.scene import Scene
 from app.surfels import kernel
-from app.surfels.bundle import Bundle, cosine_rays
-from app.surfels.carried import Carried
-from app.surfels.caster import Caster, Hits
-from app.surfels.spread import farthest, neighbour_distance
-from app.surfels.walk import sphere, walk
+from app.surfels.attached_points import AttachedPoints
+from app.surfels.farthest_points import farthest, neighbour_distance
+from app.surfels.random_walks import sphere, walk
+from app.surfels.ray_bundle import Bundle, cosine_rays
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CANDIDATES = 8  # places that walks find, for each surfel
-PLACES = 8      # of a surfel at most, whose mean is its direct light
+MAX_LIGHT_SAMPLES = 8      # of a surfel at most, whose mean is its direct light
 TURN = 4.0      # a unit of normal counts like this many distances between surfels when they are spread
 NEIGHBOUR = 8   # a surfel's radius reaches to this neighbour
-COVERAGE_RAYS, FAR, MOST_BARE = 64, 2.0, 0.25  # rays from the eye; in radii; share that may end far from surfels
+COVERAGE_RAYS, FAR, MAX_BARE = 64, 2.0, 0.25  # rays from the eye; in radii; share that may end far from surfels
 GLOW_RAYS = 144  # of a surfel towards what glows, which may be small
 SKY_RAYS = 144   # of a surfel towards the environment, the same for all: most go where its light is
 
@@ -55,9 +55,9 @@ class WorldSurfels:
         At the end of each ray; 0 where it meets nothing.
     glow, sky : ndarray, float32, shape (S, 3)
         Mean radiance of what glows along the rays; irradiance / π straight from the environment; W/(sr m²).
-    place_position, place_normal : ndarray, float32, shape (P, 3)
+    light_sample_position, light_sample_normal : ndarray, float32, shape (P, 3)
         Local space, sorted by surfel.
-    place_surfel : ndarray of int, shape (P,)
+    light_sample_surfel : ndarray of int, shape (P,)
     """
 
     def __init__(self, scene: Scene, view: View, count: int, rays: int, time: float = 0.0) -> None:
@@ -71,17 +71,17 @@ class WorldSurfels:
         apart = np.concatenate([found.position, TURN * gap * found.normal], axis=1)
         chosen = farthest(apart, count)
         self.used = len(chosen)
-        self._surfels = Carried(self._caster, found.position[chosen], found.normal[chosen], found.body[chosen])
+        self._surfels = AttachedPoints(self._caster, found.position[chosen], found.normal[chosen], found.body[chosen])
         self._lamp = found.lamp[chosen]
         self._fill_surfels()
         reach = neighbour_distance(apart[chosen], NEIGHBOUR)
         self.radius = self._padded(np.minimum(reach, scene.longest_edge), gap)
-        self._seat_places(found, chosen)
+        self._assign_light_samples(found, chosen)
         self._rays = cosine_rays(self._caster, self._surfels, rays, rng)
-        self._still_index = self._nearest(self._rays.still)
-        middle = np.median(self._rays.still.distance.reshape(self.used, rays), axis=1)
+        self._static_index = self._nearest(self._rays.static)
+        middle = np.median(self._rays.static.distance.reshape(self.used, rays), axis=1)
         self.weight = self._padded(np.minimum(middle / self.radius[:self.used], 1.0))
-        glows = any(m.emits and not m.analytic for m in scene.materials)
+        glows = any(m.emits and not m.is_light_proxy for m in scene.materials)
         self._glow_rays = cosine_rays(self._caster, self._surfels, GLOW_RAYS, rng) if glows else None
         self._sky = None
         if scene.environment is not None:
@@ -92,14 +92,14 @@ class WorldSurfels:
 
     def place(self, time: float) -> bool:
         """Move what moves to where it is at ``time`` seconds, and trace again what that changes; False for nothing."""
-        if time == self._time or not self._caster.movers:
+        if time == self._time or not self._caster.dynamic_instances:
             return False
         before, self._time = self._caster.matrices, time
         self._caster.place(time)
         if np.array_equal(before, self._caster.matrices):
             return False
         self._fill_surfels()
-        self.place_position, self.place_normal = self._places.now()
+        self.light_sample_position, self.light_sample_normal = self._places.now()
         self._trace()
         return True
 
@@ -112,14 +112,14 @@ class WorldSurfels:
         away = np.linalg.norm(hits.position - self.position[surfel], axis=1)
         behind = (hits.normal * self.normal[surfel]).sum(axis=1) < 0  # of a wall between two rooms
         bare = (surfel < 0) | (away > FAR * self.radius[surfel]) | behind
-        return not bare.any() or float(bare.mean()) < MOST_BARE
+        return not bare.any() or float(bare.mean()) < MAX_BARE
 
     def _fill_surfels(self) -> None:
         position, normal = self._surfels.now()
         self.position, self.normal = self._padded(position), self._padded(normal)
 
-    def _seat_places(self, found: Hits, chosen: Ints) -> None:
-        """Give each candidate to the surfel that weighs most there, at most ``PLACES`` to one; none on lamps.
+    def _assign_light_samples(self, found: Hits, chosen: Ints) -> None:
+        """Give each candidate to the surfel that weighs most there, at most ``MAX_LIGHT_SAMPLES`` to one; none on lamps.
 
         Rounding alone decides on which side of itself a light would shine.
         """
@@ -127,14 +127,14 @@ class WorldSurfels:
         surfel[chosen] = np.arange(self.used)
         order = np.argsort(surfel, kind="stable")
         order = order[(surfel[order] >= 0) & ~found.lamp[order]]
-        kept = order[np.arange(len(order)) - np.searchsorted(surfel[order], surfel[order]) < PLACES]
-        self.place_surfel = surfel[kept]
-        self._places = Carried(self._caster, found.position[kept], found.normal[kept], found.body[kept])
-        self.place_position, self.place_normal = self._places.now()
+        kept = order[np.arange(len(order)) - np.searchsorted(surfel[order], surfel[order]) < MAX_LIGHT_SAMPLES]
+        self.light_sample_surfel = surfel[kept]
+        self._places = AttachedPoints(self._caster, found.position[kept], found.normal[kept], found.body[kept])
+        self.light_sample_position, self.light_sample_normal = self._places.now()
 
     def _trace(self) -> None:
         moved = self._rays.moved()
-        index, albedo = self._still_index.copy(), self._rays.still.albedo.copy()
+        index, albedo = self._static_index.copy(), self._rays.static.albedo.copy()
         index[moved.ray], albedo[moved.ray] = self._nearest(moved.hits)[moved.hit], moved.hits.albedo[moved.hit]
         albedo[index < 0] = 0.0
         self.index = self._padded(index.reshape(self.used, self.rays), -1)
@@ -145,7 +145,7 @@ class WorldSurfels:
         """Shape (used, 3)."""
         if self._glow_rays is None:
             return np.zeros((self.used, 3), np.float32)
-        moved, glow = self._glow_rays.moved(), self._glow_rays.still.emission.copy()
+        moved, glow = self._glow_rays.moved(), self._glow_rays.static.emission.copy()
         glow[moved.ray] = moved.hits.emission[moved.hit]
         return np.asarray(glow.reshape(self.used, GLOW_RAYS, 3).mean(axis=1))
 
@@ -153,7 +153,7 @@ class WorldSurfels:
         """Irradiance / π, shape (used, 3)."""
         if self._sky is None:
             return np.zeros((self.used, 3), np.float32)
-        moved, free = self._sky_rays.moved(), self._sky_rays.still.body < 0
+        moved, free = self._sky_rays.moved(), self._sky_rays.static.body < 0
         free[moved.ray] = moved.hits.body[moved.hit] < 0
         return self._sky.irradiance(self._surfels.now()[1], free.reshape(self.used, SKY_RAYS))
 

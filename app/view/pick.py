@@ -1,4 +1,4 @@
-"""What is seen at a place of the picture: one ray on the CPU, so that the painter need not stop."""
+"""What is seen at a place of the picture: one ray on the CPU, so that the render_thread need not stop."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 
 from app.load import Parts
 from app.math3d import View, translation
+from app.raycast.caster import Caster
 from app.scene import F64, Motion, Scene
-from app.surfels.caster import Caster
 from app.view.state import State, Vec
 
 
@@ -41,7 +41,7 @@ class Picker:
         if hits.body[0] < 0:
             return None
         x, y, z = (hits.position[0] + self._caster.origin).tolist()
-        return Picked((x, y, z), self._name(self._caster.movers[int(hits.body[0]) - 1]))
+        return Picked((x, y, z), self._name(self._caster.dynamic_instances[int(hits.body[0]) - 1]))
 
     def _name(self, instance: int) -> str:
         """The smallest object that the instance belongs to."""

@@ -8,8 +8,8 @@ import os
 import sys
 from collections.abc import Sequence
 
-from app.bench.fresh import environment
-from app.errors import AfterglowError, TruthError
+from app.bench.cold_start import environment
+from app.errors import AfterglowError, PathTracerError
 
 NICE = 5  # so that frames come first
 
@@ -41,4 +41,4 @@ async def run_module(module: str, arguments: Sequence[str], *, nice: bool = Fals
 def _error(module: str, text: str) -> AfterglowError:
     lines = text.strip().splitlines() or ["no reason given"]
     reason = next((line for line in lines if line.startswith("error: ")), lines[-1]).removeprefix("error: ")
-    return TruthError(f"it failed ({reason})", f"python -m {module}", "expected it to end well")
+    return PathTracerError(f"it failed ({reason})", f"python -m {module}", "expected it to end well")

@@ -8,16 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import SceneError, SettingsError
+from app.io.checked_json import check, did_you_mean, parse
 from app.load import is_camera_word, parse_camera, parse_light
-from app.load.checked_json import check, did_you_mean, parse
 from app.view.scene_file import NAME
-from app.view.state import TRUTH, Json, State
+from app.view.state import REFERENCE, Json, State
 
 SCHEMA = "view.schema.json"
 TYPES = ("ack", "steer", "size", "camera", "lights", "look", "place", "bookmark", "pick", "save")
 CHANGES = ("size", "camera", "lights", "look", "place", "bookmark")  # those of the state
-MOST_PIXELS = 3840 * 2160
-MOST_BOOKMARKS, LONGEST_NAME = 64, 40
+MAX_PIXELS = 3840 * 2160
+MAX_BOOKMARKS, MAX_NAME = 64, 40
 
 
 @dataclass(frozen=True)
@@ -84,14 +84,14 @@ def changed(state: State, message: Json, choices: Choices) -> State:
 
 def _size(values: list[float]) -> tuple[int, int]:
     width, height = map(int, values)
-    if width * height > MOST_PIXELS:
-        raise SettingsError(f"bad size {width}x{height}", "size", f"expected at most {MOST_PIXELS} pixels")
+    if width * height > MAX_PIXELS:
+        raise SettingsError(f"bad size {width}x{height}", "size", f"expected at most {MAX_PIXELS} pixels")
     return width, height
 
 
 def _look(state: State, message: Json, choices: Choices) -> State:
     values: dict[str, Any] = {key: value for key, value in message.items() if key not in ("type", "input")}
-    for key, known in (("model", choices.models), ("split", ("", TRUTH, *choices.models)), ("aov", choices.aovs)):
+    for key, known in (("model", choices.models), ("split", ("", REFERENCE, *choices.models)), ("aov", choices.aovs)):
         if key in values and values[key] not in known:
             raise SettingsError(f"unknown {key} {values[key][:40]!r}", key, did_you_mean(values[key][:40], known))
     return replace(state, **values)
@@ -111,8 +111,8 @@ def _placed(state: State, message: Json, choices: Choices) -> State:
 
 def _bookmarked(state: State, message: Json) -> State:
     name, kept = message["name"], dict(state.bookmarks)
-    if not name.isprintable() or not 0 < len(name.strip()) <= LONGEST_NAME:
-        raise SettingsError(f"bad name {name[:40]!r}", "bookmark", f"expected 1 to {LONGEST_NAME} printable characters")
+    if not name.isprintable() or not 0 < len(name.strip()) <= MAX_NAME:
+        raise SettingsError(f"bad name {name[:40]!r}", "bookmark", f"expected 1 to {MAX_NAME} printable characters")
     if is_camera_word(name.strip()) or name.strip() == NAME:
         raise SettingsError(f"{name!r} would name no bookmark", "bookmark",
                             f"expected another name: auto, orbit, *.json and {NAME} mean something else to --camera")
@@ -120,6 +120,6 @@ def _bookmarked(state: State, message: Json) -> State:
         kept.pop(name, None)
     else:
         kept[name] = state.camera
-    if len(kept) > MOST_BOOKMARKS:
-        raise SettingsError("too many bookmarks", "bookmark", f"expected at most {MOST_BOOKMARKS}")
+    if len(kept) > MAX_BOOKMARKS:
+        raise SettingsError("too many bookmarks", "bookmark", f"expected at most {MAX_BOOKMARKS}")
     return replace(state, bookmarks=tuple(kept.items()))

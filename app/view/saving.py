@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.load import Parts
-from app.view.drawing import shown_outputs
+from app.view.model_renderer import shown_outputs
 from app.view.process import run_module
 from app.view.scene_file import arguments, write_scene_json
 from app.view.state import State
@@ -17,7 +17,7 @@ from app.view.state import State
 SCENE_JSON = "afterglow.json"
 SETTLE = 16
 FORMATS = ("json", "png", "exr")
-MOST_KEPT = 8  # that can be fetched; older ones are deleted
+MAX_KEPT = 8  # that can be fetched; older ones are deleted
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Saver:
             shutil.rmtree(folder)
             raise
         self._kept[saved.number] = saved
-        if len(self._kept) > MOST_KEPT:
+        if len(self._kept) > MAX_KEPT:
             oldest = self._kept.pop(next(iter(self._kept)))
             await asyncio.to_thread(shutil.rmtree, oldest.file.parent)
         return saved

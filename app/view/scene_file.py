@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from app.atomic import write_text
-from app.bench.configurations import NONE, PRECISIONS
-from app.contract import COARSE, HALF, SSGI
+from app.evaluation.configurations import NONE, PRECISIONS
+from app.io.atomic_files import write_text
 from app.load import Parts
+from app.network.contract import HALF, SSGI, UNSHADOWED
 from app.view.state import Json, State, camera_json, light_json
 
-CLASSICAL = (NONE, SSGI, COARSE)  # models that are no networks
+CLASSICAL = (NONE, SSGI, UNSHADOWED)  # models that are no networks
 NAME = "view"  # of the camera and the lighting
 
 

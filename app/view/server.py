@@ -19,7 +19,7 @@ from app.view.protocol import read_message
 from app.view.session import Session, one_line
 
 EXTRA = "view"
-LARGEST_MESSAGE = 2**18  # bytes; 512 lights are fewer
+MAX_MESSAGE = 2**18  # bytes; 512 lights are fewer
 HEARTBEAT = 15.0         # seconds
 TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css", "svg": "image/svg+xml"}
 HEADERS = {
@@ -112,7 +112,7 @@ class Server:
                                   headers={"Content-Disposition": f'attachment; filename="{name}"'})
 
     async def _live(self, request: Any) -> Any:
-        socket = self._web.WebSocketResponse(heartbeat=HEARTBEAT, max_msg_size=LARGEST_MESSAGE, compress=False)
+        socket = self._web.WebSocketResponse(heartbeat=HEARTBEAT, max_msg_size=MAX_MESSAGE, compress=False)
         await socket.prepare(request)
         client = Client(socket)
         self._sockets.add(socket)

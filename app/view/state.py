@@ -10,7 +10,7 @@ from app.scene import Camera, DirectionalLight, Light, PointLight, RectLight, Sp
 Vec = tuple[float, float, float]
 Json = dict[str, Any]
 
-TRUTH = "truth"  # in place of a second model
+REFERENCE = "reference"  # in place of a second model
 FINAL = "final"
 TYPES = {PointLight: "point", SpotLight: "spot", DirectionalLight: "directional", RectLight: "rectangle"}
 
@@ -36,7 +36,7 @@ class State:
     aov : str
         What of the frame is shown.
     split : str
-        What is right of the slider: another model, ``truth``, or nothing.
+        What is right of the slider: another model, ``reference``, or nothing.
     environment : str
         What shades surfaces by the scene's environment, whichever model is chosen; or nothing.
     bounces : int or None
@@ -61,11 +61,11 @@ class State:
     @property
     def models(self) -> tuple[str, ...]:
         """What is drawn: the model, and the one that it is compared with, if there is one."""
-        return (self.model,) if self.split in ("", TRUTH) else (self.model, self.split)
+        return (self.model,) if self.split in ("", REFERENCE) else (self.model, self.split)
 
     @property
-    def truth_key(self) -> tuple[object, ...]:
-        """Equal for equal truths."""
+    def reference_key(self) -> tuple[object, ...]:
+        """Equal for equal references."""
         return self.size, self.camera, self.lights, self.places
 
 

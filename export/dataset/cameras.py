@@ -8,19 +8,19 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from app.evaluation.metrics import LUMINANCE
 from app.math3d import View
-from app.metrics import LUMINANCE
 from app.scene import Camera
-from export.dataset.place import Place, Rng
-from export.path_tracer import PathTracer, Samples
+from export.dataset.scenes.generated_scene import GeneratedScene, Rng
+from export.reference.path_tracer import PathTracer, Samples
 
 F64 = NDArray[np.float64]
 
 PROBE = (32, 24)        # rays that judge a camera
 PROBE_PATHS = 4         # through each
-LEAST_SEEN = 0.4        # share of the rays that meet a surface
+MIN_SEEN = 0.4        # share of the rays that meet a surface
 NEAREST = 0.01          # depths, of the scene's longest edge ...
-MOST_NEAR = 0.1         # ... that at most this share of the rays may be below
+MAX_NEAR = 0.1         # ... that at most this share of the rays may be below
 MEAN_DEPTH = 0.04       # least, of the scene's longest edge
 DEPTH_SPREAD = 0.15     # least standard deviation of the depth, of its mean: no bare wall
 FIRST = 8               # cameras of a scene that tell how bright it is
@@ -28,7 +28,7 @@ NORMAL_SPREAD = 0.1     # least 1 − |mean normal|: no flat wall seen askew eit
 TURN, STEP = 3.0, 0.06  # degrees and metres at most between two frames
 
 
-def random_camera(place: Place, rng: Rng) -> Camera:
+def random_camera(place: GeneratedScene, rng: Rng) -> Camera:
     """An eye in free space that looks about level, mostly a little down, any way round."""
     eye = place.eye(rng)
     yaw, pitch = rng.uniform(0, 2 * math.pi), math.radians(rng.normal(-7.0, 12.0))
@@ -75,10 +75,10 @@ def shows_something(samples: Samples, longest_edge: float, least_lit: float, lea
         Of the whole picture on average, in W/(sr m²).
     """
     seen = samples.depth > 0
-    if seen.mean() < LEAST_SEEN:
+    if seen.mean() < MIN_SEEN:
         return False
     depth = samples.depth[seen] / longest_edge
-    if (depth < NEAREST).mean() > MOST_NEAR or depth.mean() < MEAN_DEPTH or depth.std() < DEPTH_SPREAD * depth.mean():
+    if (depth < NEAREST).mean() > MAX_NEAR or depth.mean() < MEAN_DEPTH or depth.std() < DEPTH_SPREAD * depth.mean():
         return False
     if normal_spread(samples) < NORMAL_SPREAD:
         return False

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import SettingsError
-from export.dataset.sources import FILES, SOURCES
+from export.dataset.scenes.sources import FILES, SOURCES
 
-DEFAULT = Path(__file__).with_name("default.toml")
+DEFAULT = Path(__file__).with_name("configs") / "default.toml"
 WHERE = "dataset configuration"
 
 

@@ -8,8 +8,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from app.atomic import write_text
 from app.errors import SettingsError
+from app.io.atomic_files import write_text
 from export.dataset.config import Config, Share
 from export.dataset.pair import Pair
 from export.dataset.plan import Group, pair_at, plan

@@ -1,4 +1,4 @@
-"""What no network may be trained on: the scenes of ``export/validation.json``."""
+"""What no network may be trained on: the scenes of ``export/validation/views.json``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 from app.errors import SceneError, SettingsError
 
-LIST = Path(__file__).parents[1] / "validation.json"
+LIST = Path(__file__).parents[1] / "validation" / "views.json"
 
 
 @lru_cache(maxsize=1)

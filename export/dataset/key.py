@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from app.bench.content import content_key
+from app.evaluation.hashing import content_key
 from app.scene import Scene
 
 DIGITS = 5  # behind the point; processors differ in the last digits of sines and powers

@@ -13,12 +13,12 @@ from export.dataset.cameras import choose
 from export.dataset.config import Config
 from export.dataset.key import scene_key
 from export.dataset.pair import Pair
-from export.dataset.place import FRAME_SECONDS
 from export.dataset.plan import Choice, Group, pair_at, place_of
+from export.dataset.scenes.generated_scene import FRAME_SECONDS
 from export.dataset.store import Origin, encode
 from export.dataset.target import SKY_VERSION, VERSION, trace_sky, trace_target
-from export.path_tracer import PathTracer
-from export.sky_tracer import SkyTracer
+from export.reference.environment_tracer import EnvironmentTracer
+from export.reference.path_tracer import PathTracer
 
 ATTEMPTS = 20    # scenes that are tried for a group
 CANDIDATES = 48  # cameras that are tried in a scene
@@ -75,7 +75,7 @@ def _make(config: Config, seed: int, group: Group, missing: list[int]) -> Iterat
     for index in missing:
         choice = choices[index - group.first]
         pair = pair_at(config, seed, group, choice)
-        if isinstance(tracer, SkyTracer):
+        if isinstance(tracer, EnvironmentTracer):
             target = trace_sky(tracer, pair.current, config.paths, index - group.first, config.denoised)
         else:
             target = trace_target(tracer, pair.current, config.paths, index - group.first, config.denoised)
@@ -86,7 +86,7 @@ def _choose(config: Config, seed: int, group: Group) -> tuple[PathTracer, list[C
     """The first scene that has enough cameras, and these."""
     for attempt in range(ATTEMPTS):
         place = place_of(config, seed, group, attempt)
-        tracer = (SkyTracer(place.scene, FRAME_SECONDS) if config.environment
+        tracer = (EnvironmentTracer(place.scene, FRAME_SECONDS) if config.environment
                   else PathTracer(place.scene, FRAME_SECONDS, config.max_bounces))
         candidates = (pair_at(config, seed, group, Choice(attempt, k)).current.camera for k in range(CANDIDATES))
         cameras = choose(tracer, place.scene.longest_edge, candidates, group.pairs, config.least_lit, config.darkest)

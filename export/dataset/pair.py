@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from app.scene import Camera
-from export.dataset import lights
 from export.dataset.cameras import a_frame_before
-from export.dataset.place import FRAME_SECONDS, Place, Rng
-from export.reference import Still
+from export.dataset.scenes import lights
+from export.dataset.scenes.generated_scene import FRAME_SECONDS, GeneratedScene, Rng
+from export.reference.still import Still
 
 CAMERA_MOVES, OBJECTS_MOVE, LIGHT_MOVES = 0.8, 0.6, 0.25  # how often; objects only where there are some that can
 
@@ -21,7 +21,7 @@ class Pair:
     current: Still
 
 
-def pair_of(place: Place, camera: Camera, size: tuple[int, int], rng: Rng) -> Pair:
+def pair_of(place: GeneratedScene, camera: Camera, size: tuple[int, int], rng: Rng) -> Pair:
     """The frame that ``camera`` sees, and one a little before: camera, objects, a light, or nothing moved."""
     camera_moves, objects_move, light_moves = rng.random(3) < (CAMERA_MOVES, OBJECTS_MOVE, LIGHT_MOVES)
     scene = place.scene

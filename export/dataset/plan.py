@@ -10,11 +10,11 @@ import numpy as np
 
 from export.dataset.cameras import random_camera
 from export.dataset.config import Config
-from export.dataset.files import open_file
 from export.dataset.pair import Pair, pair_of
-from export.dataset.place import Place, Rng
-from export.dataset.skies import under_sky
-from export.dataset.sources import FILES, SOURCES
+from export.dataset.scenes.environments import under_sky
+from export.dataset.scenes.files import open_file
+from export.dataset.scenes.generated_scene import GeneratedScene, Rng
+from export.dataset.scenes.sources import FILES, SOURCES
 
 TRAINING = 0  # first number of every seed; the validation list has another one
 
@@ -67,7 +67,7 @@ def plan(config: Config, pairs: int) -> tuple[Group, ...]:
 
 
 @lru_cache(maxsize=4)
-def place_of(config: Config, seed: int, group: Group, attempt: int) -> Place:
+def place_of(config: Config, seed: int, group: Group, attempt: int) -> GeneratedScene:
     """The scene of ``group``; a further ``attempt`` gives another one."""
     rng = np.random.default_rng([TRAINING, seed, group.number, attempt])
     place = open_file(rng, config.files) if group.source == FILES else SOURCES[group.source](rng)

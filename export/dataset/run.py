@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from app.atomic import prepare_folders
 from app.errors import DeviceError, SettingsError
 from app.extras import extra_module
+from app.io.atomic_files import prepare_folders
 from export.dataset.config import Config
 from export.dataset.dataset import config_of, read_about, write_about
 from export.dataset.make import make_group

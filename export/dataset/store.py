@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from app.atomic import replacing
 from app.errors import AfterglowError, SceneError
-from app.image import read_exr, write_exr
+from app.io.atomic_files import replacing
+from app.io.image import read_exr, write_exr
 from export.dataset.plan import Choice
 from export.dataset.target import Target
 

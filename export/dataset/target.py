@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from export import picks
-from export.denoise import denoise
-from export.path_tracer import PathTracer
-from export.reference import RAYS_AT_ONCE, Still
-from export.sky_tracer import SkyTracer, mean_shaded
+from app.evaluation.denoise import denoise
+from export.dataset import nearest_texels
+from export.reference.environment_tracer import EnvironmentTracer, mean_shaded
+from export.reference.path_tracer import PathTracer
+from export.reference.still import RAYS_AT_ONCE, Still
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -32,7 +32,7 @@ class Target:
     layers : mapping of str to ndarray, float32, shape (H, W, 3)
         ``indirect`` and ``indirect_single``: radiance / albedo in W/(sr m²) by all bounces, and by one. Or, of what
         comes straight from an environment, ``diffuse``, ``specular``, ``albedo`` and ``reflectance``; see
-        ``export.sky_tracer.SkySamples``. 0 in the sky.
+        ``export.reference.environment_tracer.EnvironmentSamples``. 0 in the sky.
     seen : ndarray of bool, shape (H, W)
         False: sky.
     """
@@ -73,7 +73,7 @@ def trace_target(tracer: PathTracer, still: Still, spp: int, seed: int, denoised
     return Target({"indirect": indirect, "indirect_single": indirect_single}, seen.reshape(height, width))
 
 
-def trace_sky(tracer: SkyTracer, still: Still, spp: int, seed: int, denoised: bool) -> Target:
+def trace_sky(tracer: EnvironmentTracer, still: Still, spp: int, seed: int, denoised: bool) -> Target:
     """What comes straight from the environment, from ``spp`` samples through each picked texel."""
     grid = picked(still.size)
     means = mean_shaded(tracer, still, grid.reshape(-1, 2), spp, seed)
@@ -84,12 +84,12 @@ def trace_sky(tracer: SkyTracer, still: Still, spp: int, seed: int, denoised: bo
 
 
 def picked(size: tuple[int, int]) -> F64:
-    """Image positions in [0, 1] of the texels that stand for the half grid, as ``shaders/include/pick.glsl`` picks.
+    """Image positions in [0, 1] of the texels that stand for the half grid, as ``shaders/include/nearest_texel.glsl`` picks.
 
     Returns
     -------
     ndarray, float64, shape (H, W, 2)
         x to the right, y down.
     """
-    y, x = picks.picked(size, (size[0] // 2, size[1] // 2))
+    y, x = nearest_texels.picked(size, (size[0] // 2, size[1] // 2))
     return np.stack(np.meshgrid((x + 0.5) / size[0], (y + 0.5) / size[1]), axis=-1)

@@ -12,7 +12,7 @@ from app.errors import ModelError
 from export.models import bcnn, gfa, ndr, surround
 from export.models.ember import Ember
 from export.models.network import Network
-from export.models.surfels import Gather, Radiosity
+from export.models.radiosity import Gather, Radiosity
 from export.models.surround import Discriminator, Surround
 
 __all__ = ["DISCRIMINATORS", "PRESETS", "UNTRAINED", "Network", "make_network", "weights_of"]

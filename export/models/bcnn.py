@@ -13,10 +13,10 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from app.contract import ModelContract, TensorSpec
+from app.network.contract import ModelContract, TensorSpec
+from export.models.channel_normalization import in_own_means, times_means
 from export.models.finite import finite
 from export.models.network import Network
-from export.models.own_means import in_own_means, times_means
 
 SIGMA = 1.0       # of the depth difference, in units of a scene whose longest edge is EXTENT
 EXTENT = 40.0

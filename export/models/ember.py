@@ -8,17 +8,17 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from app.channels import RAYS, SURFELS, VECTOR
-from app.contract import ModelContract, TensorSpec
+from app.network.channels import GLOBALS, RAYS, SURFELS
+from app.network.contract import ModelContract, TensorSpec
 from app.surfels.kernel import DISTANCE, PLANE, TURN
 from export.models.finite import finite
-from export.models.geometric import rest
+from export.models.geometric_tail import rest
 from export.models.network import Network
 
 COUNT, K = 2048, 144
 SHARE = 4  # of the rays, one in so many carries bounces between surfels; all carry the last one
 BOUNCES = 4  # after the first; the rest is taken for a geometric series
-LARGEST_RATIO = 0.95  # of one bounce to the one before
+MAX_RATIO = 0.95  # of one bounce to the one before
 BLOCK = 256  # surfels at once, so that the weights stay in the cache
 COARSE = 256  # surfels whose largest weight stands for that of all: they are spread farthest first
 LOWEST, HIGHEST = -80.0, 60.0  # exponents whose sums times light single precision bears
@@ -46,10 +46,10 @@ class Ember(Network):
         self.contract = ModelContract(
             name="ember", paper="world surfels with traced transport, interpolated by attention; docs/network.md",
             inputs={"screen": TensorSpec(("position.view.xyz", "normal.view.xyz")),
-                    "surfels": TensorSpec(("position.view.xyz", "normal.view.xyz", "irradiance.rgb", "glow.rgb",
+                    "surfels": TensorSpec(("position.view.xyz", "normal.view.xyz", "irradiance.rgb", "emissive_irradiance.rgb",
                                            "surfel.radius", "surfel.weight"), SURFELS, surfels),
                     "rays": TensorSpec(("ray.surfel", "ray.albedo.rgb"), RAYS, surfels, rays),
-                    "bounces": TensorSpec(("bounces",), VECTOR)},
+                    "bounces": TensorSpec(("bounces",), GLOBALS)},
             outputs={"indirect": TensorSpec(("indirect.rgb",))},
             scale=1 / 16, exposure="mean-radiance", bounces="multi", scene_extent=40.0,
             trained_on="nothing", licence="MIT")
@@ -112,7 +112,7 @@ def neumann_series(irradiance: Tensor, glow: Tensor, index: Tensor, albedo: Tens
     for number in range(1, BOUNCES + 1):
         newest, dimmer = bounce(torch.cat([newest, even], dim=1), index, twice).tensor_split(2, dim=1)
         total = total + newest * (bounces > number).to(newest)
-        ratio = (dimmer / even.clamp(min=1e-6)).clamp(max=LARGEST_RATIO)
+        ratio = (dimmer / even.clamp(min=1e-6)).clamp(max=MAX_RATIO)
         even = dimmer
     return total + rest(newest, ratio, bounces - BOUNCES - 1)
 

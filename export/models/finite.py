@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from app.channels import CHANNELS
-from app.contract import TensorSpec
+from app.network.channels import CHANNELS
+from app.network.contract import TensorSpec
 
 
 def finite(x: Tensor, spec: TensorSpec) -> Tensor:

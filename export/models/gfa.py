@@ -15,17 +15,17 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from app.contract import ModelContract, TensorSpec
+from app.network.contract import ModelContract, TensorSpec
+from export.models.channel_normalization import in_own_means, times_means
 from export.models.finite import finite
 from export.models.network import Network
-from export.models.own_means import in_own_means, times_means
 
 EXTENT = 40.0
 SLOPE = 0.1           # of LeakyReLU below 0
 FARTHEST = 2.0        # extents; so that no input can overflow half precision
-LARGEST_LOGIT = 11.0  # 6·10⁴ means
+MAX_LOGIT = 11.0  # 6·10⁴ means
 HIDDEN = -1e4         # logit of a key in the sky: no weight
-MOST_KEYS = 1024      # of the attention, about; beyond, k×k of them are pooled to one
+MAX_KEYS = 1024      # of the attention, about; beyond, k×k of them are pooled to one
 GEOMETRY = ("normal.view.xyz", "position.view.xyz", "depth")
 SHADING = ("direct.rgb", "albedo.rgb")
 RAW, SHADED = 7, 2    # channels of geometry, and of what one colour is shaded from
@@ -100,10 +100,10 @@ class Gfa(Network):
     dropout : float
         Share of the decoder's channels that is dropped while training.
     most_keys : int
-        Of the attention; see ``MOST_KEYS``.
+        Of the attention; see ``MAX_KEYS``.
     """
 
-    def __init__(self, name: str, heads: int = 8, dropout: float = 0.1, most_keys: int = MOST_KEYS, layers: int = 0,
+    def __init__(self, name: str, heads: int = 8, dropout: float = 0.1, most_keys: int = MAX_KEYS, layers: int = 0,
                  apart: bool = True) -> None:
         super().__init__()
         preset = PRESETS[name]
@@ -114,7 +114,7 @@ class Gfa(Network):
             name=name, paper="Gai et al. 2025, Geometry-Aware Global Feature Aggregation",
             inputs={"geometry": TensorSpec(GEOMETRY), "shading": TensorSpec(SHADING)},
             outputs={"y": TensorSpec(("indirect.rgb",))}, scale=preset.scale, multiple_of=2**HALVINGS,
-            exposure="mean-radiance", bounces="multi", scene_extent=EXTENT, kept_from="geometry", licence="MIT")
+            exposure="mean-radiance", bounces="multi", scene_extent=EXTENT, static_input="geometry", licence="MIT")
         self.geometry = UNet(RAW, preset.widths)
         self.shading = UNet(SHADED * together, (a, b, c), dropout)
         self.modulations = nn.ModuleList(nn.Conv2d(g + RAW, 2 * w, 3, padding=1) for g, w in
@@ -178,15 +178,15 @@ class Gfa(Network):
         x = torch.stack([relative, albedo], 2) * surfaces[0].unsqueeze(1)  # (B, colours, 2, h, w)
         x = torch.unflatten(x.flatten(1, 2), 1, (self.runs, -1)).flatten(0, 1)
         spreads = [spread.repeat_interleave(self.runs, 0) for spread in guidance.spreads]
-        logits = self.last(self.shading(x, spreads, guided)[-1]).float().clamp(max=LARGEST_LOGIT)
+        logits = self.last(self.shading(x, spreads, guided)[-1]).float().clamp(max=MAX_LOGIT)
         made = torch.unflatten(logits.exp(), 0, (-1, self.runs)).flatten(1, 2)
         return times_means(made, means).to(light.dtype) * surfaces[0]
 
-    def keep(self, geometry: Tensor) -> list[Tensor]:
+    def precompute(self, geometry: Tensor) -> list[Tensor]:
         return self.guide(geometry).tensors
 
-    def resume(self, kept: Sequence[Tensor], shading: Tensor) -> Tensor:
-        return self.shade(shading, Guidance.of(kept))
+    def finish(self, cached: Sequence[Tensor], shading: Tensor) -> Tensor:
+        return self.shade(shading, Guidance.of(cached))
 
 
 class UNet(nn.Module):

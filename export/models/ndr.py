@@ -1,7 +1,7 @@
-"""NDR: a U-Net with two decoders puts shadows and detail into coarse shading by an environment.
+"""NDR: a U-Net with two decoders puts shadows and detail into unshadowed shading by an environment.
 
 Suppan, Kaplanyan, Chalmers and Hall, "Neural Direct Illumination under distant light": normals, roughness, depth and
-coarse shading on the screen, the environment's spherical harmonics at the bottleneck, one decoder for diffuse and one
+unshadowed shading on the screen, the environment's spherical harmonics at the bottleneck, one decoder for diffuse and one
 for specular light. Where the text is silent (widths, activations) the choice is named here.
 """
 
@@ -14,16 +14,16 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from app.channels import CHANNELS, COARSE_CHANNELS, DIFFUSE, SPECULAR, VECTOR
-from app.contract import ModelContract, TensorSpec
+from app.network.channels import CHANNELS, DIFFUSE, GLOBALS, SPECULAR, UNSHADOWED_CHANNELS
+from app.network.contract import ModelContract, TensorSpec
 from export.models.finite import finite
 from export.models.network import Network
 
 EXTENT = 40.0
 FARTHEST = 2.0         # extents; so that no input can overflow half precision
 SLOPE = 0.1            # of LeakyReLU below 0
-LARGEST_LOGIT = 11.0   # 6·10⁴ means
-DARKEST = 1e-3         # means, that coarse shading is raised by, so that nothing is too dark to be corrected
+MAX_LOGIT = 11.0   # 6·10⁴ means
+DARKEST = 1e-3         # means, that unshadowed shading is raised by, so that nothing is too dark to be corrected
 HARMONICS = "environment.sh"
 LEVELS = 3             # halvings
 
@@ -46,34 +46,34 @@ PRESETS = {
 class Ndr(Network):
     """Diffuse and specular light straight from an environment, on a grid of the screen.
 
-    Both decoders end in I / (1 - I) of a sigmoid I, which is an exponential, so what they give multiplies; where coarse
-    shading is read, it multiplies that, so that a fresh network gives the coarse shading.
+    Both decoders end in I / (1 - I) of a sigmoid I, which is an exponential, so what they give multiplies; where unshadowed
+    shading is read, it multiplies that, so that a fresh network gives the unshadowed shading.
 
     Attributes
     ----------
     contract : ModelContract
-    harmonics, depth, coarse : bool
-        Whether these inputs are read, for ablations. Without coarse shading nothing is added to the output.
+    harmonics, depth, unshadowed : bool
+        Whether these inputs are read, for ablations. Without unshadowed shading nothing is added to the output.
     decoders : int
         1 or 2, for ablations.
     """
 
-    def __init__(self, name: str, harmonics: bool = True, depth: bool = True, coarse: bool = True,
+    def __init__(self, name: str, harmonics: bool = True, depth: bool = True, unshadowed: bool = True,
                  decoders: int = 2) -> None:
         super().__init__()
         if decoders not in (1, 2):
             raise ValueError(f"{decoders} decoders")
         preset = PRESETS[name]
-        self.coarse = coarse
+        self.unshadowed = unshadowed
         channels = ("normal.view.xyz", "roughness", *(("depth",) if depth else ()),
-                    *(COARSE_CHANNELS if coarse else ()))
+                    *(UNSHADOWED_CHANNELS if unshadowed else ()))
         inputs = {"x": TensorSpec(channels)}
         if harmonics:
-            inputs["sky"] = TensorSpec((HARMONICS,), VECTOR)
+            inputs["sky"] = TensorSpec((HARMONICS,), GLOBALS)
         self.contract = ModelContract(
             name=name, paper="Suppan et al., Neural Direct Illumination", inputs=inputs,
             outputs={"y": TensorSpec((DIFFUSE, SPECULAR))}, scale=preset.scale, multiple_of=2**LEVELS,
-            exposure="mean-radiance" if coarse else "none", bounces="single", scene_extent=EXTENT,
+            exposure="mean-radiance" if unshadowed else "none", bounces="single", scene_extent=EXTENT,
             licence="MIT")
         w = preset.widths
         self.encoder = nn.ModuleList(_block(i, o) for i, o in zip((inputs["x"].components, *w[:-1]), w, strict=True))
@@ -109,8 +109,8 @@ class Ndr(Network):
         surface = (rows["normal.view.xyz"].abs().sum(1, keepdim=True) > 0).to(x.dtype)
         if "depth" in rows:
             rows["depth"] = (rows["depth"] / EXTENT).clamp(0, FARTHEST)
-        light = [rows[name] for name in COARSE_CHANNELS] if self.coarse else []
-        for name in COARSE_CHANNELS if self.coarse else ():
+        light = [rows[name] for name in UNSHADOWED_CHANNELS] if self.unshadowed else []
+        for name in UNSHADOWED_CHANNELS if self.unshadowed else ():
             rows[name] = rows[name] / (1 + rows[name])  # Reinhard's curve, the inverse of the output's
         found = self._encode(torch.cat([rows[name] for name in spec.channels], 1) * surface)
         if self.sky is not None:
@@ -122,7 +122,7 @@ class Ndr(Network):
         logits = torch.cat([decoder(found) for decoder in self.decoders], 1).float()
         if light:
             logits = logits + torch.log(torch.cat(light, 1).float() + DARKEST)
-        return logits.clamp(max=LARGEST_LOGIT).exp().to(x.dtype) * surface
+        return logits.clamp(max=MAX_LOGIT).exp().to(x.dtype) * surface
 
     def _encode(self, x: Tensor) -> list[Tensor]:
         """Each level's features, the bottleneck's last."""

@@ -7,7 +7,7 @@ from typing import Protocol
 
 from torch import Tensor, nn
 
-from app.contract import ModelContract
+from app.network.contract import ModelContract
 
 
 class Network(nn.Module):
@@ -25,23 +25,23 @@ class Network(nn.Module):
     contract: ModelContract
     remark: str = ""
 
-    def shipped(self) -> ModelContract:
+    def export_contract(self) -> ModelContract:
         """The contract of its exported file, whose inputs may have more texels than in training."""
         return self.contract
 
 
 class Conditioned(Protocol):
-    """What a network has whose loss looks at ``Views.condition``."""
+    """What a network has whose loss looks at ``LossInputs.condition``."""
 
     def condition(self, **inputs: Tensor) -> Tensor:
         """[B, K, h, w], of the contract's inputs."""
 
 
-class Splits(Protocol):
-    """What a network has whose contract names an input that work is ``kept_from``."""
+class StaticSplit(Protocol):
+    """What a network has whose contract names a ``static_input``."""
 
-    def keep(self, source: Tensor) -> Sequence[Tensor]:
-        """What is worked out from that input alone."""
+    def precompute(self, source: Tensor) -> Sequence[Tensor]:
+        """What depends on that input alone."""
 
-    def resume(self, kept: Sequence[Tensor], *others: Tensor) -> Tensor:
+    def finish(self, cached: Sequence[Tensor], *others: Tensor) -> Tensor:
         """The output, from that and the other inputs in the contract's order."""

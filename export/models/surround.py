@@ -13,24 +13,24 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from app.channels import PANORAMA
-from app.contract import ModelContract, TensorSpec
+from app.network.channels import PANORAMA
+from app.network.contract import ModelContract, TensorSpec
+from export.models.channel_normalization import DARKEST as DARKEST_MEAN
+from export.models.channel_normalization import times_means
 from export.models.finite import finite
-from export.models.fluence import fluence
 from export.models.network import Network
-from export.models.own_means import DARKEST as DARKEST_MEAN
-from export.models.own_means import times_means
-from export.panorama import solid_angles
+from export.models.panorama import solid_angles
+from export.models.unoccluded_mean_radiance import unoccluded_mean_radiance
 
 EXTENT = 40.0
 FARTHEST = 2.0   # extents
 SLOPE = 0.2      # of LeakyReLU below 0, as in pix2pix
-AROUND = ("albedo.rgb", "normal.view.xyz", "depth", "lumination.rgb")
+AROUND = ("albedo.rgb", "normal.view.xyz", "depth", "surface_and_sky_radiance.rgb")
 SCREEN = ("position.view.xyz",)
 SEEN, COLORS = 12, 3    # channels: those of AROUND with azimuth and height; a light map's
 DROPPED = 3             # decoder blocks with dropout
 SHARPER = 2             # panorama that is drawn for users, to that which the generator sees
-DARKEST = 0.02          # albedo that lumination is divided by, at least
+DARKEST = 0.02          # albedo that surface_and_sky_radiance is divided by, at least
 MU, BRIGHTEST = 16.0, 1024.0  # of the μ-law between Tanh and light in means of the sphere, and where it ends
 EPSILON = 1e-5
 
@@ -52,11 +52,11 @@ PRESETS = {
 class Surround(Network):
     """A light map of all that surrounds the camera, of which the screen takes its part.
 
-    The thesis's map is of direct and indirect light together. What is known of it the panorama tells, lumination
-    (direct light, and what glows) / albedo, so that the generator gives the rest, and loss and critic see the sum:
+    The thesis's map is of direct and indirect light together. What is known of it the panorama tells, surface_and_sky_radiance
+    (direct light, and what glows) / albedo, so that the generator gives the rest, and loss and discriminator see the sum:
     nothing is to be taken off, which would leave what the generator errs by where light is strong.
 
-    The generator is shown light in means of the sphere, of each colour, and gives it relative to ``fluence``: what the
+    The generator is shown light in means of the sphere, of each colour, and gives it relative to ``unoccluded_mean_radiance``: what the
     lit places would send by the inverse square law. So how much light there is, and how far away, it need not learn,
     but what shadows, angles and further bounces make of it.
 
@@ -72,8 +72,8 @@ class Surround(Network):
 
     remark = ("of the light map the generator gives what is indirect, which is looked up where the screen's texels "
               "lie around the camera, relative to what the lit places around it would send there by the inverse "
-              "square law (of the front alone: to the mean light of the sphere); for loss and critic the known part is "
-              f"added, lumination / albedo, of an albedo of at least {DARKEST:g}, so that none is to be removed")
+              "square law (of the front alone: to the mean light of the sphere); for loss and discriminator the known part is "
+              f"added, surface_and_sky_radiance / albedo, of an albedo of at least {DARKEST:g}, so that none is to be removed")
 
     def __init__(self, name: str, front_alone: bool = False, dropout: float = 0.5) -> None:
         super().__init__()
@@ -113,7 +113,7 @@ class Surround(Network):
         surface = (position.abs().sum(1, keepdim=True) > 0).to(position.dtype)
         return times_means(light * surface, self._unit(around, position)).to(around.dtype)
 
-    def shipped(self) -> ModelContract:
+    def export_contract(self) -> ModelContract:
         """With a panorama of more texels, over which light is averaged: a strip of sun sends as much as it is wide.
 
         The twin of the front alone is not told where the lit places lie, so its panorama stays as it is.
@@ -127,13 +127,13 @@ class Surround(Network):
     def condition(self, around: Tensor, screen: Tensor) -> Tensor:
         """What the loss needs beside light, [B, 16, h, w], on the screen.
 
-        ``seen``, and known light, lumination / albedo, in a unit that is the last channel: the mean light of the whole
+        ``seen``, and known light, surface_and_sky_radiance / albedo, in a unit that is the last channel: the mean light of the whole
         sphere over all colours, so that colours are weighed by their light.
         """
-        albedo, _, _, lumination = self._split(around)
+        albedo, _, _, surface_and_sky_radiance = self._split(around)
         seen, means = self._exposed(around)
         unit = means.mean(1, keepdim=True).clamp(min=DARKEST_MEAN)
-        known = lumination.float() / albedo.float().clamp(min=DARKEST) / unit
+        known = surface_and_sky_radiance.float() / albedo.float().clamp(min=DARKEST) / unit
         found = torch.cat([seen.float(), known, unit.expand_as(known[:, :1])], 1)
         return functional.grid_sample(found, places(self._position(screen)), mode="nearest", align_corners=False,
                                       padding_mode="border")
@@ -169,10 +169,10 @@ class Surround(Network):
         if self.front_alone:
             return means
         relative = light / means.clamp(min=DARKEST_MEAN)
-        return means * fluence(relative, normal, depth, self.get_buffer("solid_angle").float(), position)
+        return means * unoccluded_mean_radiance(relative, normal, depth, self.get_buffer("solid_angle").float(), position)
 
     def _split(self, around: Tensor) -> tuple[Tensor, ...]:
-        """Albedo, normal, depth, lumination of the generator's size: of more texels light's mean, one of the rest."""
+        """Albedo, normal, depth, surface_and_sky_radiance of the generator's size: of more texels light's mean, one of the rest."""
         albedo, normal, depth, light = torch.split(finite(around, self.contract.inputs["around"]), [3, 3, 1, 3], dim=1)
         every = around.shape[2] // self.height
         if every == 1:

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from app.channels import CHANNELS, CUBE, SCREEN, SEEN, Channel
-from app.contract import ModelContract, TensorSpec
 from app.environment import ORDER
+from app.network.channels import CHANNELS, CUBE, SCREEN, SEEN, Channel
+from app.network.contract import ModelContract, TensorSpec
 from export.training.config import AugmentationConfig
 from export.training.examples import Batch
 

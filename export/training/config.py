@@ -1,4 +1,4 @@
-"""What a training run does, from a TOML file; ``export/configs/`` has those of the shipped networks."""
+"""What a training run does, from a TOML file; ``export/training/configs/`` has those of the shipped networks."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ class NetworkConfig:
 
 @strict
 class LossConfig:
-    """``kind`` names an entry of ``export.losses.LOSSES``; ``options`` go to its class.
+    """``kind`` names an entry of ``export.training.losses.LOSSES``; ``options`` go to its class.
 
-    ``critic_rate``: Adam's learning rate of a loss's critic.
+    ``discriminator_rate``: Adam's learning rate of a loss's discriminator.
     """
 
     kind: str = "bcnn"
     options: dict[str, Any] = field(default_factory=dict)
-    critic_rate: PositiveFloat = 1e-4
+    discriminator_rate: PositiveFloat = 1e-4
 
 
 def held_out(count: int, share: float = HELD_OUT) -> range:

@@ -18,10 +18,10 @@ from numpy.lib.format import open_memmap
 from numpy.typing import NDArray
 from torch import Tensor
 
-from app.atomic import replacing_folder
-from app.contract import ModelContract
-from app.infer import FLOOR
-from export.inputs import Drawer, Frame, Inputs
+from app.io.atomic_files import replacing_folder
+from app.network.contract import ModelContract
+from app.network.session import FLOOR
+from export.dataset.network_inputs import Drawer, Frame, Inputs
 
 if TYPE_CHECKING:
     from export.dataset import Pair, Target

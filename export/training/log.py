@@ -11,13 +11,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from app.atomic import replacing, write_text
-from app.channels import CHANNELS
-from app.contract import ModelContract
 from app.extras import extra_module
-from app.image import to_8bit, write_png
-from export.losses.views import tone
+from app.io.atomic_files import replacing, write_text
+from app.io.image import to_8bit, write_png
+from app.network.channels import CHANNELS
+from app.network.contract import ModelContract
 from export.training.examples import Batch
+from export.training.losses.loss_inputs import tone
 
 
 class Log:

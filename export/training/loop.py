@@ -13,18 +13,18 @@ from lightning_fabric import Fabric, seed_everything
 from torch import Tensor
 from torch.optim.swa_utils import AveragedModel
 
-from app.atomic import prepare_folders
 from app.errors import SettingsError
-from export.losses import Loss, Views, make_loss
-from export.losses.views import warp
+from app.io.atomic_files import prepare_folders
 from export.models import Network, make_network, weights_of
 from export.models.network import Conditioned
-from export.training import state
+from export.training import checkpoint
 from export.training.augment import augment, coarser
 from export.training.config import Config, ScheduleConfig, held_out
-from export.training.critic import CriticTraining
+from export.training.discriminator import DiscriminatorTraining
 from export.training.examples import Batch, Examples, tensors_of
 from export.training.log import Log, mean_of, write_pictures
+from export.training.losses import Loss, LossInputs, make_loss
+from export.training.losses.loss_inputs import warp
 
 CHECKPOINT = "checkpoint.pt"
 Terms = dict[str, float]
@@ -71,27 +71,27 @@ class Run:
         self.fabric = Fabric(accelerator=device.accelerator, devices=device.devices, precision=device.precision)
         self.fabric.launch()
         seed_everything(config.seed, verbose=False)
-        self._bare, self.loss = network_and_loss(config)  # a critic takes its weights from the seed, too
+        self._bare, self.loss = network_and_loss(config)  # a discriminator takes its weights from the seed, too
         self.contract = self._bare.contract
         _check_grid(examples, self.contract.multiple_of * config.data.every, config)
         optimizer = torch.optim.Adam(self._bare.parameters(), config.schedule.learning_rate)
         self.ema = AveragedModel(self._bare, avg_fn=_average(config.schedule.ema)).eval()
-        self.progress = state.Progress()
+        self.progress = checkpoint.Progress()
         prepare_folders(folder, folder / "pictures")
-        checkpoint = self._checkpoint()
-        if checkpoint is not None:
-            self._bare.load_state_dict(checkpoint.model)
-            self.ema.load_state_dict(checkpoint.ema)
-            self.progress = checkpoint.progress
+        saved = self._checkpoint()
+        if saved is not None:
+            self._bare.load_state_dict(saved.model)
+            self.ema.load_state_dict(saved.ema)
+            self.progress = saved.progress
         self.log = Log(folder, self.progress.step)
         self.network, self.optimizer = self.fabric.setup(self._bare, optimizer)
-        if checkpoint is not None:  # now that the weights are where the optimizer's numbers are to be
-            self.optimizer.load_state_dict(checkpoint.optimizer)
+        if saved is not None:  # now that the weights are where the optimizer's numbers are to be
+            self.optimizer.load_state_dict(saved.optimizer)
         self.ema.to(self.fabric.device)
-        self.critic = None
-        if self.loss.critic is not None:
-            self.critic = CriticTraining(self.loss.critic, config.loss.critic_rate, self.fabric,
-                                         checkpoint.critic if checkpoint is not None else {})
+        self.discriminator = None
+        if self.loss.discriminator is not None:
+            self.discriminator = DiscriminatorTraining(self.loss.discriminator, config.loss.discriminator_rate, self.fabric,
+                                         saved.discriminator if saved is not None else {})
 
     def train(self, tell: Tell = lambda step, steps, terms: None) -> Terms:
         """Train to the end; ``tell`` is told the steps taken, of how many, and the newest losses.
@@ -121,15 +121,15 @@ class Run:
         return self.progress.validation
 
     def validate(self) -> Terms:
-        """The averaged network's loss on the held-out pairs; a critic learns nothing by it."""
-        if self.critic is not None:
-            self.critic.train(False)
+        """The averaged network's loss on the held-out pairs; a discriminator learns nothing by it."""
+        if self.discriminator is not None:
+            self.discriminator.train(False)
         size = self.config.schedule.batch
         parts = [self.held_out[at:at + size] for at in range(0, len(self.held_out), size)]
         with torch.no_grad():
             found = [summed(self.loss(self._views(self.ema, self._batch(part)))) for part in parts]
-        if self.critic is not None:
-            self.critic.train(True)
+        if self.discriminator is not None:
+            self.discriminator.train(True)
         return {name: sum(len(part) * float(terms[name]) for part, terms in zip(parts, found, strict=True))
                 / len(self.held_out) for name in found[0]}
 
@@ -154,9 +154,9 @@ class Run:
         self.optimizer.zero_grad(set_to_none=True)
         self.ema.update_parameters(self._bare)
         found = {name: float(term.detach()) for name, term in terms.items()}
-        return found if self.critic is None else {**found, "critic": self.critic.learn(views)}
+        return found if self.discriminator is None else {**found, "discriminator": self.discriminator.learn(views)}
 
-    def _views(self, network: Any, batch: Batch) -> Views:
+    def _views(self, network: Any, batch: Batch) -> LossInputs:
         warped = None
         if self.loss.uses_previous:
             # The previous output is what the current one is pulled to, not the other way round: no gradient.
@@ -168,7 +168,7 @@ class Run:
         if self.loss.uses_condition:
             with torch.no_grad():
                 condition = cast(Conditioned, self._bare).condition(**tensors_of(batch, "current"))
-        return Views(output, batch["target"], warped, batch["seen"], batch.get("visible"), condition,
+        return LossInputs(output, batch["target"], warped, batch["seen"], batch.get("visible"), condition,
                      batch.get("reflectance"))
 
     def _batch(self, indices: list[int]) -> Batch:
@@ -192,22 +192,22 @@ class Run:
     def _save(self) -> None:
         if self.fabric.is_global_zero:
             facts = {"pairs": len(self.examples), "trained_on": len(self.trained_on), "weights": weights_of(self._bare),
-                     "machine": state.machine(self.fabric.device)}
-            critic = {} if self.critic is None else self.critic.state
-            state.save(self.folder / CHECKPOINT, self.config, self.progress, self._bare, self.ema, self.optimizer,
-                       critic, facts)
+                     "machine": checkpoint.machine(self.fabric.device)}
+            discriminator = {} if self.discriminator is None else self.discriminator.state
+            checkpoint.save(self.folder / CHECKPOINT, self.config, self.progress, self._bare, self.ema, self.optimizer,
+                       discriminator, facts)
         self.fabric.barrier()
 
-    def _checkpoint(self) -> state.Checkpoint | None:
+    def _checkpoint(self) -> checkpoint.Checkpoint | None:
         """What an earlier run left in the folder."""
         path = self.folder / CHECKPOINT
         if not path.exists():
             return None
-        checkpoint = state.load(path)
-        if checkpoint.config != self.config:
+        saved = checkpoint.load(path)
+        if saved.config != self.config:
             raise SettingsError("another configuration than that of the checkpoint", path,
                                 "expected the same; take another folder, or delete the checkpoint")
-        return checkpoint
+        return saved
 
 
 def network_and_loss(config: Config) -> tuple[Network, Loss]:

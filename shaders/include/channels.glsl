@@ -17,8 +17,8 @@ uniform sampler2D direct;
 #ifdef HAS_EMISSION
 uniform sampler2D emission;
 #endif
-#ifdef HAS_GLOSS
-uniform sampler2D gloss;
+#ifdef HAS_SPECULAR_ROUGHNESS
+uniform sampler2D specular_roughness;
 #endif
 #ifdef HAS_BACKGROUND
 uniform sampler2D background;
@@ -118,7 +118,7 @@ vec3 channel_radiance_rgb(ivec2 t)
 #endif
 
 #ifdef HAS_DIRECT
-vec3 channel_lumination_rgb(ivec2 t)
+vec3 channel_surface_and_sky_radiance_rgb(ivec2 t)
 {
     vec3 sum = channel_direct_rgb(t) + channel_emission_rgb(t);
 #ifdef HAS_BACKGROUND
@@ -130,8 +130,8 @@ vec3 channel_lumination_rgb(ivec2 t)
 
 float channel_roughness(ivec2 t)
 {
-#ifdef HAS_GLOSS
-    float r = texelFetch(gloss, t, 0).a;
+#ifdef HAS_SPECULAR_ROUGHNESS
+    float r = texelFetch(specular_roughness, t, 0).a;
     return is_finite(r) ? clamp(r, 0.0, 1.0) : 1.0;
 #else
     return 1.0;

@@ -4,20 +4,20 @@
 #include "ggx_lobe.glsl"
 
 // Specular albedo for light from everywhere: Schlick's law at the angle of the view, with less of a rim where rough
-// (Lagarde 2011, "Adopting a physically based shading model"); gloss holds F0 and roughness.
-vec3 environment_reflectance(vec4 gloss, float n_v)
+// (Lagarde 2011, "Adopting a physically based shading model"); specular_roughness holds F0 and roughness.
+vec3 environment_reflectance(vec4 specular_roughness, float n_v)
 {
-    if (max(max(gloss.r, gloss.g), gloss.b) <= 0.0) return vec3(0.0);
-    return gloss.rgb + (max(vec3(1.0 - gloss.a), gloss.rgb) - gloss.rgb) * pow(1.0 - n_v, 5.0);
+    if (max(max(specular_roughness.r, specular_roughness.g), specular_roughness.b) <= 0.0) return vec3(0.0);
+    return specular_roughness.rgb + (max(vec3(1.0 - specular_roughness.a), specular_roughness.rgb) - specular_roughness.rgb) * pow(1.0 - n_v, 5.0);
 }
 
-// Radiance towards the viewer (at the origin of relative space) from point p; gloss holds F0 and roughness.
-vec3 ggx_highlight(Light light, vec3 p, vec3 n, vec4 gloss)
+// Radiance towards the viewer (at the origin of relative space) from point p; specular_roughness holds F0 and roughness.
+vec3 ggx_highlight(Light light, vec3 p, vec3 n, vec4 specular_roughness)
 {
-    if (max(max(gloss.r, gloss.g), gloss.b) <= 0.0) return vec3(0.0);
+    if (max(max(specular_roughness.r, specular_roughness.g), specular_roughness.b) <= 0.0) return vec3(0.0);
     vec3 v = -normalize(p);
     vec3 mirrored = reflect(-v, n);
-    float alpha = max(gloss.a * gloss.a, SHARPEST);
+    float alpha = max(specular_roughness.a * specular_roughness.a, SHARPEST);
     int kind = int(light.color.w);
     vec3 l = light.position.xyz;
     vec3 arriving = light.color.rgb;  // irradiance on a facing surface
@@ -52,6 +52,6 @@ vec3 ggx_highlight(Light light, vec3 p, vec3 n, vec4 gloss)
     if (n_l <= 0.0) return vec3(0.0);
     vec3 h = normalize(l + v);
     float energy = (alpha / widened) * (alpha / widened);
-    vec3 fresnel = gloss.rgb + (1.0 - gloss.rgb) * pow(1.0 - clamp(dot(h, v), 0.0, 1.0), 5.0);
+    vec3 fresnel = specular_roughness.rgb + (1.0 - specular_roughness.rgb) * pow(1.0 - clamp(dot(h, v), 0.0, 1.0), 5.0);
     return arriving * n_l * energy * fresnel * ggx_lobe(clamp(dot(n, h), 0.0, 1.0), n_v, n_l, alpha);
 }

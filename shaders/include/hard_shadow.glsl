@@ -6,19 +6,19 @@
 #include "numbers.glsl"
 
 const float SNAP = 1.0 / 64.0;  // texels by which rasterisation shifts surfaces, rounded up
-const float ROUNDING = 2e-6;    // of nearness
+const float ROUNDING = 2e-6;    // of inverse_depth
 const float RELIEF = 1.5;       // texels; parallel steps that are lower are too fine for the map
 const float STEEPEST = 1e5;     // slope of a receiver
 
 uniform sampler2D shadow_slope;
 
-// A receiver in its light's map, whose places go from -1 to 1. Nearness is what changes evenly over the map along a
+// A receiver in its light's map, whose places go from -1 to 1. Inverse depth is what changes evenly over the map along a
 // plane: the receiver's depth over the depth, or for parallel light the negative depth in half widths of the map.
 struct MapPlane {
     vec2 corner;     // of the light's square, in texels of the atlas
     vec2 at;
-    vec2 slope;      // nearness that the receiver's plane gains along the map
-    float nearness;
+    vec2 slope;      // inverse_depth that the receiver's plane gains along the map
+    float inverse_depth;
     float depth;     // of the receiver; for parallel light half the map's width
     float wide;      // squared tangent of half the map's angle; for parallel light 1
     bool parallel;
@@ -84,7 +84,7 @@ struct MapTexels {
     vec4 weight;
     vec4 x;
     vec4 y;
-    vec4 nearness;
+    vec4 inverse_depth;
     vec4 at_receiver;
     vec4 slope_x;
     vec4 slope_y;
@@ -114,15 +114,15 @@ MapTexels texels_around(Light light, MapPlane r)
     t.x = first.x + vec4(0.0, unit, 0.0, unit);
     t.y = first.y + vec4(0.0, 0.0, unit, unit);
     if (r.parallel) {
-        t.nearness = -stored / r.depth;
+        t.inverse_depth = -stored / r.depth;
     } else {
-        t.nearness = r.depth * sqrt(1.0 + r.wide * (t.x * t.x + t.y * t.y)) / stored;
-        t.slope_x *= t.nearness;
-        t.slope_y *= t.nearness;
+        t.inverse_depth = r.depth * sqrt(1.0 + r.wide * (t.x * t.x + t.y * t.y)) / stored;
+        t.slope_x *= t.inverse_depth;
+        t.slope_y *= t.inverse_depth;
     }
     t.x -= r.at.x;
     t.y -= r.at.y;
-    t.at_receiver = t.nearness - t.slope_x * t.x - t.slope_y * t.y;
+    t.at_receiver = t.inverse_depth - t.slope_x * t.x - t.slope_y * t.y;
     return t;
 }
 
@@ -132,13 +132,13 @@ float hard_visibility(Light light, vec3 p, vec3 n)
     MapPlane r = map_plane(light, p, n);
     MapTexels t = texels_around(light, r);
     float unit = 2.0 / light.tile.z;
-    float rounding = ROUNDING * max(1.0, abs(r.nearness));
+    float rounding = ROUNDING * max(1.0, abs(r.inverse_depth));
     float slack = SNAP * unit * (abs(r.slope.x) + abs(r.slope.y)) + rounding;
     vec4 slacks = SNAP * unit * (abs(t.slope_x) + abs(t.slope_y)) + rounding;
     float relief = RELIEF * unit * sqrt(r.wide);
 
-    vec4 before_plane = t.nearness - r.nearness - r.slope.x * t.x - r.slope.y * t.y;
-    vec4 before_receiver = t.at_receiver - r.nearness;
+    vec4 before_plane = t.inverse_depth - r.inverse_depth - r.slope.x * t.x - r.slope.y * t.y;
+    vec4 before_receiver = t.at_receiver - r.inverse_depth;
     vec4 bend = (abs(t.slope_x - r.slope.x) + abs(t.slope_y - r.slope.y)) * unit;
     vec4 blocks = t.surface * vec4(greaterThan(before_plane, vec4(slack))) * vec4(greaterThan(before_receiver, slacks))
         * vec4(greaterThan(before_receiver + bend, vec4(relief)));
@@ -150,7 +150,7 @@ float hard_visibility(Light light, vec3 p, vec3 n)
     vec4 first = vec4(equal(dark, vec4(most)));
     first /= dot(first, vec4(1.0));
     vec4 blocker = dot(first, t.at_receiver) + dot(first, t.slope_x) * t.x + dot(first, t.slope_y) * t.y;
-    vec4 behind = vec4(lessThan(t.nearness, blocker - dot(first, slacks)));
+    vec4 behind = vec4(lessThan(t.inverse_depth, blocker - dot(first, slacks)));
     vec4 past = vec4(lessThan(max(before_plane, before_receiver), vec4(-relief)));
     float lit = dot(t.weight, (1.0 - blocks) * behind * (1.0 - past));
     return r.facing ? lit / (lit + dot(dark, vec4(1.0))) : 0.0;

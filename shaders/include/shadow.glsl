@@ -15,7 +15,7 @@ const int TAPS = 2;                    // of a texel's search, and of its look f
 const int PENUMBRA_TAPS = 14;          // of the filter
 const float HARD_KERNEL = 1.0;         // smallest radius of the filter, in texels
 const float WIDE_KERNEL = 256.0;       // texels across from which the filter always runs
-const float LONGEST_THROW = 0.5;       // of the map: blockers of parallel light farther away are not searched
+const float MAX_THROW = 0.5;       // of the map: blockers of parallel light farther away are not searched
 const float NEAREST_BLOCKER = 0.15;    // blockers nearer to the light than this share of the way are not searched
 const float SLACK = 2.0;               // on the light's squared radius, when asking whether a line meets it
 const float NORMAL_OFFSET = 1.5;       // texels
@@ -317,7 +317,7 @@ vec2 nearest_parallel_blocker(Light light, ParallelReceiver r, vec2 at, float sp
 float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, QuadNoise noise, bool wanted)
 {
     float spread = 0.5 * light.position.w / light.u.x;  // growth of the kernel, in map fractions per unit of depth
-    float width = spread * min(r.depth, LONGEST_THROW * light.u.x);
+    float width = spread * min(r.depth, MAX_THROW * light.u.x);
     Pattern pattern = quad_pattern(noise, TAPS);
     vec2 sum = vec2(0.0);
     for (int i = 0; i < TAPS; ++i) {

@@ -98,7 +98,7 @@ def moved_camera(camera: Camera, offset: Point, scale: float) -> Camera:
 
 def without_shadows(scene: Scene) -> Scene:
     """Nothing casts: what analytic lights stand for doesn't."""
-    return replace(scene, materials=tuple(replace(m, analytic=True) for m in scene.materials))
+    return replace(scene, materials=tuple(replace(m, is_light_proxy=True) for m in scene.materials))
 
 
 def draw(scene: Scene, size: tuple[int, int], outputs: tuple[str, ...] = ("final",), camera: Camera | None = None,

@@ -1,4 +1,4 @@
-"""The benchmark from end to end, on a generated scene with a truth that the renderer itself has drawn."""
+"""The benchmark from end to end, on a generated scene with a reference that the renderer itself has drawn."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import pytest
 from typer.testing import CliRunner
 
 from app.cli import cli
-from app.contract import find_model
-from app.image import write_exr
+from app.io.image import write_exr
 from app.load import load_scene
+from app.network.contract import find_model
 from app.renderer import Renderer
 from app.settings import Settings
 
@@ -42,16 +42,16 @@ SIDECAR = {
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A scene ``room.obj``, and its truth in ``reference/room``."""
+    """A scene ``room.obj``, and its reference in ``reference/room``."""
     folder = tmp_path_factory.mktemp("bench")
     (folder / "room.obj").write_text(OBJ)
     (folder / "room.mtl").write_text(MTL)
     (folder / "room.json").write_text(json.dumps(SIDECAR))
-    write_truth(folder / "room.obj", folder / "reference" / "room")
+    write_reference(folder / "room.obj", folder / "reference" / "room")
     return folder
 
 
-def write_truth(scene_file: Path, folder: Path) -> None:
+def write_reference(scene_file: Path, folder: Path) -> None:
     """What ``--model gather`` draws, settled for 16 frames, as if a path tracer had; and two noisier pictures of it."""
     scene = load_scene(scene_file)
     camera = scene.cameras["main"].at(0.0)
@@ -61,8 +61,8 @@ def write_truth(scene_file: Path, folder: Path) -> None:
     with Renderer(scene, Settings(SIZE, ("final",), provider="cpu"), find_model("gather")) as renderer:
         layers["final"] = [renderer.render(camera)["final"] for _ in range(16)][-1]
     folder.mkdir(parents=True)
-    write_exr(folder / "truth.exr", {"" if name == "final" else name: image for name, image in layers.items()})
-    (folder / "truth.json").write_text(json.dumps({"spp": 64, "noise": {"final": 0.01}, "seconds": 1.0,
+    write_exr(folder / "reference.exr", {"" if name == "final" else name: image for name, image in layers.items()})
+    (folder / "reference.json").write_text(json.dumps({"spp": 64, "noise": {"final": 0.01}, "seconds": 1.0,
                                                    "notices": ["no fog"]}))
     random = np.random.default_rng(3)
     for spp in (1, 16):
@@ -94,7 +94,7 @@ def test_a_whole_benchmark(whole: tuple[Path, str]) -> None:
     assert set(found) == {(n, s) for n in ("none", "gather float32") for s in (SIZE, LARGER)}
     assert "gather in float16 is not available" in results["absent"][0] and "float16" in text
 
-    # The truth is gather's own picture, so gather is exactly right, and no indirect light is not.
+    # The reference is gather's own picture, so gather is exactly right, and no indirect light is not.
     gather, none = found["gather float32", SIZE], found["none", SIZE]
     assert gather["errors"]["final"] == {"flip": 0, "psnr": None, "ssim": pytest.approx(1), "rel_mse": 0}
     assert gather["errors"]["indirect"]["rel_mse"] == pytest.approx(0, abs=1e-9)
@@ -110,17 +110,17 @@ def test_a_whole_benchmark(whole: tuple[Path, str]) -> None:
         assert all(len(s["turns"]) == 2 and s["p95"] >= s["median"] >= 0 for s in c["stages"].values())
     assert found["none", LARGER]["fresh"]["startup_s"] > 0 and found["none", LARGER]["fresh"]["peak_mb"] > 50
 
-    rivals = {(r["name"], r["spp"]): r for r in scene["rivals"]}
-    assert len(rivals) == 6
-    assert rivals["path tracer", 16]["ms"] == 30_000
-    assert rivals["denoised (high)", 1]["ms"] > rivals["path tracer", 1]["ms"]
-    noisy, clean = (rivals["path tracer", spp]["errors"]["final"]["flip"] for spp in (1, 16))
+    baselines = {(r["name"], r["spp"]): r for r in scene["baselines"]}
+    assert len(baselines) == 6
+    assert baselines["path tracer", 16]["ms"] == 30_000
+    assert baselines["denoised (high)", 1]["ms"] > baselines["path tracer", 1]["ms"]
+    noisy, clean = (baselines["path tracer", spp]["errors"]["final"]["flip"] for spp in (1, 16))
     assert noisy > clean > 0
     assert {h["against"] for h in results["headlines"]} == {"path tracer", "path tracer, denoised"}
 
     table = list(csv.DictReader((out / "bench.csv").open()))
     assert len(table) == 4 + 1 + 6
-    assert {row["frame.p95_ms"] for row in table if row["kind"] == "rival"} == {""}  # one measurement has none
+    assert {row["frame.p95_ms"] for row in table if row["kind"] == "baseline"} == {""}  # one measurement has none
     assert "note: room: no fog" in text
     page = (out / "report.html").read_text()
     assert "llvmpipe" in page or results["scenes"][0]["configurations"][0]["device"]["gl_renderer"] in page
@@ -141,7 +141,7 @@ def test_a_run_can_be_compared_with_one_before(folder: Path, whole: tuple[Path, 
     assert "room, gather float32 at 32x24 is gone" in run.output
 
 
-def test_a_truth_of_another_size_is_refused(folder: Path) -> None:
+def test_a_reference_of_another_size_is_refused(folder: Path) -> None:
     run = bench(folder, "refused", "--sizes", "40x30")
     assert run.exit_code == 2
-    assert "error: a truth of 32x24" in run.output
+    assert "error: a reference of 32x24" in run.output

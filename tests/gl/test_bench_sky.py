@@ -1,4 +1,4 @@
-"""The benchmark under an environment: its truth has all the light that models give, and its rows all the passes."""
+"""The benchmark under an environment: its reference has all the light that models give, and its rows all the passes."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from app.bench.configurations import Configuration
-from app.bench.judge import Layers, draw_layers, errors_of
-from app.bench.truth import Truth
 from app.cli import cli
-from app.contract import COARSE, Model, TensorSpec
-from app.image import write_exr
+from app.evaluation.configurations import Configuration
+from app.evaluation.picture_errors import Layers, draw_layers, errors_of
+from app.evaluation.reference import Reference
+from app.io.image import write_exr
 from app.load import load_scene
+from app.network.contract import UNSHADOWED, Model, TensorSpec
 from app.paths import data_dir
 from app.renderer import Renderer
 from app.scene import Camera, Scene
 from app.settings import Settings
 from tests.gl.scenes import floor
 from tests.gl.test_environment import under
-from tests.gl.test_environment_shading import PASS, WHITE, shiny, write_pass
+from tests.gl.test_environment_shading import PASS, WHITE, has_specular, write_pass
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
@@ -38,38 +38,39 @@ def layers_of(scene: Scene, *models: Model) -> Layers:
 
 @pytest.mark.usefixtures("path_tracer")
 @pytest.mark.parametrize("polished", [False, True], ids=["matte", "polished"])
-def test_the_truth_has_the_light_that_shading_gives(polished: bool) -> None:
+def test_the_reference_has_the_light_that_shading_gives(polished: bool) -> None:
     """On a floor that nothing shades light straight from the sky is all there is, and ``coarse`` has nearly that."""
-    from export.reference import Still, reference
+    from export.reference.still import Still
+    from export.reference.trace import trace_reference
 
-    material = shiny(0.6, 0.3, 0.4) if polished else shiny(1.0, 0.0, 0.8)
+    material = has_specular(0.6, 0.3, 0.4) if polished else has_specular(1.0, 0.0, 0.8)
     camera = Camera((0.0, 1.0, 3.0), (0.0, 0.4, 0.0), fov_y_deg=50.0)  # sees sky, too
     scene = under(WHITE, floor(2.0, material=material), camera=camera)
-    truth = Truth(reference(Still(scene, camera, SIZE), SPP).layers, {}, "")
-    found = layers_of(scene, COARSE)
+    reference = Reference(trace_reference(Still(scene, camera, SIZE), SPP).layers, {}, "")
+    found = layers_of(scene, UNSHADOWED)
     assert set(found) == {"final"}, "who makes an environment's light is not judged part by part"
-    assert errors_of(found, truth)["final"]["psnr"] > (32 if polished else 38)
-    assert found["final"].mean() == pytest.approx(truth.layers["final"].mean(), rel=0.02)
-    assert errors_of(layers_of(scene), truth)["final"]["psnr"] < 15
+    assert errors_of(found, reference)["final"]["psnr"] > (32 if polished else 38)
+    assert found["final"].mean() == pytest.approx(reference.layers["final"].mean(), rel=0.02)
+    assert errors_of(layers_of(scene), reference)["final"]["psnr"] < 15
 
 
 def bench(folder: Path, models: str) -> Any:
     return CliRunner().invoke(cli, [
-        "bench", str(PATIO), "--reference", str(folder / "truth"), "--sizes", "32x24", "--repeats", "1",
+        "bench", str(PATIO), "--reference", str(folder / "reference"), "--sizes", "32x24", "--repeats", "1",
         "--provider", "cpu", "--models", models, "--out", str(folder / "out")])
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """With ``truth``: the embedded patio as ``coarse`` draws it."""
+    """With ``reference``: the embedded patio as ``coarse`` draws it."""
     scene = load_scene(PATIO)
     camera = scene.cameras["main"].at(0.0)
     outputs = ("final", "direct", "indirect", "albedo", "depth")
-    with Renderer(scene, Settings(SIZE, outputs, taa=False, provider="cpu"), COARSE) as renderer:
+    with Renderer(scene, Settings(SIZE, outputs, taa=False, provider="cpu"), UNSHADOWED) as renderer:
         layers = renderer.render(camera)
-    (tmp_path / "truth").mkdir()
-    write_exr(tmp_path / "truth" / "truth.exr", {"" if n == "final" else n: layers[n] for n in outputs})
-    (tmp_path / "truth" / "truth.json").write_text("{}")
+    (tmp_path / "reference").mkdir()
+    write_exr(tmp_path / "reference" / "reference.exr", {"" if n == "final" else n: layers[n] for n in outputs})
+    (tmp_path / "reference" / "reference.json").write_text("{}")
     return tmp_path
 
 
@@ -82,14 +83,14 @@ def test_rows_of_two_models_tell_what_each_pass_takes(folder: Path) -> None:
     assert run.exit_code == 0, run.output
     (scene,) = json.loads((folder / "out" / "bench.json").read_text())["scenes"]
     rows = {c["label"]: c for c in scene["configurations"]}
-    assert list(rows) == ["none", "coarse", "gather+pass", "gather+own"]
-    shading = {"environment_downsample", "environment_network", "upsample_diffuse", "upsample_specular"}
-    for label, expected in (("none", set()), ("coarse", {"coarse", "upsample_diffuse", "upsample_specular"}),
-                            ("gather+pass", {"coarse"} | shading), ("gather+own", shading)):
-        assert set(rows[label]["stages"]) & ({"coarse"} | shading) == expected, label
+    assert list(rows) == ["none", "unshadowed_environment", "gather+pass", "gather+own"]
+    shading = {"environment_pack_screen", "environment_network", "upsample_diffuse", "upsample_specular"}
+    for label, expected in (("none", set()), ("unshadowed_environment", {"unshadowed_environment", "upsample_diffuse", "upsample_specular"}),
+                            ("gather+pass", {"unshadowed_environment"} | shading), ("gather+own", shading)):
+        assert set(rows[label]["stages"]) & ({"unshadowed_environment"} | shading) == expected, label
         assert set(rows[label]["errors"]) == {"final"}
         assert rows[label]["fresh"]["startup_s"] > 0
-    assert rows["coarse"]["errors"]["final"]["flip"] < 0.5 * rows["none"]["errors"]["final"]["flip"]
+    assert rows["unshadowed_environment"]["errors"]["final"]["flip"] < 0.5 * rows["none"]["errors"]["final"]["flip"]
     assert set(scene["ambient"]["errors"]) == {"final"}
     assert "under an environment the final picture alone is judged" in run.output
     assert "gather+pass" in (folder / "out" / "report.html").read_text()
@@ -103,10 +104,10 @@ def test_the_ambient_oracle_has_the_sky_behind_it(folder: Path) -> None:
 
 @pytest.mark.parametrize(("scene", "models", "said"), [
     ("patio.obj", "ember+gather", "two models that make indirect light"),
-    ("patio.obj", "coarse+coarse", "two models that shade an environment"),
-    ("patio.obj", "ember+coarse+ssgi", "two models that make indirect light"),
+    ("patio.obj", "unshadowed_environment+unshadowed_environment", "two models that shade an environment"),
+    ("patio.obj", "ember+unshadowed_environment+ssgi", "two models that make indirect light"),
     ("patio.obj", "ember+", "no network ''"),
-    ("cornell-box.obj", "coarse,ember+coarse", "cornell-box has no environment for coarse, ember+coarse"),
+    ("cornell-box.obj", "coarse,ember+unshadowed_environment", "cornell-box has no environment for coarse, ember+unshadowed_environment"),
 ])
 @pytest.mark.parametrize("command", ["bench", "compare"])
 def test_pairs_that_make_no_sense_are_refused(command: str, scene: str, models: str, said: str, tmp_path: Path) -> None:

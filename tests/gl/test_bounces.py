@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.bounces import with_bounces
-from app.channels import ALL_BOUNCES
-from app.contract import bundled_models, find_model
 from app.errors import SettingsError
-from app.infer import Network
 from app.load import embedded_scene
+from app.network.bounces import with_bounces
+from app.network.channels import ALL_BOUNCES
+from app.network.contract import bundled_models, find_model
+from app.network.session import Network
 from app.renderer import Renderer
 from app.scene import Camera, Material, PointLight, Scene
 from tests.gl.scenes import box, make_scene
@@ -108,8 +108,9 @@ def test_a_glowing_white_room_never_has_more_light_than_the_series(name: str) ->
 @pytest.mark.usefixtures("path_tracer")
 def test_the_path_tracer_counts_alike() -> None:
     """In the Cornell box, where nothing glows that is no light: what the tracer calls one bounce is one."""
-    from export.path_tracer import PathTracer
-    from export.reference import Still, mean_samples
+    from export.reference.path_tracer import PathTracer
+    from export.reference.still import Still
+    from export.reference.trace import mean_samples
 
     scene, size = embedded_scene(), (128, 96)
     still = Still(scene, scene.cameras[scene.default_camera].at(0.0), size)
@@ -117,9 +118,9 @@ def test_the_path_tracer_counts_alike() -> None:
         for bounces in (1, 2, 4):
             renderer.override("tensor_bounces", bounces)
             found = renderer.render(still.camera)["indirect"].mean()
-            truth = mean_samples(PathTracer(scene, max_bounces=bounces), still, 32)["indirect"].mean()
-            print(f"TRACED {bounces}: {found / truth - 1:+.2%}")
-            assert found == pytest.approx(truth, rel=0.05)
+            reference = mean_samples(PathTracer(scene, max_bounces=bounces), still, 32)["indirect"].mean()
+            print(f"TRACED {bounces}: {found / reference - 1:+.2%}")
+            assert found == pytest.approx(reference, rel=0.05)
 
 
 def drawn(name: str, bounces: int | None) -> Renderer:
@@ -140,6 +141,6 @@ def test_the_number_reaches_a_network_that_counts(bounces: int | None, expected:
 def test_albedo_is_packed_only_for_a_network_that_is_applied_again(bounces: int | None, packed: bool) -> None:
     with drawn("bcnn-8-single", bounces) as renderer:
         assert ("tensor_bounces.albedo" in renderer.plan.resources) == packed
-        assert renderer.plan.culled["vector"] == "the network reads no vector"
+        assert renderer.plan.culled["pack_globals"] == "the network reads no vector"
         if packed:
             np.testing.assert_allclose(renderer.resource("tensor_bounces.albedo"), RHO, rtol=2e-3)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from app.contract import find_model
+from app.network.contract import find_model
 from app.renderer import Renderer
 from app.scene import Material, PointLight, Scene
 from app.settings import Settings
@@ -41,7 +41,7 @@ def test_one_geometry_output_runs_one_pass_with_one_target(model: str) -> None:
 
 def test_no_network_no_surround_view() -> None:
     found = plan(SHINING)
-    assert not [name for name in found if name.startswith(("surround", "downsample", "network", "upsample"))]
+    assert not [name for name in found if name.startswith(("cube_", "pack_screen", "network", "upsample"))]
     assert "albedo" in found["gbuffer"]  # direct light needs it
 
 
@@ -54,21 +54,21 @@ def test_passes_are_culled_under_the_names_that_they_run_by() -> None:
 
 def test_a_network_that_reads_no_cube_gets_none(tmp_path: Path) -> None:
     found = plan(PLAIN, model=write_tiny_network(tmp_path / "tiny.onnx"))
-    assert "network" in found and "downsample" in found
-    assert not [name for name in found if name.startswith("surround")]
+    assert "network" in found and "pack_screen" in found
+    assert not [name for name in found if name.startswith("cube_")]
 
 
 def test_a_network_that_reads_a_cube_gets_it() -> None:
     found = plan(PLAIN, model=find_model("gather"))
-    assert {"surround", "surround_direct"} <= set(found)
-    assert not any("gloss" in w or "emission" in w or "motion" in w for w in found["surround"])
+    assert {"cube_gbuffer", "cube_direct"} <= set(found)
+    assert not any("specular_roughness" in w or "emission" in w or "motion" in w for w in found["cube_gbuffer"])
 
 
 def test_only_a_network_that_reads_surfels_has_them_made() -> None:
     """And ``ember`` reads no cube."""
-    surfels = {"surfel_light", "surfels"}
+    surfels = {"surfel_light", "pack_surfels"}
     assert surfels <= set(plan(PLAIN, model=find_model("ember")))
-    assert not {"surround", "surround_direct"} & set(plan(PLAIN, model=find_model("ember")))
+    assert not {"cube_gbuffer", "cube_direct"} & set(plan(PLAIN, model=find_model("ember")))
     for model in (None, find_model("gather")):
         assert not surfels & set(plan(PLAIN, model=model))
 
@@ -83,9 +83,9 @@ def test_targets_only_for_what_the_scene_has() -> None:
     for model in (None, find_model("gather")):
         assert "emission" not in plan(PLAIN, model=model)["gbuffer"]
         assert "emission" in plan(SHINING, model=model)["gbuffer"]
-    assert "specular" not in plan(PLAIN)["direct"] and "gloss" not in plan(PLAIN)["gbuffer"]
+    assert "specular" not in plan(PLAIN)["direct"] and "specular_roughness" not in plan(PLAIN)["gbuffer"]
     glossy = make_scene([floor(1.0, material=Material(specular=(0.04,) * 3, roughness=0.3))], PLAIN.lights)
-    assert "specular" in plan(glossy)["direct"] and "gloss" in plan(glossy)["gbuffer"]
+    assert "specular" in plan(glossy)["direct"] and "specular_roughness" in plan(glossy)["gbuffer"]
     assert "specular" not in plan(glossy, "direct")["direct"]
 
 
@@ -98,4 +98,4 @@ def test_without_lights_no_shadow_map() -> None:
 def test_intermediate_outputs_leave_out_what_follows() -> None:
     assert set(plan(PLAIN, "direct")) == {"shadow", "gbuffer", "direct"}
     found = plan(PLAIN, "indirect", model=find_model("gather"))
-    assert not {"composite", "taa", "output"} & set(found)
+    assert not {"composite", "taa", "tonemap"} & set(found)

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.contract import find_model
 from app.load import embedded_scene
+from app.network.contract import find_model
 from app.renderer import Renderer
 from app.settings import Settings
 from tests.gl.scenes import Images
@@ -50,8 +50,8 @@ def test_two_renderers_live_side_by_side() -> None:
                 found.append(one.render(camera, frame / 30))
                 other.render(camera)
         found.append(one.render(camera, 2 / 30))
-    for image, truth in zip(found, alone, strict=True):
-        assert all(np.array_equal(image[name], truth[name]) for name in truth)
+    for image, reference in zip(found, alone, strict=True):
+        assert all(np.array_equal(image[name], reference[name]) for name in reference)
 
 
 def test_another_seed_is_another_pattern_of_the_same_picture() -> None:
@@ -93,7 +93,7 @@ def test_timing_file(tmp_path: Path) -> None:
     cli(tmp_path, "--timing", str(tmp_path / "t.json"), "--check", "--settle", "2")
     report = json.loads((tmp_path / "t.json").read_text())
     check_timing(report)
-    assert {"shadow", "gbuffer", "direct", "network", "upsample", "composite", "taa", "output", "copy"} \
+    assert {"shadow", "gbuffer", "direct", "network", "upsample", "composite", "taa", "tonemap", "copy"} \
         <= set(report["passes"])
     assert report["model"] == "ember" and report["size"] == [96, 72] and report["frames"] == 1
     assert report["triangles"] == embedded_scene().triangles
@@ -108,7 +108,7 @@ def test_timing_file_without_network(tmp_path: Path) -> None:
     report = json.loads((tmp_path / "t.json").read_text())
     check_timing(report)
     assert report["model"] is None and report["device"]["provider"] == "none"
-    assert {"taa", "network", "surround"} <= set(report["culled"])
+    assert {"taa", "network", "cube_gbuffer"} <= set(report["culled"])
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])

@@ -26,9 +26,9 @@ def lit_plane(light: Light, camera: Camera = ABOVE) -> tuple[F64, F64]:
     return images["direct"][seen][:, 1] * np.pi / 0.5, images["position"][seen].astype(np.float64)
 
 
-def worst(found: F64, truth: F64, floor_share: float = 0.0) -> float:
-    """Largest relative error; the truth counts as at least ``floor_share`` of its maximum."""
-    error = float((np.abs(found - truth) / np.maximum(truth, floor_share * truth.max())).max())
+def worst(found: F64, reference: F64, floor_share: float = 0.0) -> float:
+    """Largest relative error; the reference counts as at least ``floor_share`` of its maximum."""
+    error = float((np.abs(found - reference) / np.maximum(reference, floor_share * reference.max())).max())
     print(f"DIRECT worst error {error:.3%}")
     return error
 
@@ -37,8 +37,8 @@ def worst(found: F64, truth: F64, floor_share: float = 0.0) -> float:
 @pytest.mark.parametrize("intensity", [1e-3, 1.0, 1e4])
 def test_point(position: tuple[float, float, float], intensity: float) -> None:
     found, at = lit_plane(PointLight(position, (intensity,) * 3))
-    truth = intensity * exact.point_irradiance(at, UP, position)
-    assert worst(found, truth, 1e-4) < 0.005
+    reference = intensity * exact.point_irradiance(at, UP, position)
+    assert worst(found, reference, 1e-4) < 0.005
 
 
 @pytest.mark.parametrize(("center", "u", "v"), [
@@ -50,10 +50,10 @@ def test_point(position: tuple[float, float, float], intensity: float) -> None:
 def test_rectangle(center: tuple[float, float, float], u: tuple[float, float, float],
                    v: tuple[float, float, float]) -> None:
     found, at = lit_plane(RectLight(center, u, v, (2.0, 2.0, 2.0)))  # u × v looks down
-    truth = 2 * exact.polygon_irradiance(at, UP, corners(center, u, v))
+    reference = 2 * exact.polygon_irradiance(at, UP, corners(center, u, v))
     front = (at - np.asarray(center)) @ np.cross(u, v) > 0.02
     assert front.mean() > 0.3
-    assert worst(found[front], truth[front], 1e-4) < 0.005
+    assert worst(found[front], reference[front], 1e-4) < 0.005
 
 
 @pytest.mark.parametrize(("center", "u", "v"), [
@@ -66,8 +66,8 @@ def test_rectangle_across_the_horizon(center: tuple[float, float, float], u: tup
                                       v: tuple[float, float, float]) -> None:
     found, at = lit_plane(RectLight(center, u, v, (2.0, 2.0, 2.0), two_sided=True))
     away = np.flatnonzero(np.abs((at - np.asarray(center)) @ exact.unit(np.cross(u, v))) > 0.15)[::41]
-    truth = 2 * exact.rectangle_quadrature(at[away], UP, corners(center, u, v), 300)
-    assert worst(found[away], truth, 1e-3) < 0.01
+    reference = 2 * exact.rectangle_quadrature(at[away], UP, corners(center, u, v), 300)
+    assert worst(found[away], reference, 1e-3) < 0.01
 
 
 def test_rectangle_shines_to_one_side_or_to_both() -> None:
@@ -93,16 +93,16 @@ def test_spot_falls_off_linearly_in_angle(inner: float, outer: float) -> None:
     ray = exact.unit(at - position)
     angle = np.degrees(np.arccos(ray @ direction))
     falloff = np.clip((outer - angle) / (outer - inner), 0, 1) if outer > inner else angle <= outer
-    truth = 3 * exact.point_irradiance(at, UP, position) * falloff
+    reference = 3 * exact.point_irradiance(at, UP, position) * falloff
     clear = np.abs(angle - outer) > 0.2
-    assert worst(found[clear], truth[clear], 0.05) < 0.005
+    assert worst(found[clear], reference[clear], 0.05) < 0.005
 
 
 def test_directional() -> None:
     direction = np.array([0.4, -0.8, 0.3])
     found, _ = lit_plane(DirectionalLight(tuple(direction), (2.0, 2.0, 2.0)))
-    truth = np.full(found.shape, 2 * -exact.unit(direction)[1])
-    assert worst(found, truth) < 0.005
+    reference = np.full(found.shape, 2 * -exact.unit(direction)[1])
+    assert worst(found, reference) < 0.005
 
 
 @pytest.mark.parametrize(("height", "radius"), [(1.0, 0.5), (0.2, 0.5), (0.0, 0.4), (-0.2, 0.5)])
@@ -110,8 +110,8 @@ def test_sphere_above_and_across_the_horizon(height: float, radius: float) -> No
     center = np.array([0.2, height, -0.1])
     found, at = lit_plane(PointLight(tuple(center), (1.0, 1.0, 1.0), radius))
     outside = np.flatnonzero(np.linalg.norm(at - center, axis=1) > 1.05 * radius)[::97]
-    truth = exact.sphere_quadrature(at[outside], UP, center, radius)
-    assert worst(found[outside], truth, 1e-3) < 0.01
+    reference = exact.sphere_quadrature(at[outside], UP, center, radius)
+    assert worst(found[outside], reference, 1e-3) < 0.01
 
 
 def corners(center: tuple[float, float, float], u: tuple[float, float, float], v: tuple[float, float, float]) -> F64:

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.contract import find_model
 from app.gl.lights import radiance_scale
 from app.load import embedded_scene
 from app.math3d import View
+from app.network.contract import find_model
 from app.renderer import NEAR, Renderer
 from app.scene import Camera, Light, Material, PointLight, RectLight, Scene, SpotLight
 from app.settings import Settings
@@ -46,9 +46,9 @@ def surfel_light(scene: Scene, camera: Camera, model: Path) -> tuple[WorldSurfel
     height, width = texels.shape[:2]
     quads = texels.reshape(height // 2, 2, width // 2, 2, 3)
     np.testing.assert_array_equal(quads.min(axis=(1, 3)), quads.max(axis=(1, 3)))  # hard light: no noise in a quad
-    rest = quads[:, 0, :, 0].reshape(-1, 3)[len(world.place_surfel):]
+    rest = quads[:, 0, :, 0].reshape(-1, 3)[len(world.light_sample_surfel):]
     assert not rest.any()
-    return world, quads[:, 0, :, 0].reshape(-1, 3)[:len(world.place_surfel)]
+    return world, quads[:, 0, :, 0].reshape(-1, 3)[:len(world.light_sample_surfel)]
 
 
 def blocked(points: F64, light: Point, low: Point, high: Point, margin: float) -> np.ndarray:
@@ -70,7 +70,7 @@ def test_surfels_under_a_lamp_get_its_irradiance_or_its_shadow(small: Path, offs
     scene = make_scene(parts, [PointLight(tuple(shift + lamp), (3.0, 2.0, 1.0))])
     camera = Camera(tuple(shift + np.array((2, 1.5, 3))), tuple(shift))
     world, found = surfel_light(scene, camera, small)
-    at, normal = world.place_position + world.origin - shift, world.place_normal
+    at, normal = world.light_sample_position + world.origin - shift, world.light_sample_normal
     to = np.asarray(lamp) - at
     square = (to * to).sum(-1)
     free = np.maximum((to * normal).sum(-1), 0) / square**1.5 / np.pi
@@ -110,8 +110,8 @@ def test_a_lamp_in_a_closed_box_keeps_its_energy(small: Path, rho: float, lamp: 
     """All flux lands on the walls, so their mean indirect radiance is flux / (π area) times ρ / (1 − ρ)."""
     scene = make_scene([box((0, 0, 0), (40, 40, 40), Material(albedo=(rho,) * 3))],
                        [PointLight(lamp, (100.0, 100.0, 100.0))])
-    truth = 4 * np.pi * 100 / (6 * 40**2) / np.pi * rho / (1 - rho)
-    share = mean_over_walls(scene, eye, find_model("ember") if name == "ember" else small) / truth
+    reference = 4 * np.pi * 100 / (6 * 40**2) / np.pi * rho / (1 - rho)
+    share = mean_over_walls(scene, eye, find_model("ember") if name == "ember" else small) / reference
     print(f"LAMP {name} {rho}: {share - 1:+.2%}")
     assert share == pytest.approx(1, abs=0.01 if name == "ember" else 0.03)
 
@@ -120,7 +120,7 @@ def test_what_a_lamp_lights_behind_itself_is_not_seen_through_it(small: Path) ->
     """A lamp that shines upwards, too, lights a ceiling close above; little of that leaves the gap between them."""
     corner, sides = (15, 39.6, 15), ((10, 0, 0), (0, 0, 10))
     parts = [box((0, 0, 0), (40, 40, 40), Material(albedo=(0.6,) * 3)),
-             quad(corner, *sides, Material(albedo=(0.6,) * 3, emission=(1.0,) * 3, analytic=True))]
+             quad(corner, *sides, Material(albedo=(0.6,) * 3, emission=(1.0,) * 3, is_light_proxy=True))]
     camera = Camera((20, 10, 38), (20, 0, 10), fov_y_deg=60)
 
     def mean(two_sided: bool) -> float:
@@ -148,14 +148,14 @@ def test_indirect_light_scales_with_the_light(small: Path, glows: bool) -> None:
     if glows:  # the lamp is no light then, but met by rays
         lamp = replace(scene.materials[0], emission=(40.0, 36.0, 29.0))
         scene = replace(scene, lights=(), materials=(lamp, *scene.materials[1:]))
-    truth = draw(scene, SIZE, ("indirect",), model=small)["indirect"].astype(np.float64)
-    assert truth.mean() > 0
+    reference = draw(scene, SIZE, ("indirect",), model=small)["indirect"].astype(np.float64)
+    assert reference.mean() > 0
     for factor in (1e-4, 0.03, 7.0, 1e4):
         found = draw(brighter(scene, factor), SIZE, ("indirect",), model=small)["indirect"] / factor
-        error = np.abs(found - truth)
-        print(f"EXPOSURE {factor:g}: mean {error.mean() / truth.mean():.1e}, largest {error.max() / truth.max():.1e}")
-        assert error.mean() < 1e-3 * truth.mean()
-        assert error.max() < 2e-3 * truth.max()
+        error = np.abs(found - reference)
+        print(f"EXPOSURE {factor:g}: mean {error.mean() / reference.mean():.1e}, largest {error.max() / reference.max():.1e}")
+        assert error.mean() < 1e-3 * reference.mean()
+        assert error.max() < 2e-3 * reference.max()
 
 
 HALL = box((0, 0, 0), (8, 3, 4), Material(albedo=(0.6,) * 3))

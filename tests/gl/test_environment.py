@@ -83,8 +83,9 @@ def test_a_large_map_is_averaged_over_pixels(height: int) -> None:
 
 def traced(scene: Scene, spp: int, bounces: int = 8) -> dict[str, F32]:
     pytest.importorskip("mitsuba", reason="the path tracer needs mitsuba")
-    from export.path_tracer import PathTracer
-    from export.reference import Still, mean_samples
+    from export.reference.path_tracer import PathTracer
+    from export.reference.still import Still
+    from export.reference.trace import mean_samples
 
     return mean_samples(PathTracer(scene, max_bounces=bounces), Still(scene, scene.cameras["main"].at(0.0), SIZE), spp)
 
@@ -108,9 +109,9 @@ def test_the_path_tracers_sky_is_ours(size: tuple[int, int], rotation: float) ->
         np.testing.assert_allclose(found, expected, rtol=0.02)
 
 
-def relative_error(found: F32, truth: F32, where: np.ndarray) -> float:
-    """Root mean square over texels, relative to the truth's mean."""
-    return float(np.sqrt(np.square(found - truth)[where].mean()) / truth[where].mean())
+def relative_error(found: F32, reference: F32, where: np.ndarray) -> float:
+    """Root mean square over texels, relative to the reference's mean."""
+    return float(np.sqrt(np.square(found - reference)[where].mean()) / reference[where].mean())
 
 
 @pytest.fixture(scope="module")
@@ -128,22 +129,22 @@ def test_ember_lights_by_the_environment(small: Path, sun: bool) -> None:
     camera = Camera((3.5, 3.0, 4.5), (-0.5, 0.5, -0.5), fov_y_deg=50.0)
     block = box((-0.6, 0.0, -0.6), (1.2, 1.2, 1.2), Material(albedo=(0.6, 0.3, 0.2)))
     scene = under(Environment(radiance, 20.0), floor(3.0), *walls, block, camera=camera)
-    truth = traced(scene, 512)
+    reference = traced(scene, 512)
     found = draw(scene, SIZE, ("indirect",), model=small)["indirect"]
-    seen = truth["depth"][..., 0] > 0
-    assert found[seen].mean() == pytest.approx(truth["indirect"][seen].mean(), rel=0.05)
-    assert relative_error(found, truth["indirect"], seen) < (0.35 if sun else 0.15)
+    seen = reference["depth"][..., 0] > 0
+    assert found[seen].mean() == pytest.approx(reference["indirect"][seen].mean(), rel=0.05)
+    assert relative_error(found, reference["indirect"], seen) < (0.35 if sun else 0.15)
 
 
 def test_lamps_hide_the_sky(small: Path) -> None:
     """The mesh of an analytic light casts no shadow of lights, but is before the sky, for ember and the path tracer."""
-    lid = quad((-1, 0.3, 1), (2, 0, 0), (0, 0, -2), Material(albedo=(0.0,) * 3, analytic=True))
+    lid = quad((-1, 0.3, 1), (2, 0, 0), (0, 0, -2), Material(albedo=(0.0,) * 3, is_light_proxy=True))
     scene = under(DUSK, floor(1.0), lid, camera=Camera((0, 0.2, 1.6), (0, 0, 0), fov_y_deg=40.0))
-    truth = traced(scene, 256)
-    below = (truth["depth"][..., 0] > 0) & (truth["albedo"][..., 0] > 0.1)
+    reference = traced(scene, 256)
+    below = (reference["depth"][..., 0] > 0) & (reference["albedo"][..., 0] > 0.1)
     found = draw(scene, SIZE, ("indirect",), model=small)["indirect"]
-    assert below.sum() > 100 and truth["indirect"][below].mean() < 0.3 * DUSK.radiance.mean()
-    assert found[below].mean() == pytest.approx(truth["indirect"][below].mean(), rel=0.25)
+    assert below.sum() > 100 and reference["indirect"][below].mean() < 0.3 * DUSK.radiance.mean()
+    assert found[below].mean() == pytest.approx(reference["indirect"][below].mean(), rel=0.25)
 
 
 @pytest.mark.parametrize("radiance", [1e30, 1e-20])

@@ -12,10 +12,10 @@ import onnx
 import pytest
 from onnx import TensorProto, helper
 
-from app.channels import COARSE_CHANNELS, DIFFUSE, SPECULAR
-from app.contract import COARSE, KEY, ModelContract, TensorSpec
 from app.environment import sky_light
 from app.errors import ModelError, SettingsError
+from app.network.channels import DIFFUSE, SPECULAR, UNSHADOWED_CHANNELS
+from app.network.contract import KEY, UNSHADOWED, ModelContract, TensorSpec
 from app.renderer import Renderer
 from app.scene import Camera, Environment, Material, PointLight, Scene
 from app.settings import Settings
@@ -27,7 +27,7 @@ pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 WHITE = Environment(np.full((4, 8, 3), 0.7, np.float32))
 ABOVE = Camera((0.0, 3.0, 0.01), (0.0, 0.0, 0.0), fov_y_deg=30.0)  # sees nothing but the floor
 PASS = ModelContract(
-    name="pass", inputs={"x": TensorSpec(COARSE_CHANNELS), "sky": TensorSpec(("environment.sh",), "vector")},
+    name="pass", inputs={"x": TensorSpec(UNSHADOWED_CHANNELS), "sky": TensorSpec(("environment.sh",), "globals")},
     outputs={"y": TensorSpec((DIFFUSE, SPECULAR))}, scale=1 / 2, exposure="mean-radiance", bounces="single",
     scene_extent=40.0)
 
@@ -47,7 +47,7 @@ def write_pass(folder: Path, contract: ModelContract = PASS) -> Path:
     return folder / "pass.onnx"
 
 
-def shiny(roughness: float, f0: float = 1.0, albedo: float = 0.0) -> Material:
+def has_specular(roughness: float, f0: float = 1.0, albedo: float = 0.0) -> Material:
     return Material(albedo=(albedo,) * 3, roughness=roughness, specular=(f0,) * 3)
 
 
@@ -72,7 +72,7 @@ def test_diffuse_light_is_the_irradiance(environment: Environment, normal: tuple
     sky = sky_light(environment, 64)
     few, all_cells = (np.maximum(n @ d.T, 0) @ power / math.pi
                       for d, power in ((sky.direction, sky.power), (sky.cell, sky.cell_power)))
-    found = middle(draw(scene, SIZE, ("direct",), model=COARSE)["direct"])
+    found = middle(draw(scene, SIZE, ("direct",), model=UNSHADOWED)["direct"])
     np.testing.assert_allclose(found, 0.5 * few, rtol=2e-3)
     np.testing.assert_allclose(found, 0.5 * all_cells, rtol=0.1)
 
@@ -83,8 +83,8 @@ def test_specular_light_is_near_the_lobes_integral(roughness: float, tilt: float
     """Under an even sky, with F0 = 1, it is what single scattering leaves: quadrature over the hemisphere."""
     angle = math.radians(tilt)
     eye = (0.0, 3 * math.cos(angle), 3 * math.sin(angle) + 0.01)
-    scene = under(WHITE, floor(4.0, material=shiny(roughness)), camera=Camera(eye, (0, 0, 0), fov_y_deg=10.0))
-    found = middle(draw(scene, SIZE, ("specular",), model=COARSE)["specular"])
+    scene = under(WHITE, floor(4.0, material=has_specular(roughness)), camera=Camera(eye, (0, 0, 0), fov_y_deg=10.0))
+    found = middle(draw(scene, SIZE, ("specular",), model=UNSHADOWED)["specular"])
     np.testing.assert_allclose(found, 0.7 * reflected(roughness**2, math.cos(angle)), rtol=0.15)
 
 
@@ -104,8 +104,8 @@ def test_a_metal_reflects_f0_and_more_at_the_rim() -> None:
     def at(f0: float, tilt: float) -> float:
         angle = math.radians(tilt)
         eye = (0.0, 3 * math.cos(angle), 3 * math.sin(angle) + 0.01)
-        scene = under(WHITE, floor(4.0, material=shiny(0.2, f0)), camera=Camera(eye, (0, 0, 0), fov_y_deg=5.0))
-        return float(middle(draw(scene, SIZE, ("specular",), model=COARSE)["specular"])[0])
+        scene = under(WHITE, floor(4.0, material=has_specular(0.2, f0)), camera=Camera(eye, (0, 0, 0), fov_y_deg=5.0))
+        return float(middle(draw(scene, SIZE, ("specular",), model=UNSHADOWED)["specular"])[0])
 
     assert at(0.3, 0.0) / at(1.0, 0.0) == pytest.approx(0.3, rel=0.01)
     assert at(0.04, 80.0) / at(1.0, 80.0) == pytest.approx(0.04 + (0.8 - 0.04) * (1 - math.cos(math.radians(80)))**5,
@@ -119,7 +119,7 @@ def test_it_turns_with_the_map_and_scales_with_it() -> None:
     ahead = quad((-1, -1, 0), (0, 2, 0), (2, 0, 0))
     left = quad((0, -1, 1), (0, 2, 0), (0, 0, -2))
     seen = [middle(draw(under(Environment(factor * radiance, turn), wall, camera=camera), SIZE, ("direct",),
-                        model=COARSE)["direct"])
+                        model=UNSHADOWED)["direct"])
             for wall, camera, turn, factor in ((ahead, Camera((0, 0, -3), (0, 0, 0), fov_y_deg=20.0), 0.0, 1.0),
                                                (left, Camera((-3, 0, 0), (0, 0, 0), fov_y_deg=20.0), 90.0, 3.0))]
     assert seen[0].min() > 0.05
@@ -128,9 +128,9 @@ def test_it_turns_with_the_map_and_scales_with_it() -> None:
 
 def test_it_is_added_to_the_light_of_lamps() -> None:
     lamp = PointLight((0.5, 1.0, 0.0), (1.0, 0.8, 0.6))
-    parts = floor(2.0, material=shiny(0.4, 0.5, 0.3)), box((-0.3, 0, -0.3), (0.6,) * 3)
+    parts = floor(2.0, material=has_specular(0.4, 0.5, 0.3)), box((-0.3, 0, -0.3), (0.6,) * 3)
     dark = make_scene(parts, camera=ABOVE)
-    pictures = {key: draw(scene, SIZE, ("final",), model=COARSE)["final"] for key, scene in {
+    pictures = {key: draw(scene, SIZE, ("final",), model=UNSHADOWED)["final"] for key, scene in {
         "both": replace(dark, lights=(lamp,), environment=DUSK), "lamp": replace(dark, lights=(lamp,)),
         "sky": replace(dark, environment=DUSK)}.items()}
     np.testing.assert_allclose(pictures["both"], pictures["lamp"] + pictures["sky"], rtol=5e-3, atol=2e-3)
@@ -140,18 +140,18 @@ def test_a_network_shades_and_another_adds_the_bounces(tmp_path: Path, small_emb
     """Half the coarse shading straight, and ember takes the sky as direct light then: it adds bounces alone."""
     network = write_pass(tmp_path)
     scene = under(DUSK, floor(2.0), quad((-1, 0, -1), (2, 0, 0), (0, 2, 0)), quad((-1, 0, 1), (0, 0, -2), (0, 2, 0)),
-                  box((-0.3, 0, -0.3), (0.6,) * 3, shiny(0.5, albedo=0.4)))
-    coarse, less = (draw(scene, SIZE, ("direct", "specular"), model=model) for model in (COARSE, network))
+                  box((-0.3, 0, -0.3), (0.6,) * 3, has_specular(0.5, albedo=0.4)))
+    coarse, less = (draw(scene, SIZE, ("direct", "specular"), model=model) for model in (UNSHADOWED, network))
     for name, image in less.items():
         np.testing.assert_allclose(image, 0.5 * coarse[name], rtol=3e-3, atol=1e-3)
     alone, beside = (draw(scene, SIZE, ("direct", "indirect"), model=models)
                      for models in (small_ember, (network, small_ember)))
     assert not alone["direct"].any()
     np.testing.assert_array_equal(beside["direct"], less["direct"])
-    truth = traced(scene, 256)  # without lamps, what came straight counts as bounced once
-    seen = truth["albedo"].max(axis=-1) > 0
-    straight = truth["indirect_single"][seen].mean()
-    bounced = truth["indirect"][seen].mean() - straight
+    reference = traced(scene, 256)  # without lamps, what came straight counts as bounced once
+    seen = reference["albedo"].max(axis=-1) > 0
+    straight = reference["indirect_single"][seen].mean()
+    bounced = reference["indirect"][seen].mean() - straight
     assert alone["indirect"][seen].mean() == pytest.approx(straight + bounced, rel=0.06)
     assert bounced > 0.05 * straight
     assert beside["indirect"][seen].mean() == pytest.approx(bounced, rel=0.2)
@@ -160,16 +160,16 @@ def test_a_network_shades_and_another_adds_the_bounces(tmp_path: Path, small_emb
 def test_passes_run_only_where_they_are_needed(tmp_path: Path) -> None:
     network = write_pass(tmp_path)
     plain, polished, dark = (under(e, floor(1.0, material=m)) for e, m in (
-        (DUSK, shiny(1.0, 0.0, 0.5)), (DUSK, shiny(0.5)), (None, shiny(0.5))))
-    assert not {"coarse", "environment_network"} & names(plain)
-    assert {"coarse", "upsample_diffuse"} <= names(plain, COARSE) and "upsample_specular" not in names(plain, COARSE)
-    assert {"environment_network", "environment_vector", "upsample_specular"} <= names(polished, network)
-    assert not {"coarse", "environment_network", "environment_pick", "upsample_diffuse"} & names(dark, network)
+        (DUSK, has_specular(1.0, 0.0, 0.5)), (DUSK, has_specular(0.5)), (None, has_specular(0.5))))
+    assert not {"unshadowed_environment", "environment_network"} & names(plain)
+    assert {"unshadowed_environment", "upsample_diffuse"} <= names(plain, UNSHADOWED) and "upsample_specular" not in names(plain, UNSHADOWED)
+    assert {"environment_network", "environment_pack_globals", "upsample_specular"} <= names(polished, network)
+    assert not {"unshadowed_environment", "environment_network", "environment_lowres_gbuffer", "upsample_diffuse"} & names(dark, network)
 
 
 def test_two_models_for_the_same_are_refused(tmp_path: Path) -> None:
     scene = under(DUSK)
-    for models in ((COARSE, write_pass(tmp_path)), ("ssgi", "ssgi")):
+    for models in ((UNSHADOWED, write_pass(tmp_path)), ("ssgi", "ssgi")):
         with pytest.raises(SettingsError, match="two models"):
             Renderer(scene, Settings(SIZE), models)  # type: ignore[arg-type]
 
@@ -179,7 +179,7 @@ def test_two_models_for_the_same_are_refused(tmp_path: Path) -> None:
     ({"outputs": {"y": {"channels": [DIFFUSE]}}}, "expected both of"),
     ({"inputs": {"x": {"channels": ["albedo.rgb"], "grid": "cube", "size": 8}}, "cube_axes": "world"},
      "screen or vector"),
-    ({"inputs": {"x": {"channels": ["bounces"], "grid": "vector"}}}, "and no bounces"),
+    ({"inputs": {"x": {"channels": ["bounces"], "grid": "globals"}}}, "and no bounces"),
     ({"outputs": {"y": {"channels": [DIFFUSE, "indirect.rgb"]}}}, "indirect light, or what shades"),
     ({"inputs": {"x": {"channels": ["direct.rgb"]}}}, "lights itself"),
     ({"outputs": {"y": {"channels": ["indirect.rgb"]}}}, "read by one that shades"),

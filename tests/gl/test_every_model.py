@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.contract import COARSE, HALF, SSGI, Model, bundled_models, read_contract
 from app.load import load_scene
-from app.models import shades_environment
+from app.network.contract import HALF, SSGI, UNSHADOWED, Model, bundled_models, read_contract
+from app.network.selection import shades_environment
 from app.scene import Environment, Scene
 from tests.coarse_shadows import coarse_shadow_maps
 from tests.gl.scenes import Images, draw
@@ -23,12 +23,12 @@ pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
 SIZE = (96, 72)
 NETWORKS = bundled_models()
-SHADING: dict[str, Model] = {COARSE: COARSE} | {n: m for n, m in NETWORKS.items() if shades_environment(m)}
+SHADING: dict[str, Model] = {UNSHADOWED: UNSHADOWED} | {n: m for n, m in NETWORKS.items() if shades_environment(m)}
 INDIRECT: dict[str, Model] = {SSGI: SSGI} | {n: m for n, m in NETWORKS.items() if n not in SHADING}
 SKY = Environment(np.linspace([0.3, 0.5, 1.0], [0.4, 0.35, 0.3], 16, dtype=np.float32)[:, None])
-LEAST_LIGHT = 0.005    # mean of a picture that is not black
-LEAST_GAIN = 1.01      # of the picture's mean by any light that is added; objects in the open get little
-LEAST_CHANGE = 0.01    # of the mean indirect light, by which two models differ on the mean
+MIN_LIGHT = 0.005    # mean of a picture that is not black
+MIN_GAIN = 1.01      # of the picture's mean by any light that is added; objects in the open get little
+MIN_CHANGE = 0.01    # of the mean indirect light, by which two models differ on the mean
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ def drawn(scene: Scene, models: Sequence[Model]) -> Images:
         images = draw(scene, SIZE, ("final", "direct", "indirect"), model=models)  # type: ignore[arg-type]
     for name, image in images.items():
         assert np.isfinite(image).all() and image.min() >= 0, (models, name)
-    assert images["final"].mean() > LEAST_LIGHT, models
+    assert images["final"].mean() > MIN_LIGHT, models
     return images
 
 
@@ -63,14 +63,14 @@ def single(models: dict[str, Model]) -> dict[str, Model]:
 def all_differ(found: dict[str, Images]) -> None:
     for (a, first), (b, second) in combinations(found.items(), 2):
         change = np.abs(first["indirect"] - second["indirect"]).mean()
-        assert change > LEAST_CHANGE * max(first["indirect"].mean(), second["indirect"].mean()), (a, b)
+        assert change > MIN_CHANGE * max(first["indirect"].mean(), second["indirect"].mean()), (a, b)
 
 
 def test_each_model_gives_a_scene_indirect_light_of_its_own(stage: Stage) -> None:
     assert not stage.bare["indirect"].any()
     found = {name: drawn(stage.scene, (model,)) for name, model in single(INDIRECT).items()}
     for name, images in found.items():
-        assert images["final"].mean() > LEAST_GAIN * stage.bare["final"].mean(), name
+        assert images["final"].mean() > MIN_GAIN * stage.bare["final"].mean(), name
         np.testing.assert_array_equal(images["direct"], stage.bare["direct"])
     all_differ(found)
 
@@ -82,7 +82,7 @@ def test_two_models_share_a_scene_with_an_environment(stage: Stage, small_ember:
     found = {name: drawn(scene, (small_ember if name == "ember" else model, next(shading)))
              for name, model in single(INDIRECT).items()}
     for name, images in found.items():
-        assert images["direct"].mean() > LEAST_GAIN * stage.bare["direct"].mean(), name
+        assert images["direct"].mean() > MIN_GAIN * stage.bare["direct"].mean(), name
     all_differ(found)
 
 

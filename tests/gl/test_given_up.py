@@ -10,8 +10,8 @@ from time import sleep
 import numpy as np
 import pytest
 
-from app.contract import Model
 from app.load import embedded_scene
+from app.network.contract import Model
 from app.renderer import Renderer
 from app.scene import Camera, Motion, PointLight
 from app.settings import Settings

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.contract import find_model
 from app.math3d import CUBE_FACES
+from app.network.contract import find_model
 from app.renderer import Renderer
 from app.scene import Camera, Material, PointLight, Scene
 from app.settings import Settings
@@ -41,13 +41,13 @@ def test_gather_agrees_with_parallel_squares(eye: Point, target: Point, fov: flo
     at = images["position"][on].astype(np.float64)
     corners = np.array([(*corner, SIDE), (corner[0] + SIDE, corner[1], SIDE),
                         (corner[0] + SIDE, corner[1] + SIDE, SIDE), (corner[0], corner[1] + SIDE, SIDE)])
-    truth = polygon_irradiance(at, (0, 0, 1), corners) / np.pi
+    reference = polygon_irradiance(at, (0, 0, 1), corners) / np.pi
     found = images["indirect"][on][:, 1]
-    error = np.abs(found / truth - 1)
-    print(f"SQUARES mean {found.mean() / truth.mean() - 1:+.2%}, p90 {np.percentile(error, 90):.2%}, "
+    error = np.abs(found / reference - 1)
+    print(f"SQUARES mean {found.mean() / reference.mean() - 1:+.2%}, p90 {np.percentile(error, 90):.2%}, "
           f"max {error.max():.2%}")
     assert on.mean() > 0.3
-    assert found.mean() == pytest.approx(truth.mean(), rel=0.05)
+    assert found.mean() == pytest.approx(reference.mean(), rel=0.05)
     assert np.percentile(error, 90) < 0.05
 
 
@@ -56,13 +56,13 @@ def test_gather_agrees_with_parallel_squares(eye: Point, target: Point, fov: flo
 def test_a_glowing_closed_box_is_uniform(eye: Point, target: Point, rho: float) -> None:
     """Every surface emits 1 and reflects ρ: the radiance is 1 / (1 − ρ) everywhere, whatever the shape."""
     walls = box((0, 0, 0), (40, 30, 40), Material(albedo=(rho,) * 3, emission=(1.0,) * 3))
-    for name, truth in (("gather", 1.0), ("radiosity", 1 / (1 - rho))):
+    for name, reference in (("gather", 1.0), ("radiosity", 1 / (1 - rho))):
         found = draw(make_scene([walls]), SIZE, ("indirect",), Camera(eye, target, fov_y_deg=60),
                      find_model(name))["indirect"]
-        print(f"BOX {name} {rho}: mean {found.mean() / truth - 1:+.2%}, "
-              f"max {found.max() / truth - 1:+.2%}, min {found.min() / truth - 1:+.2%}")
-        assert found.mean() == pytest.approx(truth, rel=0.10)
-        assert found.max() <= truth * 1.001  # half floats
+        print(f"BOX {name} {rho}: mean {found.mean() / reference - 1:+.2%}, "
+              f"max {found.max() / reference - 1:+.2%}, min {found.min() / reference - 1:+.2%}")
+        assert found.mean() == pytest.approx(reference, rel=0.10)
+        assert found.max() <= reference * 1.001  # half floats
 
 
 @pytest.mark.parametrize("rho", [0.3, 0.8])
@@ -72,8 +72,8 @@ def test_a_lamp_in_a_closed_box_keeps_its_energy(rho: float, lamp: Point, eye: P
     scene = make_scene([box((0, 0, 0), (40, 40, 40), Material(albedo=(rho,) * 3))],
                        [PointLight(lamp, (100.0, 100.0, 100.0))])
     mean = 4 * np.pi * 100 / (6 * 40**2) / np.pi
-    for name, truth in (("gather", mean * rho), ("radiosity", mean * rho / (1 - rho))):
-        share = mean_over_walls(scene, eye, find_model(name)) / truth
+    for name, reference in (("gather", mean * rho), ("radiosity", mean * rho / (1 - rho))):
+        share = mean_over_walls(scene, eye, find_model(name)) / reference
         print(f"LAMP {name} {rho}: {share - 1:+.2%}")
         assert share == pytest.approx(1, rel=0.10)
         assert share <= 1.01  # quadrature; energy itself is bounded

@@ -1,4 +1,4 @@
-"""Six views as one picture: what the renderer packs is what ``export.panorama`` merges, and neighbours fit."""
+"""Six views as one picture: what the renderer packs is what ``export.models.panorama`` merges, and neighbours fit."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ import pytest
 pytest.importorskip("onnx")
 from onnx import TensorProto, helper, save
 
-from app.contract import KEY, ModelContract, TensorSpec
 from app.environment import radiance_along
 from app.gl.lights import radiance_scale
 from app.golden import scenes
-from app.infer import feed
 from app.math3d import View, cube_rotations
+from app.network.contract import KEY, ModelContract, TensorSpec
+from app.network.session import feed
 from app.renderer import Renderer
 from app.scene import PointLight
 from app.settings import Settings
-from export.panorama import directions, merged
+from export.models.panorama import directions, merged
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
 FACE = 32
 CHANNELS = ("direct.rgb", "albedo.rgb", "normal.view.xyz", "position.view.xyz", "depth", "emission.rgb", "roughness",
-            "lumination.rgb")
+            "surface_and_sky_radiance.rgb")
 
 
 def network(path: Path, axes: str) -> Path:
@@ -89,7 +89,7 @@ def test_lumination_shows_the_environment_all_around(axes: str, tmp_path: Path) 
     with Renderer(scene, Settings((64, 48), ("indirect",), taa=False, provider="cpu"),
                   network(tmp_path / "around.onnx", axes)) as renderer:
         renderer.render(camera)
-        assert "surround_background" in {p.name for p in renderer.plan.passes}
+        assert "cube_background" in {p.name for p in renderer.plan.passes}
         cube, scale = renderer.resource("tensor_cube"), radiance_scale(scene)
     at = (2 * np.arange(FACE) + 1) / FACE - 1
     x, y = np.meshgrid(at, -at)
@@ -109,14 +109,14 @@ def test_lumination_shows_the_environment_all_around(axes: str, tmp_path: Path) 
 def test_what_a_network_is_given_keeps_the_sky_of_lumination_alone() -> None:
     """Which counts in the mean, too: an environment may be all light that there is. Other radiance is masked there."""
     contract = ModelContract(
-        name="x", inputs={"x": TensorSpec(("direct.rgb", "lumination.rgb", "depth"))},
+        name="x", inputs={"x": TensorSpec(("direct.rgb", "surface_and_sky_radiance.rgb", "depth"))},
         outputs={"y": TensorSpec(("indirect.rgb",))}, scale=1.0, exposure="mean-radiance", bounces="multi",
         scene_extent=40.0)
     given = np.full((7, 4, 4), 2.0, np.float32)
     given[6, :2] = 0.0
     given[3:6, :2] = 10.0
     out = {"x": np.empty_like(given)}
-    mean = (24 * 2.0 + 24 * 2.0 + 24 * 10.0) / 72  # direct light on surfaces, lumination there and in the sky
+    mean = (24 * 2.0 + 24 * 2.0 + 24 * 10.0) / 72  # direct light on surfaces, surface_and_sky_radiance there and in the sky
     assert feed(contract, {"x": given}, out) == pytest.approx(mean)
     assert not out["x"][:3, :2].any()
     np.testing.assert_allclose(out["x"][3:6, :2], 10 / mean)

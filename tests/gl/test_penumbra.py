@@ -30,10 +30,10 @@ def profile(light: Light, blocker: float, extent: float, seed: int = 0) -> tuple
     return share.mean(axis=0), at[SIZE[1] // 2]
 
 
-def check(found: F64, truth: F64, x: F64) -> None:
+def check(found: F64, reference: F64, x: F64) -> None:
     """Width within 15 %, in the right place, and no step."""
-    got, want = exact.width(x, found), exact.width(x, truth)
-    error = np.abs(found - truth)
+    got, want = exact.width(x, found), exact.width(x, reference)
+    error = np.abs(found - reference)
     print(f"PENUMBRA width {got:.4f} of {want:.4f} ({got / want - 1:+.1%}), "
           f"largest error {error.max():.3f}, mean {error.mean():.4f}")
     assert got == pytest.approx(want, rel=0.15)
@@ -51,9 +51,9 @@ def test_sphere(radius: float, share: float) -> None:
 
 def test_the_quadrature_is_the_disc_profile() -> None:
     x = np.linspace(-0.1, 0.1, 201)
-    truth = exact.disc_behind_edge(np.stack([x, 0 * x, 0 * x], -1), np.array([0, 2.0, 0]), 0.1, 0.0, 1.0)
+    reference = exact.disc_behind_edge(np.stack([x, 0 * x, 0 * x], -1), np.array([0, 2.0, 0]), 0.1, 0.0, 1.0)
     s = np.clip(x / 0.1, -1, 1)
-    np.testing.assert_allclose(truth, 0.5 + (s * np.sqrt(1 - s * s) + np.arcsin(s)) / np.pi, atol=0.01)
+    np.testing.assert_allclose(reference, 0.5 + (s * np.sqrt(1 - s * s) + np.arcsin(s)) / np.pi, atol=0.01)
 
 
 @pytest.mark.parametrize("share", [0.3, 0.5, 0.8])

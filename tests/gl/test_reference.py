@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation, gaussian_filter, maximum_filter, minimum_filter
 
-from app.image import read_exr
-from app.metrics import psnr
+from app.evaluation.metrics import psnr
+from app.io.image import read_exr
 from app.scene import (
     Camera,
     DirectionalLight,
@@ -30,7 +30,8 @@ from tests.gl.scenes import F32, GREY, Images, Part, box, draw, floor, make_scen
 if importlib.util.find_spec("mitsuba") is None:
     pytest.skip("Mitsuba, of the extra 'export', is not installed", allow_module_level=True)
 
-from export.reference import Still, plain, reference, write_reference
+from export.reference.still import Still
+from export.reference.trace import plain, trace_reference, write_reference
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "path_tracer")]
 
@@ -71,8 +72,9 @@ def soft_stage(*lights: Light) -> Scene:
 
 
 def trace(scene: Scene, spp: int, bounces: int = 0, size: tuple[int, int] = SIZE) -> Images:
-    from export.path_tracer import PathTracer
-    from export.reference import Still, mean_samples
+    from export.reference.path_tracer import PathTracer
+    from export.reference.still import Still
+    from export.reference.trace import mean_samples
 
     return mean_samples(PathTracer(scene, max_bounces=bounces), Still(scene, scene.cameras["main"].at(0.0), size), spp)
 
@@ -112,10 +114,10 @@ def test_both_see_the_same_surfaces(traced: Images) -> None:
 @pytest.mark.parametrize("kind", HARD)
 def test_hard_light_away_from_shadow_edges(kind: str) -> None:
     scene = stage(HARD[kind])
-    drawn, truth = draw(scene, SIZE, OUTPUTS), trace(scene, 4)
-    share = truth["direct"][..., 1] / np.maximum(free_light(scene), 1e-6)
+    drawn, reference = draw(scene, SIZE, OUTPUTS), trace(scene, 4)
+    share = reference["direct"][..., 1] / np.maximum(free_light(scene), 1e-6)
     away = ~edges(share, 2)
-    found = psnr(drawn["direct"], truth["direct"], away)
+    found = psnr(drawn["direct"], reference["direct"], away)
     print(f"HARD {kind}: {found:.1f} dB over {away.mean():.0%} of the picture")
     assert away.mean() > 0.7
     assert found >= 40
@@ -128,11 +130,11 @@ def test_soft_shadows(kind: str) -> None:
     soft, hard = (soft_stage(light) for light in SOFT[kind])
     free = free_light(soft, SOFT_SIZE)
     spp = 768 if kind == "rectangle" else 192  # Mitsuba picks points on a rectangle by area, which is noisier
-    truth = trace(soft, spp, size=SOFT_SIZE)["direct"][..., 1] / np.maximum(free, 1e-6)
-    smooth = gaussian_filter(truth, 1.0)  # or noise alone would make penumbras
+    reference = trace(soft, spp, size=SOFT_SIZE)["direct"][..., 1] / np.maximum(free, 1e-6)
+    smooth = gaussian_filter(reference, 1.0)  # or noise alone would make penumbras
     penumbra = (free > 0.1 * free.max()) & (smooth > 0.05) & (smooth < 0.95)
     error, worst = (np.abs(draw(s, SOFT_SIZE, ("direct",))["direct"][..., 1]
-                           / np.maximum(free_light(s, SOFT_SIZE), 1e-6) - truth) for s in (soft, hard))
+                           / np.maximum(free_light(s, SOFT_SIZE), 1e-6) - reference) for s in (soft, hard))
     print(f"SOFT {kind}: penumbra {penumbra.mean():.1%} of the picture, mean error {error[penumbra].mean():.4f}, "
           f"with hard shadows {worst[penumbra].mean():.4f}")
     assert penumbra.mean() > 0.01
@@ -196,10 +198,10 @@ def colored(part: Part, rgba: tuple[float, float, float, float], material: Mater
 ], ids=["color", "hole", "card"])
 def test_vertex_colors_and_alpha(rgba: tuple[float, float, float, float], material: Material) -> None:
     scene = colored(quad((-0.5, 0.5, 0.5), (1, 0, 0), (0, 0, -1)), rgba, material)
-    drawn, truth = draw(scene, SIZE, OUTPUTS), trace(scene, 1)
-    same = np.abs(drawn["depth"] - truth["depth"])[..., 0] < 1e-3
+    drawn, reference = draw(scene, SIZE, OUTPUTS), trace(scene, 1)
+    same = np.abs(drawn["depth"] - reference["depth"])[..., 0] < 1e-3
     assert same.mean() > 0.99
-    np.testing.assert_allclose(drawn["albedo"][same], truth["albedo"][same], atol=2e-3)
+    np.testing.assert_allclose(drawn["albedo"][same], reference["albedo"][same], atol=2e-3)
 
 
 @pytest.fixture(scope="module")
@@ -212,7 +214,7 @@ def corner() -> Still:
 
 
 def test_the_noise_that_is_stated_is_the_noise(corner: Still) -> None:
-    runs = [reference(corner, 20, seed) for seed in range(6)]
+    runs = [trace_reference(corner, 20, seed) for seed in range(6)]
     for name in ("final", "direct", "indirect"):
         layers = np.stack([run.layers[name] for run in runs]).astype(np.float64)
         noise = np.sqrt(layers.var(axis=0, ddof=1).mean()) / layers.mean()
@@ -220,19 +222,19 @@ def test_the_noise_that_is_stated_is_the_noise(corner: Still) -> None:
         assert stated == pytest.approx(noise, rel=0.15), name
 
 
-def test_a_denoised_reference_is_nearer_to_the_truth(corner: Still) -> None:
+def test_a_denoised_reference_is_nearer_to_the_reference(corner: Still) -> None:
     large = replace(corner, size=SIZE)
-    truth, raw, denoised = reference(large, 512, 1), reference(large, 16), reference(large, 16, denoised=True)
+    reference, raw, denoised = trace_reference(large, 512, 1), trace_reference(large, 16), trace_reference(large, 16, denoised=True)
     for name in ("final", "indirect"):
-        before, after = (np.sqrt(((found.layers[name] - truth.layers[name]) ** 2).mean()) for found in (raw, denoised))
+        before, after = (np.sqrt(((found.layers[name] - reference.layers[name]) ** 2).mean()) for found in (raw, denoised))
         assert after < 0.6 * before, name
-        assert denoised.layers[name].mean() == pytest.approx(truth.layers[name].mean(), rel=0.03), name
+        assert denoised.layers[name].mean() == pytest.approx(reference.layers[name].mean(), rel=0.03), name
     assert np.array_equal(raw.layers["direct"], denoised.layers["direct"])
     assert denoised.noise == raw.noise  # that before denoising
 
 
 def test_denoising_spreads_no_light_into_the_sky() -> None:
-    from export.denoise import denoise
+    from app.evaluation.denoise import denoise
 
     light = np.random.default_rng(0).gamma(1.0, 1.0, (48, 64, 3)).astype(np.float32)
     normal = np.zeros_like(light)
@@ -255,10 +257,10 @@ def test_the_same_seed_gives_the_same_picture() -> None:
 
 def test_plain_pictures_keep_their_samples(corner: Still) -> None:
     """Noise falls with the square root of the count, whatever counts lie between."""
-    truth = reference(corner, 256).layers["final"]
+    reference = trace_reference(corner, 256).layers["final"]
     rms = {}
     for count, layers, seconds in plain(corner, [1, 4, 16]):
-        rms[count] = np.sqrt(((layers["final"] - truth) ** 2).mean())
+        rms[count] = np.sqrt(((layers["final"] - reference) ** 2).mean())
         assert seconds > 0
         assert {name: image.shape for name, image in layers.items()} == dict.fromkeys(
             ("final", "albedo", "normal"), (24, 32, 3))
@@ -268,18 +270,19 @@ def test_plain_pictures_keep_their_samples(corner: Still) -> None:
 
 def test_what_a_reference_writes(corner: Still, tmp_path: Path) -> None:
     found = write_reference(tmp_path, corner, 1, 0, 4, {"scene": "corner"}, lambda share: None)
-    about = json.loads((tmp_path / "truth.json").read_text())
+    about = json.loads((tmp_path / "reference.json").read_text())
     assert about["spp"] == 1 and about["size"] == [32, 24] and about["scene"] == "corner"
     assert about["noise"]["final"] is None  # one batch tells nothing
-    layers = read_exr(tmp_path / "truth.exr")
+    layers = read_exr(tmp_path / "reference.exr")
     np.testing.assert_allclose(layers[""], found.layers["final"], rtol=2e-3, atol=1e-4)
     assert {"direct", "indirect", "indirect_single", "albedo", "normal", "depth"} <= set(layers)
     np.testing.assert_allclose(read_exr(tmp_path / "aovs.exr")["depth"], layers["depth"], rtol=1e-2)
 
 
 def test_moving_things_are_traced_where_they_are() -> None:
-    from export.path_tracer import PathTracer
-    from export.reference import Still, mean_samples
+    from export.reference.path_tracer import PathTracer
+    from export.reference.still import Still
+    from export.reference.trace import mean_samples
     from tests.gl.scenes import slide
 
     block = replace(box((-0.2, 0.0, -0.2), (0.4, 0.4, 0.4), GREY), motion=slide([0, 1], [(-0.5, 0, 0), (0.5, 0, 0)]))

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import maximum_filter
 
+from app.evaluation.metrics import psnr
 from app.load import load_scene
-from app.metrics import psnr
 from app.scene import RectLight, Scene
 from tests.gl.scenes import F32, Images, draw, without_shadows
 from tests.gl.test_scenes import NAMES
@@ -25,13 +25,14 @@ SIZE = (256, 192)
 SPREAD = 5          # rays a side through each texel, the middle one through its centre
 DARKEST = 0.01      # albedo below which demodulated light says nothing
 LEAST = 40          # dB
-MOST_EDGES = 0.4    # share of the surfaces
+MAX_EDGES = 0.4    # share of the surfaces
 
 
 def traced(scene: Scene) -> Images:
     """Through the centres of finer texels; every ``SPREAD``-th is the centre of one of the picture's."""
-    from export.path_tracer import PathTracer
-    from export.reference import Still, mean_samples
+    from export.reference.path_tracer import PathTracer
+    from export.reference.still import Still
+    from export.reference.trace import mean_samples
 
     camera = scene.cameras[scene.default_camera].at(0.0)
     return mean_samples(PathTracer(scene, max_bounces=0), Still(scene, camera, (SIZE[0] * SPREAD, SIZE[1] * SPREAD)), 1)
@@ -64,20 +65,20 @@ def test_real_scene(name: str, scenes: Path) -> None:
     for lighting in entry["lightings"] or [None]:
         scene = load_scene(scenes / entry["file"], lighting=lighting)
         drawn, fine = draw(scene, SIZE, ("direct", "albedo", "normal", "depth")), traced(scene)
-        truth = centres(fine)
-        seen = (drawn["depth"][..., 0] > 0) | (truth["depth"][..., 0] > 0)
-        near = np.abs(drawn["depth"] - truth["depth"])[..., 0] <= 1e-3 * truth["depth"][..., 0]
-        turned = near & seen & ((drawn["normal"] * truth["normal"]).sum(-1) < np.cos(np.radians(2)))
+        reference = centres(fine)
+        seen = (drawn["depth"][..., 0] > 0) | (reference["depth"][..., 0] > 0)
+        near = np.abs(drawn["depth"] - reference["depth"])[..., 0] <= 1e-3 * reference["depth"][..., 0]
+        turned = near & seen & ((drawn["normal"] * reference["normal"]).sum(-1) < np.cos(np.radians(2)))
         print(f"AGREE {name} {lighting}: depth differs in {(seen & ~near).mean():.3%}, normals in {turned.mean():.3%}")
         assert (seen & ~near).mean() < 0.01  # silhouettes, and texels that a mask's threshold parts otherwise
         assert turned.mean() < 0.01
         if not hard(scene):
             continue
-        inside = seen & near & ~turned & (np.minimum(drawn["albedo"], truth["albedo"]).min(-1) > DARKEST)
-        a, b = demodulated(drawn, inside), demodulated(truth, inside)
+        inside = seen & near & ~turned & (np.minimum(drawn["albedo"], reference["albedo"]).min(-1) > DARKEST)
+        a, b = demodulated(drawn, inside), demodulated(reference, inside)
         edge = shadow_edges(fine["direct"][..., 1], traced(without_shadows(scene))["direct"][..., 1])
         found = psnr(a, b, inside & ~edge)
         left_out = (inside & edge).sum() / inside.sum()
         print(f"AGREE {name} {lighting}: {found:.1f} dB, {left_out:.0%} of the surfaces at edges of shadows")
         assert found >= LEAST
-        assert left_out < MOST_EDGES
+        assert left_out < MAX_EDGES

@@ -136,8 +136,8 @@ def test_a_shadow_crosses_a_seam_unchanged(radius: float) -> None:
     share, at = visibility(make_scene([floor(6.0), half_plane], [PointLight(tuple(light), (1.0,) * 3, radius)]),
                            SIZE, camera)
     turned = at[..., [2, 1, 0]]  # the edge runs along x
-    truth = exact.disc_behind_edge(turned, light, max(radius, 1e-3), 0.0, 1.0, 24)
-    error = np.abs(share - truth).mean(axis=1)
+    reference = exact.disc_behind_edge(turned, light, max(radius, 1e-3), 0.0, 1.0, 24)
+    error = np.abs(share - reference).mean(axis=1)
     seam = np.abs(at[..., 0] - 2.0).mean(axis=1) < 0.05
     print(f"SEAM {radius}: mean error {error[seam].mean():.4f} at the seam, {error[~seam].mean():.4f} elsewhere")
     assert error[seam].mean() < 1.5 * error[~seam].mean() + 0.002
@@ -175,7 +175,7 @@ def test_emitters_that_are_lights_cast_no_shadow() -> None:
         parts: list[Part] = [floor(1.0), quad(**below, material=material)]
         return visibility(make_scene(parts, [lamp]), SIZE, Camera((0.0, 1.5, 0.0), (0, 0, 0), (0, 0, -1.0)))[0].min()
 
-    assert darkest(Material(emission=(1.0,) * 3, analytic=True)) > 0.99
+    assert darkest(Material(emission=(1.0,) * 3, is_light_proxy=True)) > 0.99
     assert darkest(GREY) < 0.1
 
 

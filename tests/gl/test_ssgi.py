@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from app.contract import SSGI, Model, find_model
+from app.network.contract import SSGI, Model, find_model
 from app.renderer import Renderer
 from app.scene import Camera, Material, PointLight, Scene
 from app.settings import Settings
@@ -50,12 +50,12 @@ def test_a_floor_sees_a_wall_by_its_form_factor(eye: Point, target: Point, mean:
     images = draw(corner(), SIZE, ("indirect", "position", "depth"), Camera(eye, target, fov_y_deg=40), SSGI)
     at = images["position"]
     on = (images["depth"][..., 0] > 0) & (np.abs(at[..., 1]) < 1e-3) & (at[..., 0] > 0.05)
-    truth = polygon_irradiance(at[on].astype(np.float64), (0, 1, 0), WALL) / np.pi
+    reference = polygon_irradiance(at[on].astype(np.float64), (0, 1, 0), WALL) / np.pi
     found = images["indirect"][on]
-    error = np.abs(found[:, 0] / truth - 1)
-    print(f"WALL mean {found[:, 0].mean() / truth.mean() - 1:+.2%}, p90 {np.percentile(error, 90):.2%}")
+    error = np.abs(found[:, 0] / reference - 1)
+    print(f"WALL mean {found[:, 0].mean() / reference.mean() - 1:+.2%}, p90 {np.percentile(error, 90):.2%}")
     assert on.mean() > 0.05
-    assert found[:, 0].mean() == pytest.approx(truth.mean(), rel=mean)
+    assert found[:, 0].mean() == pytest.approx(reference.mean(), rel=mean)
     assert np.percentile(error, 90) < p90
     np.testing.assert_allclose(found.mean(axis=0), found[:, 0].mean() * np.array([1, 0.5, 0.25]), rtol=1e-3)
 
@@ -68,10 +68,10 @@ def test_a_glowing_bowl_lights_itself_evenly(angle: float) -> None:
     camera = Camera((0, 4, 0), (0, -2, 0), (0, 0, -1), 55)
     images = draw(make_scene([Part(bowl, GLOW)]), SIZE, ("indirect", "depth"), camera, SSGI)
     found = images["indirect"][images["depth"][..., 0] > 0][:, 0]
-    truth = (1 - np.cos(np.radians(angle))) / 2
-    error = np.abs(found / truth - 1)
-    print(f"BOWL mean {found.mean() / truth - 1:+.2%}, p90 {np.percentile(error, 90):.2%}")
-    assert found.mean() == pytest.approx(truth, rel=0.02)
+    reference = (1 - np.cos(np.radians(angle))) / 2
+    error = np.abs(found / reference - 1)
+    print(f"BOWL mean {found.mean() / reference - 1:+.2%}, p90 {np.percentile(error, 90):.2%}")
+    assert found.mean() == pytest.approx(reference, rel=0.02)
     assert np.percentile(error, 90) < 0.05
 
 
@@ -89,13 +89,13 @@ def test_a_low_wall_hides_the_lower_part_of_a_glowing_one() -> None:
     for x, z in ((2.6, 2.0), (3.0, 2.0), (3.0, 1.0)):
         top = 0.8 * x / (x - 1.2)  # of what is hidden
         seen = np.array([(0, top, 0), (0, SIDE, 0), (0, SIDE, SIDE), (0, top, SIDE)])
-        truth = polygon_irradiance(np.array([(x, 0.0, z)]), (0, 1, 0), seen)[0] / np.pi
+        reference = polygon_irradiance(np.array([(x, 0.0, z)]), (0, 1, 0), seen)[0] / np.pi
         near = np.linalg.norm(images["position"] - (x, 0, z), axis=2) < 0.15
         found = images["indirect"][near][:, 0].mean()
-        print(f"HIDDEN at {x}, {z}: {found:.4f}, truth {truth:.4f}")
+        print(f"HIDDEN at {x}, {z}: {found:.4f}, reference {reference:.4f}")
         everything = polygon_irradiance(np.array([(x, 0.0, z)]), (0, 1, 0), WALL)[0] / np.pi
-        assert truth < 0.8 * everything
-        assert found == pytest.approx(truth, rel=0.15)
+        assert reference < 0.8 * everything
+        assert found == pytest.approx(reference, rel=0.15)
 
 
 def test_without_light_it_is_black() -> None:
@@ -111,7 +111,7 @@ def test_albedo_plays_no_part() -> None:
 
 def test_an_emitter_that_is_a_light_does_not_light_twice() -> None:
     scene = corner()
-    analytic = replace(scene, materials=tuple(replace(m, analytic=True) for m in scene.materials))
+    analytic = replace(scene, materials=tuple(replace(m, is_light_proxy=True) for m in scene.materials))
     assert indirect(scene).max() > 0.3
     assert indirect(analytic).max() == 0
 
@@ -167,9 +167,9 @@ def test_the_seed_turns_the_noise() -> None:
 def test_no_pass_of_a_network_runs() -> None:
     with Renderer(corner(), Settings((32, 24)), SSGI) as renderer:
         names = [p.name for p in renderer.plan.passes]
-        assert {"ssgi_pick", "ssgi", "ssgi_filter_near", "ssgi_filter_far", "accumulate", "upsample"} <= set(names)
-        assert not [n for n in names if n.startswith(("surround", "downsample", "network"))]
-        assert {"surround", "surround_direct", "downsample", "network"} <= set(renderer.plan.culled)
+        assert {"ssgi_radiance", "ssgi", "ssgi_filter_near", "ssgi_filter_far", "accumulate", "upsample"} <= set(names)
+        assert not [n for n in names if n.startswith(("cube_", "pack_screen", "network"))]
+        assert {"cube_gbuffer", "cube_direct", "pack_screen", "network"} <= set(renderer.plan.culled)
         assert renderer.device["provider"] == "none"
     for model in (None, find_model("gather")):
         with Renderer(corner(), Settings((32, 24), provider="cpu"), model) as renderer:

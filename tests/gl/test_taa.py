@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, binary_erosion
 from skimage.metrics import structural_similarity
 
-from app.contract import find_model
 from app.load import embedded_scene
+from app.network.contract import find_model
 from app.renderer import Renderer
 from app.scene import Camera, Material, PointLight, Scene
 from app.settings import Settings
@@ -57,7 +57,7 @@ def test_a_still_camera_converges(model: str, size: tuple[int, int]) -> None:
     largest = max(np.abs(b - a).max() for a, b in pairwise(frames))
     similar = structural_similarity(frames[0].astype(np.uint8), supersampled(model, size), channel_axis=2,
                                     gaussian_weights=True, sigma=1.5, use_sample_covariance=False, data_range=255)
-    print(f"STILL {model} {size}: change p99 {max(changes):.2f}, largest {largest} of 255; SSIM {similar:.4f}")
+    print(f"STATIC {model} {size}: change p99 {max(changes):.2f}, largest {largest} of 255; SSIM {similar:.4f}")
     assert max(changes) <= 1
     assert similar >= 0.98
 
@@ -85,11 +85,11 @@ def test_gathered_penumbras_lose_their_grain() -> None:
     """On the floor, against 16 samples a texel."""
     camera = SOFT.cameras["main"].at(0.0)
     w, h = SIZE
-    truth = draw(SOFT, (4 * w, 4 * h), camera=camera)["final"].reshape(h, 4, w, 4, 3).mean((1, 3))
+    reference = draw(SOFT, (4 * w, 4 * h), camera=camera)["final"].reshape(h, 4, w, 4, 3).mean((1, 3))
     with renderer(SOFT) as r:
         finals = [r.render(camera)["final"] for _ in range(17)]
     away = binary_erosion(draw(SOFT, SIZE, ("position",), camera)["position"][..., 1] < 0.01, iterations=3)
-    first, last = (np.sqrt(((f - truth)[away] ** 2).mean()) for f in (finals[0], finals[-1]))
+    first, last = (np.sqrt(((f - reference)[away] ** 2).mean()) for f in (finals[0], finals[-1]))
     print(f"GRAIN first frame {first:.4f}, after 17 {last:.4f}")
     assert last < 0.4 * first
 
@@ -121,13 +121,13 @@ def film(scene: Scene, model: str, cut: bool) -> list[Images]:
         "percentile in the second frame is about 7 %, and so is that of the render without history"))),
 ])
 def test_uncovered_texels_are_right_by_the_second_frame(casts: bool, model: str) -> None:
-    """Also no trail: what the box has left stays right. Where its shadow moves, there is no steady truth."""
+    """Also no trail: what the box has left stays right. Where its shadow moves, there is no steady reference."""
     scene = passing_box(casts)
     errors: dict[int, list[float]] = {1: [], 2: [], 3: [], 10: []}
     since = np.full(SIZE[::-1], 1000)  # frames since the box was there
     unsteady, before = since, np.zeros((*SIZE[::-1], 3))
-    for images, truth in zip(film(scene, model, cut=False), film(scene, model, cut=True), strict=True):
-        red, final = truth["albedo"][..., 0], truth["final"]
+    for images, reference in zip(film(scene, model, cut=False), film(scene, model, cut=True), strict=True):
+        red, final = reference["albedo"][..., 0], reference["final"]
         since = np.where(binary_dilation(red > 0.7, iterations=2), 0, since + 1)
         changed = np.abs(final - before).max(-1) > 0.02 * final.max(-1)
         unsteady = np.where(binary_dilation(changed, iterations=2), 0, unsteady + 1)

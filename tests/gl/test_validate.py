@@ -1,4 +1,4 @@
-"""Judging models on views: what is better gets better figures, and truths are traced once."""
+"""Judging models on views: what is better gets better figures, and references are traced once."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from typer.testing import CliRunner
 
 pytest.importorskip("mitsuba")
 
-from app.bench.judge import AMBIENT
 from app.errors import AfterglowError
+from app.evaluation.picture_errors import AMBIENT
 from app.load import embedded_scene
 from export.__main__ import cli
-from export.card_figures import with_figures
-from export.frame_times import frame_times
-from export.judge import ORACLE, by_scene, judge
-from export.reference import Still
-from export.validation import View
-from export.validation_table import to_markdown
+from export.reference.still import Still
+from export.validation.card_section import with_figures
+from export.validation.errors import ORACLE, by_scene, judge
+from export.validation.tables import to_markdown
+from export.validation.timing import frame_times
+from export.validation.views import View
 from tests.tiny_network import write_tiny_network
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
 
-def test_models_are_judged_against_truths_that_are_kept(tmp_path: Path) -> None:
+def test_models_are_judged_against_references_that_are_kept(tmp_path: Path) -> None:
     scene = embedded_scene()
     still = Still(scene, scene.cameras[scene.default_camera].at(0.0), (64, 48))
     views = [View("box-0", "box", still), View("box-1", "box", still)]

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from app.image import read_exr, read_png
+from app.io.image import read_exr, read_png
 
 ROOT = Path(__file__).parents[2]
 

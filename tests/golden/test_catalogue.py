@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 
 import app.gl.context
-from app.channels import CHANNELS
-from app.contract import read_contract
 from app.gl.shader import Program, compile_program, resolve
 from app.golden import SceneCase, Shot, catalogue
 from app.golden.catalogue import PROBE, PROBE_ENVIRONMENT
 from app.golden.copy_case import CopyCase
+from app.network.channels import CHANNELS
+from app.network.contract import read_contract
 from app.paths import shader_dir
 
 Line = tuple[str, int]

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.contract import bundled_models, find_model
 from app.errors import SceneError
 from app.golden import SceneCase, Shot, catalogue, check, update
 from app.golden.network_case import NetworkCase
 from app.golden.scenes import room
-from app.image import read_exr, write_exr
+from app.io.image import read_exr, write_exr
+from app.network.contract import bundled_models, find_model
 from tests.tiny_network import write_tiny_network
 
 pytestmark = pytest.mark.gl

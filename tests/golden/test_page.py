@@ -11,9 +11,9 @@ import pytest
 from PIL import Image
 
 from app.golden import Finding, Report, page
-from app.golden.judge import Distance
-from app.golden.shown import difference_map, picture
+from app.golden.comparison import Distance
 from app.golden.tolerance import Tolerance
+from app.golden.visualize import difference_map, picture
 
 LIMITS = Tolerance(0.01, 0.001, 0.01)
 GOLDEN = np.full((6, 8, 4), 0.25, np.float32)

@@ -12,10 +12,10 @@ import pytest
 from typer.testing import CliRunner
 
 from app.cli import cli
-from app.contract import KEY
 from app.errors import AfterglowError
 from app.golden import SceneCase, Shot, check, read_catalogue, update
 from app.golden.network_case import NetworkCase
+from app.network.contract import KEY
 from tests.tiny_network import TINY, write_tiny_network
 
 BOX = """v -1 0 -1

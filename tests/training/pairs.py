@@ -10,8 +10,8 @@ import numpy as np
 
 from app.load import embedded_scene
 from app.scene import Scene
-from export.inputs import picked
-from export.reference import Still
+from export.dataset.network_inputs import picked
+from export.reference.still import Still
 
 
 @dataclass(frozen=True)

@@ -12,18 +12,18 @@ torch = pytest.importorskip("torch")
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("lightning_fabric")
 
-from app.contract import read_contract  # noqa: E402
 from app.errors import ModelError  # noqa: E402
-from app.infer import Network  # noqa: E402
 from app.load import embedded_scene  # noqa: E402
+from app.network.contract import read_contract  # noqa: E402
+from app.network.session import Network  # noqa: E402
 from app.renderer import Renderer  # noqa: E402
 from app.settings import Settings  # noqa: E402
 from export.cli.linearity import linearity  # noqa: E402
-from export.linearity import additivity, exposure_error  # noqa: E402
 from export.models import make_network  # noqa: E402
-from export.to_onnx import TRAINED, cases, export_checkpoint, half_of, write_network  # noqa: E402
+from export.onnx.export import TRAINED, cases, export_checkpoint, half_of, write_network  # noqa: E402
+from export.onnx.linearity import additivity, exposure_error  # noqa: E402
+from export.training.checkpoint import load  # noqa: E402
 from export.training.loop import CHECKPOINT, Run  # noqa: E402
-from export.training.state import load  # noqa: E402
 from tests.training.test_training import config, examples  # noqa: E402
 
 ROOT = Path(__file__).parents[2]

@@ -8,19 +8,19 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from app.channels import PANORAMA, RAYS, SURFELS, VECTOR  # noqa: E402
-from app.contract import ModelContract, TensorSpec  # noqa: E402
 from app.environment import harmonics  # noqa: E402
 from app.gl.lights import radiance_scale  # noqa: E402
-from app.infer import Network  # noqa: E402
 from app.load import embedded_scene  # noqa: E402
+from app.network.channels import GLOBALS, PANORAMA, RAYS, SURFELS  # noqa: E402
+from app.network.contract import ModelContract, TensorSpec  # noqa: E402
+from app.network.session import Network  # noqa: E402
 from app.renderer import Renderer  # noqa: E402
 from app.scene import Camera, Environment, Instance, PointLight, Scene  # noqa: E402
 from app.settings import Settings  # noqa: E402
-from export.inputs import DEPTH_TOLERANCE, Drawer, Inputs, draw, picked, seen_before  # noqa: E402
-from export.losses.views import warp  # noqa: E402
-from export.reference import Still  # noqa: E402
+from export.dataset.network_inputs import DEPTH_TOLERANCE, Drawer, Inputs, draw, picked, seen_before  # noqa: E402
+from export.reference.still import Still  # noqa: E402
 from export.training.augment import mirrored, permuted  # noqa: E402
+from export.training.losses.loss_inputs import warp  # noqa: E402
 from tests.training.pairs import Pair  # noqa: E402
 
 pytestmark = pytest.mark.gl
@@ -44,7 +44,7 @@ def pair_of(scene: Scene, step: float = 0.0) -> Pair:
 
 def test_training_sees_what_inference_is_fed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The tensors that onnxruntime gets in the renderer are those that ``draw`` returns."""
-    from export.inputs import _black_network
+    from export.dataset.network_inputs import _black_network
 
     fed: list[np.ndarray] = []
     path = tmp_path / "black.onnx"
@@ -119,7 +119,7 @@ def test_a_moved_light_gives_another_previous_frame_and_no_motion() -> None:
 
 def test_inputs_of_a_network_that_keeps_geometry_are_drawn_like_others() -> None:
     pair = pair_of(embedded_scene(), 0.02)
-    expected, found = (draw(pair, c) for c in (contract(), replace(contract(), kept_from="x")))
+    expected, found = (draw(pair, c) for c in (contract(), replace(contract(), static_input="x")))
     np.testing.assert_array_equal(found.current.tensors["x"], expected.current.tensors["x"])
     np.testing.assert_array_equal(found.previous.tensors["x"], expected.previous.tensors["x"])
 
@@ -187,7 +187,7 @@ def test_harmonics_are_mirrored_and_take_other_colours() -> None:
     rng = np.random.default_rng(0)
     radiance = rng.random((8, 16, 3), np.float32)
     spec = replace(contract(), inputs={"x": TensorSpec(("normal.view.xyz",)),
-                                       "v": TensorSpec(("environment.sh",), VECTOR)})
+                                       "v": TensorSpec(("environment.sh",), GLOBALS)})
 
     def batch(image: np.ndarray) -> dict[str, torch.Tensor]:
         vector = torch.from_numpy(harmonics(Environment(image), np.eye(3)))[None]

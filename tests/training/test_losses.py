@@ -8,9 +8,9 @@ metrics = pytest.importorskip("skimage.metrics")
 ndimage = pytest.importorskip("scipy.ndimage")
 
 from app.errors import SettingsError  # noqa: E402
-from export.losses import Views, make_loss  # noqa: E402
-from export.losses.bcnn import BcnnLoss, laplacian, ssim_map  # noqa: E402
-from export.losses.views import tone, warp  # noqa: E402
+from export.training.losses import LossInputs, make_loss  # noqa: E402
+from export.training.losses.bcnn import BcnnLoss, laplacian, ssim_map  # noqa: E402
+from export.training.losses.loss_inputs import tone, warp  # noqa: E402
 
 H, W = 40, 48
 
@@ -26,9 +26,9 @@ def tensor(image: np.ndarray) -> torch.Tensor:
     return torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)))[None]
 
 
-def views(output: torch.Tensor, target: torch.Tensor, warped: torch.Tensor | None = None) -> Views:
+def views(output: torch.Tensor, target: torch.Tensor, warped: torch.Tensor | None = None) -> LossInputs:
     ones = torch.ones(1, 1, H, W)
-    return Views(output, target, target if warped is None else warped, ones, ones)
+    return LossInputs(output, target, target if warped is None else warped, ones, ones)
 
 
 def test_ssim_is_scikit_images() -> None:
@@ -70,7 +70,7 @@ def test_what_is_not_seen_and_what_was_hidden_does_not_count() -> None:
     wrong, flickers = a.clone(), a.clone()
     wrong[..., :10, :] += 3.0
     flickers[..., :20, :] += 3.0
-    terms = BcnnLoss(l1=1.0)(Views(wrong, a, flickers, seen, visible))
+    terms = BcnnLoss(l1=1.0)(LossInputs(wrong, a, flickers, seen, visible))
     assert max(term.item() for term in terms.values()) < 1e-6
 
 

@@ -14,15 +14,15 @@ pytest.importorskip("lightning_fabric")
 from app.errors import SettingsError  # noqa: E402
 from app.golden.scenes import dusk  # noqa: E402
 from app.scene import Material  # noqa: E402
-from export.losses.ndr import NdrLoss  # noqa: E402
-from export.losses.views import Views  # noqa: E402
 from export.models import PRESETS, make_network, weights_of  # noqa: E402
 from export.models.ndr import DARKEST  # noqa: E402
-from export.to_onnx import cases, half_of, write_network  # noqa: E402
+from export.onnx.export import cases, half_of, write_network  # noqa: E402
 from export.training.augment import permuted  # noqa: E402
 from export.training.config import from_table  # noqa: E402
 from export.training.examples import Examples, draw_missing  # noqa: E402
 from export.training.loop import Run  # noqa: E402
+from export.training.losses.loss_inputs import LossInputs  # noqa: E402
+from export.training.losses.ndr import NdrLoss  # noqa: E402
 from tests.training.pairs import CornellPairs, Target  # noqa: E402
 from tests.training.test_training import config  # noqa: E402
 
@@ -41,8 +41,8 @@ def room(net: torch.nn.Module) -> dict[str, torch.Tensor]:
 def test_a_fresh_network_gives_the_coarse_shading() -> None:
     net = network()
     inputs = room(net)
-    coarse = inputs["x"][:, 5:]
-    torch.testing.assert_close(net(**inputs), coarse.clamp(min=0) + DARKEST, rtol=1e-4, atol=1e-5)
+    unshadowed = inputs["x"][:, 5:]
+    torch.testing.assert_close(net(**inputs), unshadowed.clamp(min=0) + DARKEST, rtol=1e-4, atol=1e-5)
 
 
 @torch.no_grad()
@@ -56,11 +56,11 @@ def test_light_and_its_unit_come_through() -> None:
     assert not net(**inputs)[..., :20, :].any()
 
 
-@pytest.mark.parametrize("options", [{}, {"harmonics": False}, {"depth": False}, {"coarse": False}, {"decoders": 1}],
+@pytest.mark.parametrize("options", [{}, {"harmonics": False}, {"depth": False}, {"unshadowed": False}, {"decoders": 1}],
                          ids=str)
 def test_each_variant_becomes_onnx(options: dict[str, object], tmp_path: Path) -> None:
     net = network(**options)
-    for p in net.parameters():  # beyond the coarse shading
+    for p in net.parameters():  # beyond the unshadowed shading
         p.data += 0.02 * torch.randn_like(p)
     inputs = list(cases(net.contract))
     write_network(net, tmp_path, inputs, {label: 1e-4 for label, _ in inputs})
@@ -74,15 +74,15 @@ def test_two_decoders_have_few_more_weights() -> None:
     assert one < two < 1.6 * one
 
 
-def test_loss_is_none_for_the_truth_and_sees_each_kind_of_light() -> None:
+def test_loss_is_none_for_the_reference_and_sees_each_kind_of_light() -> None:
     rng = torch.Generator().manual_seed(0)
-    truth = torch.rand(2, 6, 24, 32, generator=rng)
+    reference = torch.rand(2, 6, 24, 32, generator=rng)
     ones, reflectance = torch.ones(2, 1, 24, 32), torch.rand(2, 6, 24, 32, generator=rng)
-    views = Views(truth, truth, None, ones, ones, None, reflectance)
+    views = LossInputs(reference, reference, None, ones, ones, None, reflectance)
     loss = NdrLoss(l1=1.0)
     assert max(float(t) for t in loss(views).values()) < 1e-5
     for part, name in ((slice(0, 3), "diffuse"), (slice(3, 6), "specular")):
-        wrong = truth.clone()
+        wrong = reference.clone()
         wrong[:, part] = 0.5
         found = loss(replace(views, output=wrong))
         assert found[name] > 0.1 and found["final"] > 0.01 and found["l1"] > 0.01
@@ -90,12 +90,12 @@ def test_loss_is_none_for_the_truth_and_sees_each_kind_of_light() -> None:
 
 
 class SkyPairs(CornellPairs):
-    """The same box, with a shiny material, under an environment alone."""
+    """The same box, with a has_specular material, under an environment alone."""
 
     @property
     def lit(self) -> object:
         if not hasattr(self, "_lit"):
-            materials = tuple(replace(m, emission=(0.0,) * 3, roughness=0.4, specular=(0.5,) * 3, analytic=False)
+            materials = tuple(replace(m, emission=(0.0,) * 3, roughness=0.4, specular=(0.5,) * 3, is_light_proxy=False)
                               if isinstance(m, Material) else m for m in self.scene.materials)
             self._lit = replace(self.scene, lights=(), materials=materials, environment=dusk().environment)
         return self._lit
@@ -120,8 +120,8 @@ def test_it_is_trained_on_what_the_renderer_draws_under_a_sky(tmp_path: Path) ->
     assert batch["target"].shape == batch["reflectance"].shape == (2, 6, 24, 32)
     torch.testing.assert_close(batch["target"][:, 3:], 0.5 * batch["target"][:, :3], rtol=2e-3, atol=1e-4)
     surface = batch["current.x"][:, :3].abs().sum(1) > 0
-    coarse = batch["current.x"][:, 5:].mean(1)[surface]
-    assert coarse.mean() == pytest.approx(1.0, rel=0.15), "light is in means of the coarse shading"
+    unshadowed = batch["current.x"][:, 5:].mean(1)[surface]
+    assert unshadowed.mean() == pytest.approx(1.0, rel=0.15), "light is in means of the unshadowed shading"
     order = torch.tensor([[2, 0, 1], [0, 1, 2]])
     turned = permuted(batch, contract, order)
     for name in ("target", "reflectance"):
@@ -139,7 +139,7 @@ def test_a_dataset_of_other_light_is_refused(tmp_path: Path, monkeypatch: pytest
     from types import SimpleNamespace
 
     import export.dataset
-    from export.cli.train import train
+    from export.training.cli import train
 
     monkeypatch.setattr(export.dataset, "Dataset", lambda folder: SimpleNamespace(
         config=SimpleNamespace(environment=False)))

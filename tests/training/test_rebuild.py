@@ -12,7 +12,7 @@ pytest.importorskip("torch")
 pytest.importorskip("mitsuba")
 pytest.importorskip("lightning_fabric")
 
-from app.contract import read_contract
+from app.network.contract import read_contract
 from app.paths import nets_dir
 
 pytestmark = [pytest.mark.gl, pytest.mark.long]

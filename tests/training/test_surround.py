@@ -14,17 +14,17 @@ pytest.importorskip("lightning_fabric")
 
 from typer.testing import CliRunner  # noqa: E402
 
-from app.infer import feed  # noqa: E402
 from app.math3d import cube_rotations  # noqa: E402
-from export.losses.surround import SurroundLoss  # noqa: E402
+from app.network.session import feed  # noqa: E402
 from export.models import make_network  # noqa: E402
+from export.models.panorama import merged, solid_angles  # noqa: E402
 from export.models.surround import BRIGHTEST, Discriminator, from_tanh, places, smooth, to_tanh  # noqa: E402
-from export.panorama import merged, solid_angles  # noqa: E402
-from export.to_onnx import cases, write_network  # noqa: E402
+from export.onnx.export import cases, write_network  # noqa: E402
+from export.training.checkpoint import load  # noqa: E402
 from export.training.config import from_table  # noqa: E402
 from export.training.examples import Examples, draw_missing  # noqa: E402
 from export.training.loop import CHECKPOINT, Run  # noqa: E402
-from export.training.state import load  # noqa: E402
+from export.training.losses.surround import SurroundLoss  # noqa: E402
 from tests.training.pairs import CornellPairs  # noqa: E402
 from tests.training.test_training import config  # noqa: E402
 
@@ -164,7 +164,7 @@ def test_of_more_texels_light_is_averaged() -> None:
     net = network()
     around, screen = room().values()
     finer = around.repeat_interleave(2, -1).repeat_interleave(2, -2)
-    assert finer.shape[2] == net.shipped().inputs["around"].size == 2 * net.contract.inputs["around"].size
+    assert finer.shape[2] == net.export_contract().inputs["around"].size == 2 * net.contract.inputs["around"].size
     expected = net(around, screen)
     torch.testing.assert_close(net(finer, screen), expected)
     uneven = finer.clone()
@@ -172,7 +172,7 @@ def test_of_more_texels_light_is_averaged() -> None:
     uneven[:, 7:, 1::2] = uneven[:, 7:, ::2, 1::2] = 0.0
     uneven[:, :7, ::2] = uneven[:, :7, 1::2, ::2] = 0.5  # of the rest one of four is looked at
     torch.testing.assert_close(net(uneven, screen), expected, rtol=1e-4, atol=1e-6)
-    assert network(front_alone=True).shipped() == network(front_alone=True).contract
+    assert network(front_alone=True).export_contract() == network(front_alone=True).contract
 
 
 def test_solid_angles_are_those_of_a_cubes_texels() -> None:
@@ -194,7 +194,7 @@ def test_discriminator_judges_patches() -> None:
 
 
 def test_its_loss_compares_light_maps_and_its_critic_learns(tmp_path: Path) -> None:
-    """Four epochs on a room, as a configuration says: L1 falls, and the critic takes part and is kept."""
+    """Four epochs on a room, as a configuration says: L1 falls, and the discriminator takes part and is kept."""
     options = {"widths": [4, 8, 8, 8]}
     table = config(tmp_path, epochs=4, learning_rate=2e-3, ema=0.5).to_json() | {
         "network": {"preset": "surround-16"}, "loss": {"kind": "surround", "options": options}}
@@ -206,7 +206,7 @@ def test_its_loss_compares_light_maps_and_its_critic_learns(tmp_path: Path) -> N
     before = run.validate()
     after = run.train()
     assert set(after) == {"l1", "adversarial", "loss"} and after["l1"] < 0.9 * before["l1"]
-    assert load(tmp_path / "run" / CHECKPOINT).critic["model"]
+    assert load(tmp_path / "run" / CHECKPOINT).discriminator["model"]
     views = run._views(run.ema, run._batch([0]))
     assert views.condition is not None and views.condition.shape[1] == 16
     right = replace(views, output=views.target)
@@ -218,6 +218,6 @@ def test_its_loss_compares_light_maps_and_its_critic_learns(tmp_path: Path) -> N
 
 def test_it_is_the_same_in_onnx(tmp_path: Path) -> None:
     net = network()
-    net.contract = net.shipped()
+    net.contract = net.export_contract()
     files = write_network(net, tmp_path, cases(net.contract), {"room": 1e-4, "random": 2e-2})
     assert files[0].stat().st_size < 9e6

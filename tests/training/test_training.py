@@ -16,17 +16,17 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("lightning_fabric")
 
-from app.contract import ModelContract, TensorSpec  # noqa: E402
 from app.errors import ModelError, SettingsError  # noqa: E402
+from app.network.contract import ModelContract, TensorSpec  # noqa: E402
 from app.scene import PointLight  # noqa: E402
-from export.inputs import Frame, Inputs  # noqa: E402
+from export.dataset.network_inputs import Frame, Inputs  # noqa: E402
 from export.models import make_network  # noqa: E402
 from export.training.augment import augment, coarser, exposed, permuted, sized  # noqa: E402
+from export.training.checkpoint import load  # noqa: E402
 from export.training.config import AugmentationConfig, Config, from_table, read_config  # noqa: E402
 from export.training.eligible import eligible, saturation  # noqa: E402
 from export.training.examples import Examples, tensors_of  # noqa: E402
 from export.training.loop import CHECKPOINT, Run, learning_rate  # noqa: E402
-from export.training.state import load  # noqa: E402
 from tests.training.pairs import CornellPairs, Target  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
@@ -150,7 +150,7 @@ def test_every_second_texel_is_a_coarser_grid_of_the_same_view(tmp_path: Path) -
 
 def test_points_and_numbers_of_the_frame_are_not_picked_from() -> None:
     inputs = {"x": TensorSpec(("direct.rgb",)), "cube": TensorSpec(("direct.rgb",), "cube", size=4),
-              "sky": TensorSpec(("environment.sh",), "vector")}
+              "sky": TensorSpec(("environment.sh",), "globals")}
     contract = replace(CONTRACT, inputs=inputs, cube_axes="camera")
     shapes = {"x": (1, 3, 8, 8), "cube": (1, 3, 6, 4, 4), "sky": (1, 75)}
     batch = {f"{frame}.{t}": torch.rand(shape) for frame in ("current", "previous") for t, shape in shapes.items()}

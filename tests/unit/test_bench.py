@@ -15,30 +15,30 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from app import metrics
-from app.bench import configurations, measure, records, rivals, truth
-from app.bench.compare import compare, read_results
-from app.bench.configurations import Configuration, all_models, at_work, expand, rescaled, sky_models
-from app.bench.content import content_key
-from app.bench.front import Point, Ratio, error_ratio, mean_ratio, pareto_front, speed_up
-from app.bench.grow import fit_power
-from app.bench.hall import hall
+from app.bench import baselines, configurations, measure, records, reference
+from app.bench.baselines import traced_before
 from app.bench.headlines import headlines
-from app.bench.judge import best_ambient, errors_of
-from app.bench.measure import Spread, swayed
+from app.bench.pareto import Point, Ratio, error_ratio, mean_ratio, pareto_front, speed_up
+from app.bench.regressions import compare, read_results
 from app.bench.report import html_report
-from app.bench.rivals import traced_before
+from app.bench.rows import rows, to_csv
 from app.bench.run import VERSION
-from app.bench.tables import rows, to_csv
+from app.bench.scaling import fit_power
+from app.bench.scaling_scene import hall
 from app.cli import cli as app_cli
 from app.cli.bench import embedded
-from app.contract import HALF, find_model, read_contract
-from app.errors import MissingExtraError, ModelError, SceneError, SettingsError, TruthError
+from app.errors import MissingExtraError, ModelError, PathTracerError, SceneError, SettingsError
+from app.evaluation import metrics
+from app.evaluation.configurations import Configuration, all_models, at_work, expand, rescaled, sky_models
+from app.evaluation.hashing import content_key
+from app.evaluation.picture_errors import best_ambient, errors_of
+from app.evaluation.timing import Spread, swayed
 from app.golden.catalogue import PROBE_ENVIRONMENT
 from app.golden.scenes import dusk
-from app.image import write_exr
+from app.io.image import write_exr
 from app.load import embedded_scene, load_scene
-from app.models import shades_environment
+from app.network.contract import HALF, find_model, read_contract
+from app.network.selection import shades_environment
 from app.paths import data_dir
 from app.scene import Scene
 from tests.tiny_network import TINY, write_tiny_network
@@ -49,7 +49,7 @@ GREY = np.full((3, 4, 3), 0.5, np.float32)
 
 
 def curve(*points: tuple[float, float]) -> list[Point]:
-    return [Point("rival", ms, error) for ms, error in points]
+    return [Point("baseline", ms, error) for ms, error in points]
 
 
 # The front and the headline figures.
@@ -60,34 +60,34 @@ def test_the_front_is_what_no_other_point_beats() -> None:
 
 
 def test_speed_up_is_interpolated_in_logarithms() -> None:
-    rival = curve((10, 0.4), (40, 0.1))
-    assert speed_up(Point("ours", 5, 0.2), rival) == Ratio(pytest.approx(4.0))
-    assert speed_up(Point("ours", 40, 0.2), rival) == Ratio(pytest.approx(0.5))
+    baseline = curve((10, 0.4), (40, 0.1))
+    assert speed_up(Point("ours", 5, 0.2), baseline) == Ratio(pytest.approx(4.0))
+    assert speed_up(Point("ours", 40, 0.2), baseline) == Ratio(pytest.approx(0.5))
 
 
 def test_error_ratio_is_interpolated_in_logarithms() -> None:
-    rival = curve((10, 0.4), (40, 0.1))
-    assert error_ratio(Point("ours", 20, 0.1), rival) == Ratio(pytest.approx(2.0))
-    assert error_ratio(Point("ours", 20, 0.4), rival) == Ratio(pytest.approx(0.5))
+    baseline = curve((10, 0.4), (40, 0.1))
+    assert error_ratio(Point("ours", 20, 0.1), baseline) == Ratio(pytest.approx(2.0))
+    assert error_ratio(Point("ours", 20, 0.4), baseline) == Ratio(pytest.approx(0.5))
 
 
 def test_nothing_is_extrapolated() -> None:
-    rival = curve((10, 0.4), (40, 0.1))
-    assert speed_up(Point("ours", 5, 0.5), rival) == Ratio(2.0, "≤")      # it is nearer even at its fastest
-    assert speed_up(Point("ours", 5, 0.05), rival) == Ratio(8.0, "≥")     # it never gets that near
-    assert error_ratio(Point("ours", 5, 0.2), rival) == Ratio(2.0, "≥")   # it has no picture yet
-    assert error_ratio(Point("ours", 80, 0.2), rival) == Ratio(0.5, "≤")  # it has long been done
+    baseline = curve((10, 0.4), (40, 0.1))
+    assert speed_up(Point("ours", 5, 0.5), baseline) == Ratio(2.0, "≤")      # it is nearer even at its fastest
+    assert speed_up(Point("ours", 5, 0.05), baseline) == Ratio(8.0, "≥")     # it never gets that near
+    assert error_ratio(Point("ours", 5, 0.2), baseline) == Ratio(2.0, "≥")   # it has no picture yet
+    assert error_ratio(Point("ours", 80, 0.2), baseline) == Ratio(0.5, "≤")  # it has long been done
 
 
 def test_a_point_against_itself_is_one() -> None:
     own = Point("ours", 10, 0.4)
-    for rival in (curve((10, 0.4)), curve((10, 0.4), (40, 0.1))):
-        assert speed_up(own, rival) == error_ratio(own, rival) == Ratio(1.0)
+    for baseline in (curve((10, 0.4)), curve((10, 0.4), (40, 0.1))):
+        assert speed_up(own, baseline) == error_ratio(own, baseline) == Ratio(1.0)
 
 
 def test_rival_points_off_its_front_don_t_count() -> None:
-    rival = curve((10, 0.4), (20, 0.9), (40, 0.1), (400, 0.3))
-    assert speed_up(Point("ours", 5, 0.2), rival).value == pytest.approx(4.0)
+    baseline = curve((10, 0.4), (20, 0.9), (40, 0.1), (400, 0.3))
+    assert speed_up(Point("ours", 5, 0.2), baseline).value == pytest.approx(4.0)
 
 
 def test_means_are_geometric_and_keep_their_bound() -> None:
@@ -131,12 +131,12 @@ class FakeRenderer:
 def test_the_first_frames_of_a_turn_do_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(measure, "Renderer", FakeRenderer)
     scene = embedded_scene()
-    contender = measure.Contender(scene, scene.cameras[scene.default_camera].at(0.0),
+    timed_run = measure.TimedRun(scene, scene.cameras[scene.default_camera].at(0.0),
                                   Configuration("none", (), (64, 48)))
-    with measure.Race([contender], "cpu") as race:
-        race.turn()
-        race.turn()
-    assert [turn["frame"] for turn in contender.turns] == [[1.0] * 6] * 2
+    with measure.InterleavedTimer([timed_run], "cpu") as timer:
+        timer.turn()
+        timer.turn()
+    assert [turn["frame"] for turn in timed_run.turns] == [[1.0] * 6] * 2
 
 
 def test_the_camera_sways_sideways() -> None:
@@ -248,9 +248,9 @@ def test_two_models_can_draw_together(tmp_path: Path) -> None:
     sky, half = tmp_path / "sky.onnx", tmp_path / f"sky{HALF}.onnx"
     for file in (sky, half):
         file.write_bytes(PROBE_ENVIRONMENT.read_bytes())
-    found, absent = expand(["ember+coarse", f"gather + {sky}", "none+coarse"], [(64, 48)], [1 / 4], [], tmp_path)
+    found, absent = expand(["ember+unshadowed_environment", f"gather + {sky}", "none+unshadowed_environment"], [(64, 48)], [1 / 4], [], tmp_path)
     assert not absent
-    assert [c.label for c in found] == ["ember+coarse at 1/4", "gather+sky at 1/4", "coarse"]
+    assert [c.label for c in found] == ["ember+unshadowed_environment at 1/4", "gather+sky at 1/4", "unshadowed_environment"]
     scales = [[read_contract(m).scale for m in c.models if isinstance(m, Path)] for c in found]
     assert scales == [[1 / 4], [1 / 4, 1 / 4], []]
     assert all(c.shades_environment for c in found)
@@ -275,8 +275,8 @@ def test_a_plus_may_be_in_the_path_of_one_of_a_pair(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("texts", [
-    ["ssgi", "{}/ssgi.onnx"], ["{}/ssgi.onnx", "ssgi"], ["coarse", "none+coarse"], ["ssgi+coarse", "coarse+ssgi"],
-    ["gather+coarse", "coarse+gather"],
+    ["ssgi", "{}/ssgi.onnx"], ["{}/ssgi.onnx", "ssgi"], ["unshadowed_environment", "none+unshadowed_environment"], ["ssgi+unshadowed_environment", "unshadowed_environment+ssgi"],
+    ["gather+unshadowed_environment", "unshadowed_environment+gather"],
 ])
 def test_nothing_is_measured_twice_or_lost_to_another_of_its_name(tmp_path: Path, texts: list[str]) -> None:
     write_tiny_network(tmp_path / "ssgi.onnx")
@@ -296,9 +296,9 @@ def test_two_rescaled_networks_of_one_stem_are_two(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("command", "models", "said"), [
     ("bench", "gathr", "error: no network 'gathr', --models, expected"),
-    ("compare", "gathr,truth", "error: no network 'gathr', --models, expected"),
+    ("compare", "gathr,reference", "error: no network 'gathr', --models, expected"),
     ("compare", "none", "error: nothing to compare in 'none'"),
-    ("compare", "truth", "error: nothing to compare in 'truth'"),
+    ("compare", "reference", "error: nothing to compare in 'reference'"),
     ("compare", "none,none+none", "error: two models are called 'none'"),
 ])
 def test_what_models_can_t_be_taken_is_said_of_the_option_that_there_is(command: str, models: str, said: str) -> None:
@@ -307,24 +307,24 @@ def test_what_models_can_t_be_taken_is_said_of_the_option_that_there_is(command:
 
 
 def test_ember_is_measured_beside_all_that_shades_a_sky(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert sky_models()[0] == "ember+coarse"
+    assert sky_models()[0] == "ember+unshadowed_environment"
     files = dict.fromkeys(("sky", f"sky{HALF}"), PROBE_ENVIRONMENT)
     monkeypatch.setattr(configurations, "bundled_models", lambda: files)
-    assert sky_models() == ("ember+coarse", "ember+sky")
+    assert sky_models() == ("ember+unshadowed_environment", "ember+sky")
 
 
 @pytest.mark.parametrize(("lighting", "lights"), [("sky", 0), ("sun", 1)])
 def test_the_embedded_patio_is_under_a_sky(lighting: str, lights: int) -> None:
     patio = load_scene(data_dir() / "patio.obj", lighting=lighting)
     assert patio.environment is not None and len(patio.lights) == lights and not patio.notices
-    assert any(m.shiny for m in patio.materials) and not all(m.shiny for m in patio.materials)
+    assert any(m.has_specular for m in patio.materials) and not all(m.has_specular for m in patio.materials)
 
 
 def test_what_shades_a_sky_is_idle_without_one() -> None:
-    found, _ = expand(["none", "coarse", "ember+coarse"], [(64, 48)])
+    found, _ = expand(["none", "unshadowed_environment", "ember+unshadowed_environment"], [(64, 48)])
     box = embedded_scene()
     measured, idle = at_work(found, box)
-    assert [c.label for c in measured] == ["none"] and idle == ["coarse", "ember+coarse"]
+    assert [c.label for c in measured] == ["none"] and idle == ["unshadowed_environment", "ember+unshadowed_environment"]
     assert at_work(found, replace(box, environment=dusk().environment)) == (found, [])
 
 
@@ -352,7 +352,7 @@ def test_models_that_can_t_be_told_apart_are_refused(tmp_path: Path) -> None:
         expand(["gather", str(tmp_path / "gather.onnx")], [(64, 48)])
 
 
-# The key of a truth, and its cache.
+# The key of a reference, and its cache.
 
 def test_the_key_is_that_of_the_content() -> None:
     assert content_key(embedded_scene()) == content_key(embedded_scene())
@@ -393,25 +393,25 @@ class FakeTracer:
     def __call__(self, arguments: Sequence[str]) -> None:
         self.calls.append(arguments)
         out = Path(arguments[arguments.index("--out") + 1])
-        write_exr(out / "truth.exr", black_layers())
-        (out / "truth.json").write_text(json.dumps({"spp": 8, "noise": {"final": 0.01}, "seconds": 1.0}))
+        write_exr(out / "reference.exr", black_layers())
+        (out / "reference.json").write_text(json.dumps({"spp": 8, "noise": {"final": 0.01}, "seconds": 1.0}))
 
 
 @pytest.fixture
 def tracer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeTracer:
     fake = FakeTracer()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(truth, "exporter_version", lambda scene: "1")
-    monkeypatch.setattr(truth, "_run", fake)
+    monkeypatch.setattr(reference, "exporter_version", lambda scene: "1")
+    monkeypatch.setattr(reference, "_run", fake)
     return fake
 
 
-def make(scene: Scene, spp: int = 8) -> truth.Truth:
-    order = truth.Order(Path("box.obj"), "lamp", None, (4, 3))
-    return truth.make_truth(order, scene, scene.cameras[scene.default_camera].at(0.0), spp)
+def make(scene: Scene, spp: int = 8) -> reference.Reference:
+    order = reference.Order(Path("box.obj"), "lamp", None, (4, 3))
+    return reference.make_reference(order, scene, scene.cameras[scene.default_camera].at(0.0), spp)
 
 
-def test_the_same_truth_is_made_once(tracer: FakeTracer) -> None:
+def test_the_same_reference_is_made_once(tracer: FakeTracer) -> None:
     first = make(embedded_scene())
     assert first.size == (4, 3) and first.about["spp"] == 8
     assert make(embedded_scene()).key == first.key
@@ -422,25 +422,25 @@ def test_the_same_truth_is_made_once(tracer: FakeTracer) -> None:
     assert len(tracer.calls) == 3
 
 
-def test_another_path_tracer_makes_the_truth_anew(tracer: FakeTracer, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_path_tracer_makes_the_reference_anew(tracer: FakeTracer, monkeypatch: pytest.MonkeyPatch) -> None:
     make(embedded_scene())
-    monkeypatch.setattr(truth, "exporter_version", lambda scene: "2")
+    monkeypatch.setattr(reference, "exporter_version", lambda scene: "2")
     make(embedded_scene())
     assert len(tracer.calls) == 2
 
 
-def test_no_scene_is_judged_by_the_truth_of_another(tmp_path: Path) -> None:
+def test_no_scene_is_judged_by_the_reference_of_another(tmp_path: Path) -> None:
     for scene in ("", "cornell-box"):
         (tmp_path / scene).mkdir(exist_ok=True)
-        write_exr(tmp_path / scene / "truth.exr", black_layers(12, 11))
-        (tmp_path / scene / "truth.json").write_text("{}")
+        write_exr(tmp_path / scene / "reference.exr", black_layers(12, 11))
+        (tmp_path / scene / "reference.json").write_text("{}")
     line = refused_bench(tmp_path, "--reference", str(tmp_path), "--sizes", "12x11", "--models", "none")
-    assert line.startswith("error: no truth of patio, ") and "expected a folder for each of the 2 scenes" in line
+    assert line.startswith("error: no reference of patio, ") and "expected a folder for each of the 2 scenes" in line
 
 
 @pytest.mark.parametrize(("option", "said"), [
     (["--lighting", "lamp"], "no lighting 'lamp'"),
-    (["--models", "coarse"], "plain has no environment for coarse"),
+    (["--models", "unshadowed_environment"], "plain has no environment for unshadowed_environment"),
 ])
 def test_nothing_is_traced_before_all_scenes_are_found_sound(
         tracer: FakeTracer, tmp_path: Path, option: list[str], said: str) -> None:
@@ -472,15 +472,15 @@ def refused_bench(folder: Path, *args: str) -> str:
     return line
 
 
-def test_a_truth_that_failed_is_not_kept(tracer: FakeTracer, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reference_that_failed_is_not_kept(tracer: FakeTracer, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(arguments: Sequence[str]) -> None:
         tracer(arguments)
-        raise TruthError("it failed", "here", "expected better")
+        raise PathTracerError("it failed", "here", "expected better")
 
-    monkeypatch.setattr(truth, "_run", fail)
-    with pytest.raises(TruthError):
+    monkeypatch.setattr(reference, "_run", fail)
+    with pytest.raises(PathTracerError):
         make(embedded_scene())
-    monkeypatch.setattr(truth, "_run", tracer)
+    monkeypatch.setattr(reference, "_run", tracer)
     make(embedded_scene())
     assert len(tracer.calls) == 2
 
@@ -495,26 +495,26 @@ def test_without_path_tracer_the_error_says_what_to_install(monkeypatch: pytest.
 
 
 @pytest.mark.parametrize(("damage", "said"), [
-    (lambda folder: (folder / "truth.json").unlink(), "truth.json"),
-    (lambda folder: (folder / "truth.json").write_text("[]"), "no JSON object"),
-    (lambda folder: (folder / "truth.json").write_text('{"noise": 3}'), "noise is 3"),
-    (lambda folder: (folder / "truth.json").write_text('{"noise": {"final": null}}'), "noise is {'final': None}"),
-    (lambda folder: (folder / "truth.json").write_text('{"seconds": "1"}'), "seconds is '1'"),
-    (lambda folder: (folder / "truth.json").write_text('{"notices": "fog"}'), "notices are 'fog'"),
-    (lambda folder: write_exr(folder / "truth.exr", {"": np.zeros((3, 4, 3), np.float32)}), "no layer 'direct'"),
-    (lambda folder: write_exr(folder / "truth.exr", black_layers() | {"": np.full((3, 4, 3), np.nan, np.float32)}),
+    (lambda folder: (folder / "reference.json").unlink(), "reference.json"),
+    (lambda folder: (folder / "reference.json").write_text("[]"), "no JSON object"),
+    (lambda folder: (folder / "reference.json").write_text('{"noise": 3}'), "noise is 3"),
+    (lambda folder: (folder / "reference.json").write_text('{"noise": {"final": null}}'), "noise is {'final': None}"),
+    (lambda folder: (folder / "reference.json").write_text('{"seconds": "1"}'), "seconds is '1'"),
+    (lambda folder: (folder / "reference.json").write_text('{"notices": "fog"}'), "notices are 'fog'"),
+    (lambda folder: write_exr(folder / "reference.exr", {"": np.zeros((3, 4, 3), np.float32)}), "no layer 'direct'"),
+    (lambda folder: write_exr(folder / "reference.exr", black_layers() | {"": np.full((3, 4, 3), np.nan, np.float32)}),
      "expected finite numbers"),
 ])
-def test_a_damaged_truth_is_refused(tracer: FakeTracer, tmp_path: Path, damage: Any, said: str) -> None:
+def test_a_damaged_reference_is_refused(tracer: FakeTracer, tmp_path: Path, damage: Any, said: str) -> None:
     tracer(["--out", str(tmp_path)])
     damage(tmp_path)
     with pytest.raises(SceneError, match=said):
-        truth.read_truth(tmp_path)
+        reference.read_reference(tmp_path)
 
 
-def test_a_damaged_truth_in_the_cache_is_made_anew(tracer: FakeTracer) -> None:
+def test_a_damaged_reference_in_the_cache_is_made_anew(tracer: FakeTracer) -> None:
     make(embedded_scene())
-    (file,) = truth.cache_folder().glob("*/truth.exr")
+    (file,) = reference.cache_folder().glob("*/reference.exr")
     file.write_bytes(file.read_bytes()[:50])
     assert make(embedded_scene()).size == (4, 3)
     assert len(tracer.calls) == 2
@@ -525,15 +525,15 @@ def test_a_damaged_truth_in_the_cache_is_made_anew(tracer: FakeTracer) -> None:
 def test_damaged_pictures_of_a_rival_are_refused(text: str, tmp_path: Path) -> None:
     write_exr(tmp_path / "plain_0001.exr", {"": GREY, "albedo": GREY, "normal": GREY})
     (tmp_path / "plain.json").write_text('{"1": 0.5}')
-    assert [(p.spp, p.seconds) for p in truth.read_plain(tmp_path)] == [(1, 0.5)]
+    assert [(p.spp, p.seconds) for p in reference.read_plain(tmp_path)] == [(1, 0.5)]
     (tmp_path / "plain.json").write_text(text)
     with pytest.raises(SceneError, match=r"plain\.json"):
-        truth.read_plain(tmp_path)
+        reference.read_plain(tmp_path)
 
 
-def test_pictures_of_a_rival_have_their_guides_and_the_truth_s_size(tracer: FakeTracer, tmp_path: Path) -> None:
+def test_pictures_of_a_rival_have_their_guides_and_the_reference_s_size(tracer: FakeTracer, tmp_path: Path) -> None:
     tracer(["--out", str(tmp_path)])
-    found = truth.read_truth(tmp_path)
+    found = reference.read_reference(tmp_path)
     (tmp_path / "plain.json").write_text('{"1": 0.5}')
     write_exr(tmp_path / "plain_0001.exr", {"": GREY, "albedo": GREY})
     with pytest.raises(SceneError, match="no layer 'normal'"):
@@ -542,19 +542,19 @@ def test_pictures_of_a_rival_have_their_guides_and_the_truth_s_size(tracer: Fake
     assert len(traced_before(tmp_path, found)()) == 1
     larger = {name: np.zeros((6, 8, 3), np.float32) for name in ("", "albedo", "normal")}
     write_exr(tmp_path / "plain_0001.exr", larger)
-    with pytest.raises(SceneError, match="not of the truth's size"):
+    with pytest.raises(SceneError, match="not of the reference's size"):
         traced_before(tmp_path, found)
 
 
 def test_what_the_path_tracer_did_not_draw_is_kept(tracer: FakeTracer, tmp_path: Path) -> None:
     tracer(["--out", str(tmp_path)])
-    (tmp_path / "truth.json").write_text('{"notices": ["no fog"]}')
-    assert records.truth(truth.read_truth(tmp_path))["notices"] == ["no fog"]
+    (tmp_path / "reference.json").write_text('{"notices": ["no fog"]}')
+    assert records.reference(reference.read_reference(tmp_path))["notices"] == ["no fog"]
 
 
 def test_where_no_surface_is_seen_indirect_light_is_not_judged(tracer: FakeTracer) -> None:
-    nothing = truth.Truth({name: np.zeros((12, 16, 1 if name == "depth" else 3), np.float32)
-                           for name in truth.LAYERS}, {}, "k")
+    nothing = reference.Reference({name: np.zeros((12, 16, 1 if name == "depth" else 3), np.float32)
+                           for name in reference.LAYERS}, {}, "k")
     assert set(errors_of(nothing.layers, nothing)) == {"direct", "final"}
 
 
@@ -570,14 +570,14 @@ def test_a_denoised_picture_takes_tracing_and_the_median_denoising(monkeypatch: 
     took = {"fast": iter([9.0, 0.1, 0.2, 0.3, 7.0, 0.2]), "high": iter([9.0, 1.0, 1.0, 1.0, 1.0, 1.0])}
     now = 0.0
 
-    def denoise(plain: truth.Plain, quality: str) -> Any:
+    def denoise(plain: reference.Plain, quality: str) -> Any:
         nonlocal now
         now += next(took[quality])
         return plain.final / 2
 
-    monkeypatch.setattr(rivals, "denoise", denoise)
-    monkeypatch.setattr(rivals, "perf_counter", lambda: now)
-    found = rivals.draw_rivals(lambda: [truth.Plain(4, 2.0, GREY, GREY, GREY)])
+    monkeypatch.setattr(baselines, "denoise", denoise)
+    monkeypatch.setattr(baselines, "perf_counter", lambda: now)
+    found = baselines.draw_baselines(lambda: [reference.Plain(4, 2.0, GREY, GREY, GREY)])
     assert [(r.name, r.spp, r.ms) for r in found] == [
         ("path tracer", 4, 2000), ("denoised (fast)", 4, pytest.approx(2200)), ("denoised (high)", 4, 3000)]
     assert [r.picture.max() for r in found] == [0.5, 0.25, 0.25]
@@ -613,7 +613,7 @@ def slow(stages: Json, factor: float, *names: str) -> None:
         stages[name] = times(factor * stages[name]["median"])
 
 
-def rival(name: str, spp: int, ms: float, flip: float) -> Json:
+def baseline(name: str, spp: int, ms: float, flip: float) -> Json:
     return {"name": name, "spp": spp, "ms": ms,
             "errors": {"final": {"flip": flip, "psnr": 30.0, "ssim": 0.9, "rel_mse": 0.1}}}
 
@@ -622,12 +622,12 @@ def rival(name: str, spp: int, ms: float, flip: float) -> Json:
 def results() -> Json:
     scene = {
         "name": "<box>", "lighting": "lamp", "camera": "main", "triangles": 32, "lights": 1, "yardstick": times(4.0),
-        "truth": {"spp": 8, "noise": {"final": 0.01}, "notices": ["no fog"], "size": [4, 3], "key": "k"},
+        "reference": {"spp": 8, "noise": {"final": 0.01}, "notices": ["no fog"], "size": [4, 3], "key": "k"},
         "configurations": [configuration("none", 5.0, 0.5, None), configuration("net", 10.0, 0.2, [2, 2])],
         "ambient": {"constant": [1, 1, 1],
                     "errors": {"final": {"flip": 0.3, "psnr": None, "ssim": 1.0, "rel_mse": 0.0}}},
-        "rivals": [rival("path tracer", 1, 20, 0.4), rival("path tracer", 4, 80, 0.1),
-                   rival("denoised (fast)", 1, 30, 0.1)],
+        "baselines": [baseline("path tracer", 1, 20, 0.4), baseline("path tracer", 4, 80, 0.1),
+                   baseline("denoised (fast)", 1, 30, 0.1)],
     }
     return {"version": VERSION, "command": "bench", "absent": [], "seconds": 3.0, "scenes": [scene],
             "headlines": headlines([scene]),
@@ -741,11 +741,11 @@ def test_times_of_another_machine_are_not_compared(results: Json) -> None:
     new = copy.deepcopy(results)
     new["machine"]["processor"] = "another"
     slow(new["scenes"][0]["configurations"][1]["stages"], 9, "direct")
-    new["scenes"][0]["truth"]["key"] = "other"
+    new["scenes"][0]["reference"]["key"] = "other"
     new["scenes"][0]["configurations"][1]["errors"]["final"]["flip"] *= 3
     changes, notes = compare(results, new)
     assert not changes
-    assert len(notes) == 2 and "times are not compared" in notes[0] and "another truth" in notes[1]
+    assert len(notes) == 2 and "times are not compared" in notes[0] and "another reference" in notes[1]
 
 
 def test_what_is_new_or_gone_is_noted(results: Json) -> None:
@@ -787,7 +787,7 @@ def test_the_page_needs_no_other_file(results: Json) -> None:
     results["growth"] = {"model": "net", "sweeps": {"lights": {
         "counts": [1, 2], "stages": {"frame": {"ms": [1.0, 2.0], "exponent": 1.0, "error": 0.0},
                                      "tiny": {"ms": [0.01, 0.01], "exponent": None, "error": None}}}}}
-    page = html_report(results, {"<box>": {"truth": image, "net": image * 2}})
+    page = html_report(results, {"<box>": {"reference": image, "net": image * 2}})
     assert "<box>" not in re.sub(r"<script>.*</script>", "", page, flags=re.S)  # names are escaped
     assert not re.search(r"(src|href)\s*=\s*[\"'](?!data:|#)", page)
     assert page.count("</script>") == 1
@@ -800,5 +800,5 @@ def test_the_page_needs_no_other_file(results: Json) -> None:
 
 
 def test_the_same_results_make_the_same_page(results: Json) -> None:
-    image = {"<box>": {"truth": np.full((12, 16, 3), 0.5, np.float32)}}
+    image = {"<box>": {"reference": np.full((12, 16, 3), 0.5, np.float32)}}
     assert html_report(results, image) == html_report(results, image)

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from app.bounces import ALBEDO, Reapplied, with_bounces
-from app.channels import HALF_MAX
 from app.cli import cli
-from app.contract import bundled_models, find_model
 from app.errors import SettingsError
-from app.infer import Network
-from tests.hard.networks import write_network
+from app.network.bounces import ALBEDO, Reapplied, with_bounces
+from app.network.channels import HALF_MAX
+from app.network.contract import bundled_models, find_model
+from app.network.session import Network
+from tests.robustness.networks import write_network
 
 SIZE = (9, 7)
 COUNTING = "a model that counts bounces, such as ember or radiosity"

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.raycast.caster import Caster, Hits
 from app.scene import Material, Mesh, Motion, Scene, Texture
-from app.surfels.caster import Caster, Hits
 from tests.gl.scenes import F32, GREY, Part, Point, box, make_scene, moved, quad, slide
 
 WALL = ((-1, -1, 0), (2, 0, 0), (0, 2, 0))  # 2 × 2 around the origin; its front faces +z
@@ -114,7 +114,7 @@ def test_emission_takes_its_texture() -> None:
 
 
 def test_an_emitter_that_is_an_analytic_light_glows_no_second_time() -> None:
-    lamp = Material(albedo=(0.5,) * 3, emission=(9.0,) * 3, analytic=True)
+    lamp = Material(albedo=(0.5,) * 3, emission=(9.0,) * 3, is_light_proxy=True)
     scene = make_scene([wall(), wall(lamp, (-1, -1, 1))])
     hits = cast(scene, [FRONT, BACK], [(0, 0, 0)] * 2)
     assert hits.lamp.tolist() == [True, False]

@@ -19,8 +19,8 @@ from app.cli import cli
 from app.cli.options import parse_names
 from app.errors import DeviceError, SettingsError
 from app.graph import BoundPass, Pass, Plan
-from app.image import read_exr, read_png
-from app.preview import preview
+from app.io.image import read_exr, read_png
+from app.io.preview import preview
 from app.scene import Camera
 from app.settings import Settings, parse_size
 
@@ -40,7 +40,7 @@ class FakeRenderer:
         self.calls: list[tuple[str, Camera, float]] = []
         self.device = {"gl_renderer": "fake GL", "gl_version": "4.5", "provider": "FakeProvider"}
         names = ("gbuffer", "direct", *(["taa"] if settings.taa else []))
-        self.plan = Plan(tuple(BoundPass(Pass(n), (), ()) for n in names), {"surround": "no network asks for it"},
+        self.plan = Plan(tuple(BoundPass(Pass(n), (), ()) for n in names), {"cube_gbuffer": "no network asks for it"},
                          frozenset(), {})
         self.made.append(self)
 
@@ -149,13 +149,13 @@ def test_timing_file(invoke, tmp_path: Path) -> None:
     report = json.loads((tmp_path / "deep" / "timing.json").read_text())
     assert report.keys() == {"frame", "passes", "culled", "device", "model", "size", "scene", "triangles", "frames"}
     assert report["device"].keys() == {"gl_renderer", "gl_version", "provider"}
-    assert report["culled"] == {"surround": "no network asks for it"}
+    assert report["culled"] == {"cube_gbuffer": "no network asks for it"}
     assert (report["size"], report["frames"], report["model"]) == ([4, 2], 2, None)
 
 
 def test_verbose_tells_what_runs(invoke) -> None:
     text = invoke("--size", "2x2", "-v").stderr
-    for said in ("fake GL", "FakeProvider", "gbuffer, direct, taa", "surround: no network asks for it"):
+    for said in ("fake GL", "FakeProvider", "gbuffer, direct, taa", "cube_gbuffer: no network asks for it"):
         assert said in text
 
 

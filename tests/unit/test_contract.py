@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from app.contract import HALF, SSGI, ModelContract, bundled_models, find_model, read_contract
 from app.errors import ModelError
+from app.network.contract import HALF, SSGI, ModelContract, bundled_models, find_model, read_contract
 from tests.tiny_network import TINY, write_tiny_network
 
 
@@ -75,8 +75,8 @@ def test_the_screen_grid_is_never_empty() -> None:
     (with_tensor("inputs", gird="cube"), "unknown key 'gird' in tensor 'x', here, expected 'grid'?"),
     (with_tensor("inputs", grid="cube"), "bad size None"),
     (with_tensor("inputs", grid="cube", size=8), "no cube_axes"),
-    (with_tensor("inputs", grid="vector", size=8), "bad size 8"),
-    (with_tensor("inputs", grid="vector"), "is not provided on the vector grid"),
+    (with_tensor("inputs", grid="globals", size=8), "bad size 8"),
+    (with_tensor("inputs", grid="globals"), "is not provided on the globals grid"),
     (with_tensor("inputs", grid="panorama", size=18), "a panorama 18 high"),
     (with_tensor("inputs", grid="panorama", size=16), "no cube_axes"),
     (changed(cube_axes="world", inputs={

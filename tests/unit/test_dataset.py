@@ -19,21 +19,21 @@ import pytest
 if any(importlib.util.find_spec(name) is None for name in ("mitsuba", "distributed")):
     pytest.skip("the extra 'export' is not installed", allow_module_level=True)
 
-import export.dataset.suite as suites
+import export.dataset.scenes.connected_rooms as connected_rooms
 from app.errors import SettingsError
 from app.scene import DirectionalLight
 from export.dataset import Dataset
-from export.dataset.assembly import Assembly
 from export.dataset.config import DEFAULT, Config, Share, from_table, read_config
-from export.dataset.diorama import diorama
 from export.dataset.key import scene_key
 from export.dataset.make import make_group
 from export.dataset.plan import Choice, Group, pair_at, plan
 from export.dataset.run import make_dataset
-from export.dataset.sources import SOURCES
+from export.dataset.scenes.assembly import Assembly
+from export.dataset.scenes.open_box import open_box
+from export.dataset.scenes.sources import SOURCES
+from export.dataset.scenes.walls import THICKNESS, Wall
 from export.dataset.store import Origin, encode, item_path, read_origin, read_target, write_item
 from export.dataset.target import Target, picked
-from export.dataset.walls import THICKNESS, Wall
 
 pytestmark = pytest.mark.usefixtures("path_tracer")
 
@@ -93,16 +93,16 @@ def test_a_source_makes_what_its_seed_says(source: str) -> None:
 
 def test_eyes_in_a_suite_keep_out_of_its_walls_and_shutters_leave_a_gap(monkeypatch: pytest.MonkeyPatch) -> None:
     walls: list[Wall] = []
-    monkeypatch.setattr(suites, "build", lambda assembly, built, paint: walls.extend(built))
+    monkeypatch.setattr(connected_rooms, "build", lambda assembly, built, paint: walls.extend(built))
     open_shares = []
     for seed in range(60):
         walls.clear()
         rng, assembly = np.random.default_rng(seed), Assembly(np.random.default_rng(0))
-        free = suites.suite(rng).free
+        free = connected_rooms.connected_rooms(rng).free
         for box in (part.box for wall in walls for part in wall.parts()):
             assert not ((box[0] < free[:, 1]) & (box[1] > free[:, 0])).all(axis=1).any()
         for opening in walls[0].openings:
-            suites._shutter(rng, assembly, walls[0], opening)
+            connected_rooms._shutter(rng, assembly, walls[0], opening)
             low, high = assembly.place("shutter", []).scene.bounds
             left = walls[0].start[0] + opening.left
             expected = left, left + opening.right - opening.left, opening.top
@@ -116,7 +116,7 @@ def test_eyes_in_a_suite_keep_out_of_its_walls_and_shutters_leave_a_gap(monkeypa
 def test_a_diorama_is_seen_from_its_open_side() -> None:
     suns = 0
     for seed in range(40):
-        place = diorama(np.random.default_rng(seed))
+        place = open_box(np.random.default_rng(seed))
         (_, _, back), (_, _, front) = place.scene.bounds
         assert place.free[0, 0, 2] > front - THICKNESS > back
         directions = [light.direction for light in place.scene.lights if isinstance(light, DirectionalLight)]
@@ -290,8 +290,8 @@ def test_other_configurations_are_sound_and_ask_less_of_cameras() -> None:
 
 
 def test_held_out_scenes_are_refused(tmp_path: Path) -> None:
-    from export.dataset.files import open_file
     from export.dataset.held_out import LIST, refuse_held_out
+    from export.dataset.scenes.files import open_file
 
     listed = json.loads(LIST.read_text())["files"]
     assert set(listed) == {"sponza", "breakfast-room", "country-kitchen", "cornell-box", "stanford"}

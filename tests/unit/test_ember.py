@@ -9,8 +9,8 @@ import numpy as np
 import onnxruntime as ort
 import pytest
 
-from app.channels import ALL_BOUNCES, RAYS, SURFELS
-from app.contract import find_model, read_contract
+from app.network.channels import ALL_BOUNCES, RAYS, SURFELS
+from app.network.contract import find_model, read_contract
 
 torch = pytest.importorskip("torch", reason="networks are made with torch")
 from export.models.ember import BOUNCES, Ember, bounce, carry, neumann_series  # noqa: E402
@@ -75,8 +75,8 @@ def with_light(inputs: Arrays, light: Any) -> Arrays:
     return inputs | {"surfels": surfels}
 
 
-def relative(found: np.ndarray, truth: np.ndarray) -> float:
-    return float(np.abs(found - truth).max() / np.abs(truth).max())
+def relative(found: np.ndarray, reference: np.ndarray) -> float:
+    return float(np.abs(found - reference).max() / np.abs(reference).max())
 
 
 def test_light_adds_up(network: tuple[Run, int, int]) -> None:
@@ -192,10 +192,10 @@ def test_all_bounces_in_an_even_enclosure(rho: float, source: str) -> None:
     index, albedo = torch.from_numpy(rng.integers(0, 256, (256, 36))), torch.full((256, 36, 3), rho)
     light = torch.tensor([3.0, 1.0, 0.01]).repeat(256, 1)
     dark = torch.zeros_like(light)
-    irradiance, glow, truth = (light, dark, rho / (1 - rho)) if source == "irradiance" else (dark, light, 1 / (1 - rho))
+    irradiance, glow, reference = (light, dark, rho / (1 - rho)) if source == "irradiance" else (dark, light, 1 / (1 - rho))
     found = (neumann_series(irradiance, glow, index, albedo, ALL) / light).numpy()
-    print(f"SERIES {source} {rho}: {found.min() / truth - 1:+.1e} to {found.max() / truth - 1:+.1e}")
-    np.testing.assert_allclose(found, truth, rtol=0.01)
+    print(f"SERIES {source} {rho}: {found.min() / reference - 1:+.1e} to {found.max() / reference - 1:+.1e}")
+    np.testing.assert_allclose(found, reference, rtol=0.01)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -238,25 +238,25 @@ def lit_patch(rho: float) -> tuple[np.ndarray, np.ndarray, list[Any]]:
 def test_the_tail_is_close_to_the_whole_series(rho: float) -> None:
     """Against the linear system that radiosity solves (Goral et al. 1984)."""
     transport, light, tensors = lit_patch(rho)
-    truth = np.linalg.solve(np.eye(len(light)) - transport, transport @ light)
+    reference = np.linalg.solve(np.eye(len(light)) - transport, transport @ light)
     found = neumann_series(*tensors, ALL).numpy()
-    print(f"TAIL {rho}: mean {found.mean() / truth.mean() - 1:+.2%}, "
-          f"largest {np.abs(found - truth).max() / truth.max():.2%}")
-    assert found.mean() == pytest.approx(truth.mean(), rel=0.005)
+    print(f"TAIL {rho}: mean {found.mean() / reference.mean() - 1:+.2%}, "
+          f"largest {np.abs(found - reference).max() / reference.max():.2%}")
+    assert found.mean() == pytest.approx(reference.mean(), rel=0.005)
 
 
 def test_so_many_bounces_are_so_many_powers_of_transport() -> None:
     """Exactly as far as bounces are followed one by one, then within what the tail is off; ever more light."""
     transport, light, tensors = lit_patch(0.9)
-    truth, found = np.zeros_like(light), np.zeros_like(light)
+    reference, found = np.zeros_like(light), np.zeros_like(light)
     for count in range(12):
         before, found = found, neumann_series(*tensors, torch.tensor(float(count))).numpy()
         rtol = 1e-12 if count <= BOUNCES + 1 else 0.005
-        assert found.mean() == pytest.approx(truth.mean(), rel=rtol)
+        assert found.mean() == pytest.approx(reference.mean(), rel=rtol)
         if count <= BOUNCES + 1:
-            np.testing.assert_allclose(found, truth, rtol=1e-12)
+            np.testing.assert_allclose(found, reference, rtol=1e-12)
         assert (found >= before).all()
-        truth = transport @ (light + truth)
+        reference = transport @ (light + reference)
 
 
 @pytest.mark.parametrize("source", ["irradiance", "glow"])
@@ -283,9 +283,9 @@ def test_carried_light_is_a_mean_of_the_surfels_around() -> None:
     to = (position - at[:, None]) / radius
     exponent = (-3 * (to**2).sum(-1) - 8 * (1 - n @ normal.T) - 24 * (to * n[:, None]).sum(-1) ** 2)
     kernel = np.exp(exponent) * weight[:, 0]
-    truth = kernel @ light / kernel.sum(axis=1, keepdims=True)
+    reference = kernel @ light / kernel.sum(axis=1, keepdims=True)
     found = carry(*(torch.from_numpy(a.astype(F32)) for a in (light, at, n, position, normal, radius, weight)))
-    np.testing.assert_allclose(found.numpy(), truth, rtol=0.01)
+    np.testing.assert_allclose(found.numpy(), reference, rtol=0.01)
 
 
 def test_an_unused_surfel_tells_nothing() -> None:

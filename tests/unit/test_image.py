@@ -11,9 +11,9 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from app.atomic import prepare_folders, replacing, replacing_folder, write_text
 from app.errors import OutputError, SceneError
-from app.image import read_exr, read_png, srgb_encode, to_8bit, write_exr, write_png
+from app.io.atomic_files import prepare_folders, replacing, replacing_folder, write_text
+from app.io.image import read_exr, read_png, srgb_encode, to_8bit, write_exr, write_png
 
 RNG = np.random.default_rng(7)
 

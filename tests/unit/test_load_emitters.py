@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from app.load import load_scene
-from app.load.emitters import MOST_LIGHTS
+from app.load.emitters import MAX_LIGHTS
 from app.scene import PointLight, RectLight
 from tests.unit.load_helpers import TRIANGLE, Gltf, write_obj
 
@@ -30,7 +30,7 @@ def test_a_turned_quad_is_an_exact_rectangle_on_its_winding_side(tmp_path):
     normal = np.cross(light.edge_u, light.edge_v)
     np.testing.assert_allclose(normal, 1.5 * turn[:, 2], atol=1e-5)
     np.testing.assert_allclose(light.center, corners.mean(axis=0), atol=1e-6)
-    assert scene.materials[0].analytic
+    assert scene.materials[0].is_light_proxy
     assert not any("glows" in n for n in scene.notices)
 
 
@@ -61,13 +61,13 @@ def test_separate_pieces_are_separate_lights(tmp_path):
 
 
 def test_only_the_strongest_are_lights_and_the_rest_still_glow(tmp_path):
-    count = MOST_LIGHTS + 4
+    count = MAX_LIGHTS + 4
     scene = glowing(tmp_path, "".join(quad(3 * i, height=0.1 + 0.01 * i, base=4 * i) for i in range(count)))
-    assert len(scene.lights) == MOST_LIGHTS
+    assert len(scene.lights) == MAX_LIGHTS
     assert min(light.center[0] for light in scene.lights) > 3 * 4
-    triangles = {m.analytic: sum(len(x.triangles) for x in scene.meshes if scene.materials[x.material] is m)
+    triangles = {m.is_light_proxy: sum(len(x.triangles) for x in scene.meshes if scene.materials[x.material] is m)
                  for m in scene.materials}
-    assert triangles == {True: 2 * MOST_LIGHTS, False: 8}
+    assert triangles == {True: 2 * MAX_LIGHTS, False: 8}
     assert any(f"{count} emissive pieces" in n for n in scene.notices)
 
 

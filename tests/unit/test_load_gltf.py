@@ -28,7 +28,7 @@ def test_nested_transforms_and_mirroring(tmp_path):
 
 def test_default_material_is_white(tmp_path):
     (material,) = load(Gltf(), tmp_path).materials
-    assert material.albedo == (1.0, 1.0, 1.0) and not material.shiny and not material.double_sided
+    assert material.albedo == (1.0, 1.0, 1.0) and not material.has_specular and not material.double_sided
 
 
 def test_colour_metal_and_roughness(tmp_path):
@@ -41,16 +41,16 @@ def test_colour_metal_and_roughness(tmp_path):
     assert material.roughness == 0.3 and material.double_sided
 
 
-@pytest.mark.parametrize(("pbr", "shiny"), [
+@pytest.mark.parametrize(("pbr", "has_specular"), [
     ({"metallicFactor": 0, "roughnessFactor": 0.5}, True),
     ({"metallicFactor": 0, "roughnessFactor": 1.0}, False),
     ({"metallicFactor": 0}, False),
     ({}, False),
 ])
-def test_plain_surfaces_shine_only_when_smooth(tmp_path, pbr, shiny):
+def test_plain_surfaces_shine_only_when_smooth(tmp_path, pbr, has_specular):
     gltf = Gltf()
     gltf.material(pbrMetallicRoughness=pbr)
-    assert load(gltf, tmp_path).materials[0].shiny is shiny
+    assert load(gltf, tmp_path).materials[0].has_specular is has_specular
 
 
 def test_emission_is_factor_times_strength(tmp_path):

@@ -33,11 +33,11 @@ def test_colours_keep_their_float_values(tmp_path):
 
 def test_highlight_from_exponent_and_none_without_colour(tmp_path):
     obj = QUAD + "usemtl a\nf 1 2 3 4\n"
-    shiny, _ = only_material(write_obj(tmp_path, obj, "newmtl a\nKs 0.5 0.5 0.5\nNs 30\n"))
-    assert shiny.specular == (0.5, 0.5, 0.5)
-    assert shiny.roughness == pytest.approx(0.5)
+    has_specular, _ = only_material(write_obj(tmp_path, obj, "newmtl a\nKs 0.5 0.5 0.5\nNs 30\n"))
+    assert has_specular.specular == (0.5, 0.5, 0.5)
+    assert has_specular.roughness == pytest.approx(0.5)
     dull, _ = only_material(write_obj(tmp_path, obj, "newmtl a\nKs 0 0 0\nNs 30\n"))
-    assert not dull.shiny
+    assert not dull.has_specular
 
 
 def test_d_wins_over_tr(tmp_path):

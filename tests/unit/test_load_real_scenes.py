@@ -33,7 +33,7 @@ def test_counts_bounds_and_lightings(scenes, name):
         size = np.ptp(facts["bounds"], axis=0).max()
         np.testing.assert_allclose(scene.bounds, facts["bounds"], atol=max(1e-3, 1e-4 * size))
         assert scene.lights and scene.lighting == lighting and scene.default_camera == "main"
-        assert {m.emits for m in scene.materials if m.analytic} <= {True}
+        assert {m.emits for m in scene.materials if m.is_light_proxy} <= {True}
 
 
 @pytest.mark.parametrize("name", ["cornell-box", "gltf-cases"])

@@ -9,9 +9,9 @@ import pytest
 
 from app.environment import radiance_along
 from app.errors import SceneError
-from app.image import write_exr
+from app.io.checked_json import SCHEMA
+from app.io.image import write_exr
 from app.load import load_camera, load_scene
-from app.load.checked_json import SCHEMA
 from app.scene import DirectionalLight, PointLight, RectLight, SpotLight
 from tests.unit.load_helpers import QUAD, world, write_obj
 
@@ -60,7 +60,7 @@ def test_every_light(load):
 def test_emission_factor_scales_and_switches_off(load):
     dark, dim = load(lit(POINT, emission=0)), load(lit(emission=0.5))
     assert not dark.materials[0].emits and len(dark.lights) == 1
-    assert dim.materials[0].emission == (1, 1, 1) and dim.materials[0].analytic
+    assert dim.materials[0].emission == (1, 1, 1) and dim.materials[0].is_light_proxy
     assert dim.lights[0].radiance == (1, 1, 1)
 
 

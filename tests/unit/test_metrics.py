@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
-from app import metrics
 from app.errors import MetricError, MissingExtraError
+from app.evaluation import metrics
 
 F32 = NDArray[np.float32]
 ALL = (metrics.psnr, metrics.ssim, metrics.rel_mse, metrics.flip)
@@ -32,21 +32,21 @@ def linear(encoded: float) -> float:
 
 
 def test_exposure_is_one_over_the_95th_percentile_luminance() -> None:
-    truth = np.repeat(np.arange(101, dtype=np.float32)[:, None, None], 3, axis=2)
-    assert metrics.exposure_of(truth) == pytest.approx(1 / 95)
+    reference = np.repeat(np.arange(101, dtype=np.float32)[:, None, None], 3, axis=2)
+    assert metrics.exposure_of(reference) == pytest.approx(1 / 95)
     green = np.zeros((4, 4, 3), np.float32)
     green[..., 1] = 2
     assert metrics.exposure_of(green) == pytest.approx(1 / (2 * 0.7152))
 
 
-def test_a_black_truth_has_an_exposure() -> None:
+def test_a_black_reference_has_an_exposure() -> None:
     assert metrics.exposure_of(grey(0)) == 1e12
 
 
 def test_a_small_bright_spot_is_not_all_that_shows() -> None:
-    truth = grey(0, (10, 10))
-    truth[0, 0] = 1
-    assert metrics.exposure_of(truth) == pytest.approx(1e4)
+    reference = grey(0, (10, 10))
+    reference[0, 0] = 1
+    assert metrics.exposure_of(reference) == pytest.approx(1e4)
 
 
 def test_tone_map_is_srgb_of_the_clamped_product() -> None:
@@ -55,20 +55,20 @@ def test_tone_map_is_srgb_of_the_clamped_product() -> None:
 
 
 def test_psnr_of_a_constant_offset() -> None:
-    # The exposure turns a constant truth into white; the image is off by 0.1 after the transfer: 20 dB.
+    # The exposure turns a constant reference into white; the image is off by 0.1 after the transfer: 20 dB.
     assert metrics.psnr(grey(3 * linear(0.9)), grey(3)) == pytest.approx(20, abs=1e-4)
 
 
 def test_psnr_knows_no_unit() -> None:
-    truth = picture()
-    assert metrics.psnr(truth * 0.8, truth) == pytest.approx(metrics.psnr(truth * 8e5, truth * 1e6), abs=1e-3)
+    reference = picture()
+    assert metrics.psnr(reference * 0.8, reference) == pytest.approx(metrics.psnr(reference * 8e5, reference * 1e6), abs=1e-3)
 
 
 def test_rel_mse_by_hand() -> None:
-    truth, image = grey(1), grey(1)
-    truth[:8], image[:8], image[8:] = 3, 4, 1.5
+    reference, image = grey(1), grey(1)
+    reference[:8], image[:8], image[8:] = 3, 4, 1.5
     epsilon = 0.01 * 2**2
-    assert metrics.rel_mse(image, truth) == pytest.approx((1 / (9 + epsilon) + 0.25 / (1 + epsilon)) / 2)
+    assert metrics.rel_mse(image, reference) == pytest.approx((1 / (9 + epsilon) + 0.25 / (1 + epsilon)) / 2)
 
 
 def test_ssim_of_a_constant_pair() -> None:
@@ -78,71 +78,71 @@ def test_ssim_of_a_constant_pair() -> None:
 
 
 def test_equal_images() -> None:
-    truth = picture()
-    assert metrics.psnr(truth, truth) == math.inf
-    assert metrics.ssim(truth, truth) == pytest.approx(1)
-    assert metrics.rel_mse(truth, truth) == 0
-    assert metrics.flip(truth, truth) == 0
+    reference = picture()
+    assert metrics.psnr(reference, reference) == math.inf
+    assert metrics.ssim(reference, reference) == pytest.approx(1)
+    assert metrics.rel_mse(reference, reference) == 0
+    assert metrics.flip(reference, reference) == 0
 
 
 def test_metrics_order_images_as_an_eye_does() -> None:
-    truth = picture()
-    noise = np.random.default_rng(1).normal(size=truth.shape).astype(np.float32)
-    images = [np.maximum(truth + amount * noise, 0) for amount in (0.02, 0.1, 0.5)]
+    reference = picture()
+    noise = np.random.default_rng(1).normal(size=reference.shape).astype(np.float32)
+    images = [np.maximum(reference + amount * noise, 0) for amount in (0.02, 0.1, 0.5)]
     for metric, sign in ((metrics.psnr, -1), (metrics.ssim, -1), (metrics.rel_mse, 1), (metrics.flip, 1)):
-        values = [sign * metric(image, truth) for image in images]
+        values = [sign * metric(image, reference) for image in images]
         assert values == sorted(values)
 
 
 def uneven_pair() -> tuple[F32, F32]:
-    """An image with other colours, a dark block and a bright border, and its truth."""
-    truth = picture()
-    image = truth * np.array([1.3, 0.8, 1.0], np.float32)
+    """An image with other colours, a dark block and a bright border, and its reference."""
+    reference = picture()
+    image = reference * np.array([1.3, 0.8, 1.0], np.float32)
     image[8:14, 5:20] *= 0.2
     image[:3] += 2
-    return image, truth
+    return image, reference
 
 
 def test_flip_is_that_of_three_exposures_two_stops_apart() -> None:
-    image, truth = uneven_pair()
-    assert metrics.flip(image, truth) == pytest.approx(0.504842, abs=2e-5)  # flip-evaluator 1.7
-    assert metrics.flip(truth, image) == pytest.approx(0.505999, abs=2e-5)  # the truth's exposure counts
+    image, reference = uneven_pair()
+    assert metrics.flip(image, reference) == pytest.approx(0.504842, abs=2e-5)  # flip-evaluator 1.7
+    assert metrics.flip(reference, image) == pytest.approx(0.505999, abs=2e-5)  # the reference's exposure counts
 
 
 def test_ssim_is_that_of_scikit_image() -> None:
-    image, truth = uneven_pair()
-    a, b = (metrics.tone_map(x, metrics.exposure_of(truth)) for x in (image, truth))
+    image, reference = uneven_pair()
+    a, b = (metrics.tone_map(x, metrics.exposure_of(reference)) for x in (image, reference))
     expected = structural_similarity(a, b, data_range=1.0, channel_axis=2, gaussian_weights=True, sigma=1.5,
                                      use_sample_covariance=False)
-    assert metrics.ssim(image, truth) == pytest.approx(float(expected), abs=1e-5) == pytest.approx(0.396393, abs=1e-4)
+    assert metrics.ssim(image, reference) == pytest.approx(float(expected), abs=1e-5) == pytest.approx(0.396393, abs=1e-4)
 
 
 def test_ssim_of_a_mask_without_a_whole_window_takes_all_of_it() -> None:
-    image, truth = uneven_pair()
-    mask = np.zeros(truth.shape[:2], bool)
+    image, reference = uneven_pair()
+    mask = np.zeros(reference.shape[:2], bool)
     mask[:2, :2] = True
-    assert metrics.ssim(image, truth, mask) < 0.98
-    assert metrics.ssim(truth, truth, mask) == pytest.approx(1)
+    assert metrics.ssim(image, reference, mask) < 0.98
+    assert metrics.ssim(reference, reference, mask) == pytest.approx(1)
 
 
 def test_flip_sees_a_difference_where_it_is() -> None:
-    truth, image = grey(1, (48, 48)), grey(1, (48, 48))
+    reference, image = grey(1, (48, 48)), grey(1, (48, 48))
     image[4:12, 4:12] = 0
-    errors = metrics.flip_map(image, truth)
+    errors = metrics.flip_map(image, reference)
     assert errors.shape == (48, 48) and errors.dtype == np.float32
     assert errors[8, 8] > 0.5
     assert errors[30:, 30:].max() == 0
-    assert metrics.flip(image, truth) == pytest.approx(float(errors.mean()))
+    assert metrics.flip(image, reference) == pytest.approx(float(errors.mean()))
 
 
 def test_flip_keeps_to_numbers_at_the_ends_of_the_range() -> None:
-    bright, truth = grey(1), grey(1)
+    bright, reference = grey(1), grey(1)
     bright[3, 3] = 3e38
-    assert 0 < metrics.flip(bright, truth) < 1
+    assert 0 < metrics.flip(bright, reference) < 1
     assert metrics.flip(grey(1e-38), grey(1e-38)) == 0
 
 
-def test_a_black_truth_is_survived() -> None:
+def test_a_black_reference_is_survived() -> None:
     black = grey(0)
     assert [metric(black, black) for metric in ALL] == [math.inf, pytest.approx(1), 0, 0]
     assert metrics.flip(grey(1), black) > 0.9
@@ -158,15 +158,15 @@ def test_one_value_that_is_no_number_is_refused(metric, bad) -> None:
     poisoned[5, 6, 1] = bad
     with pytest.raises(MetricError, match="1 texels are not finite, image"):
         metric(poisoned, picture())
-    with pytest.raises(MetricError, match="1 texels are not finite, truth"):
+    with pytest.raises(MetricError, match="1 texels are not finite, reference"):
         metric(picture(), poisoned)
 
 
 @pytest.mark.parametrize("metric", ALL)
 def test_unlike_shapes_are_refused(metric) -> None:
-    for image, truth in ((grey(1)[:-1], grey(1)), (grey(1)[..., :1], grey(1)[..., :1]), (grey(1)[:0], grey(1)[:0])):
+    for image, reference in ((grey(1)[:-1], grey(1)), (grey(1)[..., :1], grey(1)[..., :1]), (grey(1)[:0], grey(1)[:0])):
         with pytest.raises(MetricError, match="expected \\(H, W, 3\\)"):
-            metric(image, truth)
+            metric(image, reference)
 
 
 def test_ssim_refuses_less_than_its_window() -> None:
@@ -176,23 +176,23 @@ def test_ssim_refuses_less_than_its_window() -> None:
 
 @pytest.mark.parametrize("metric", ALL)
 def test_what_lies_outside_the_mask_does_not_count(metric) -> None:
-    truth, image, other = picture(), picture() * 0.7, picture() * 0.7
-    mask = np.zeros(truth.shape[:2], bool)
+    reference, image, other = picture(), picture() * 0.7, picture() * 0.7
+    mask = np.zeros(reference.shape[:2], bool)
     mask[6:20, 4:28] = True
     other[~mask] = np.nan
-    assert metric(image, truth, mask) == pytest.approx(metric(other, truth, mask))
+    assert metric(image, reference, mask) == pytest.approx(metric(other, reference, mask))
     with pytest.raises(MetricError, match="mask"):
-        metric(image, truth, np.zeros_like(mask))
+        metric(image, reference, np.zeros_like(mask))
 
 
 def test_temporal_error_counts_flicker_and_no_bias() -> None:
-    truths = [grey(1), grey(1), grey(1)]
-    assert metrics.temporal_error([grey(linear(0.5))] * 3, truths) == 0
+    references = [grey(1), grey(1), grey(1)]
+    assert metrics.temporal_error([grey(linear(0.5))] * 3, references) == 0
     flicker = [grey(linear(0.5)), grey(linear(0.7)), grey(linear(0.5))]
-    assert metrics.temporal_error(flicker, truths) == pytest.approx(0.2, abs=1e-6)
+    assert metrics.temporal_error(flicker, references) == pytest.approx(0.2, abs=1e-6)
     assert metrics.temporal_error(flicker, flicker) == 0
     with pytest.raises(MetricError, match="two or more"):
-        metrics.temporal_error(truths[:1], truths[:1])
+        metrics.temporal_error(references[:1], references[:1])
 
 
 def test_a_missing_extra_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.contract import find_model
-from app.infer import Network
+from app.network.contract import find_model
+from app.network.session import Network
 from tests.rooms import Lamp, Quad, View, box, screen_points, solid_angles, tensors
 
 SIDE = 20.0
@@ -60,9 +60,9 @@ def test_gather_agrees_with_parallel_squares(eye: tuple[float, float, float], ta
     found = indirect("gather", quads, view)
     points, _, number = screen_points(quads, view)
     on = number == 0
-    truth = to_square(points, corner, SIDE)[on]
-    assert found[on].mean() == pytest.approx(truth.mean(), rel=0.05)
-    assert np.percentile(np.abs(found[on] / truth - 1), 90) < 0.05
+    reference = to_square(points, corner, SIDE)[on]
+    assert found[on].mean() == pytest.approx(reference.mean(), rel=0.05)
+    assert np.percentile(np.abs(found[on] / reference - 1), 90) < 0.05
 
 
 def test_the_closed_form_is_the_known_one() -> None:
@@ -114,8 +114,8 @@ def test_an_open_scene_from_outside_is_lit_by_the_screen() -> None:
     points, _, number = screen_points(quads, view)
     back = (number >= 0) & (points[..., 2] < 1e-6)
     # The back wall sees all but the opening, a parallel square.
-    truth = 1 - to_square(points, (0, 0), 40.0, 40.0)[back]
-    assert found[back].mean() == pytest.approx(truth.mean(), rel=0.15)
+    reference = 1 - to_square(points, (0, 0), 40.0, 40.0)[back]
+    assert found[back].mean() == pytest.approx(reference.mean(), rel=0.15)
 
 
 def test_the_sky_stays_black() -> None:
@@ -150,7 +150,7 @@ def test_every_size_gives_the_same_light(size: tuple[int, int]) -> None:
 
 def test_the_disk_kernel_is_exact_above_the_horizon() -> None:
     torch = pytest.importorskip("torch", reason="the kernel lies inside the networks")
-    from export.models.surfels import Surfels, _form_factors
+    from export.models.radiosity import Surfels, _form_factors
 
     rng = np.random.default_rng(0)
     ring, turn = np.meshgrid(np.sqrt((np.arange(400) + 0.5) / 400), 2 * np.pi * (np.arange(400) + 0.5) / 400)
@@ -179,7 +179,7 @@ def test_the_disk_kernel_is_exact_above_the_horizon() -> None:
 def test_exporting_again_gives_the_same_bytes(tmp_path: Path) -> None:
     pytest.importorskip("torch", reason="export needs torch")
     from export.models import UNTRAINED
-    from export.to_onnx import export_network, write_network
+    from export.onnx.export import export_network, write_network
 
     for name in ("gather", "radiosity"):
         first = export_network(name, tmp_path / "a")
@@ -189,7 +189,7 @@ def test_exporting_again_gives_the_same_bytes(tmp_path: Path) -> None:
 
 def test_stamping_puts_a_contract_into_a_bare_network(tmp_path: Path) -> None:
     pytest.importorskip("torch", reason="export needs torch")
-    from export.to_onnx import stamp
+    from export.onnx.export import stamp
     from tests.tiny_network import TINY, write_tiny_network
 
     path = write_tiny_network(tmp_path / "bare.onnx", contract=None)

@@ -17,7 +17,7 @@ from app.load import load_scene
 from export.dataset.held_out import read_list
 from export.dataset.key import scene_key
 from export.dataset.plan import TRAINING
-from export.validation import VALIDATION, generated, views
+from export.validation.views import VALIDATION, generated, views
 
 
 def test_there_are_enough_views_of_enough_scenes() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from app.errors import AfterglowError, OutputError, SettingsError
-from app.video import CODECS, RATE, check_video, video
+from app.io.video import CODECS, RATE, check_video, video
 
 SIZE = (64, 48)
 FRAMES = 12

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from app.math3d import View
+from app.raycast.caster import STATIC, Caster
 from app.scene import Camera, Material, Motion, Scene
-from app.surfels.bundle import cosine_rays
-from app.surfels.carried import Carried
-from app.surfels.caster import STILL, Caster
-from app.surfels.spread import farthest, neighbour_distance
+from app.surfels.attached_points import AttachedPoints
+from app.surfels.farthest_points import farthest, neighbour_distance
+from app.surfels.random_walks import hemisphere, walk
+from app.surfels.ray_bundle import cosine_rays
 from app.surfels.tracked import TrackedSurfels
-from app.surfels.walk import hemisphere, walk
-from app.surfels.world import PLACES, WorldSurfels
+from app.surfels.world import MAX_LIGHT_SAMPLES, WorldSurfels
 from tests.gl.closed_forms import polygon_irradiance
 from tests.gl.scenes import GREY, Part, Point, box, floor, make_scene, moved, quad, slide
 
@@ -46,11 +46,11 @@ def arrays(world: WorldSurfels) -> dict[str, np.ndarray]:
 
 
 def test_lamps_are_met_by_their_own_surfels_alone_and_take_no_direct_light() -> None:
-    lamp = Material(albedo=(0.7,) * 3, emission=(1.0,) * 3, analytic=True)
+    lamp = Material(albedo=(0.7,) * 3, emission=(1.0,) * 3, is_light_proxy=True)
     low = 2.999  # nearer to the ceiling than surfels are to each other
     world = made(make_scene([ROOM, quad((1, low, 1), (2, 0, 0), (0, 0, 2), lamp)]))
     on_lamp = np.isclose(world.position[:, 1] + world.origin[1], low, atol=2e-4)
-    assert on_lamp.sum() >= 2 and not on_lamp[world.place_surfel].any()
+    assert on_lamp.sum() >= 2 and not on_lamp[world.light_sample_surfel].any()
     met = np.isclose(world.albedo[..., 0], 0.7)  # all else is of 0.5
     assert met.any()
     np.testing.assert_array_equal(on_lamp[world.index[met].astype(int)], True)
@@ -139,7 +139,7 @@ def test_every_quarter_of_the_rays_is_spread_as_the_cosine(rays: int) -> None:
     caster = Caster(scene)
     count = 400
     normal = np.tile(np.array([0, 1, 0], np.float32), (count, 1))
-    surfels = Carried(caster, np.zeros((count, 3), np.float32), normal, np.full(count, STILL))
+    surfels = AttachedPoints(caster, np.zeros((count, 3), np.float32), normal, np.full(count, STATIC))
     bundle = cosine_rays(caster, surfels, rays, np.random.default_rng(0))
     for quarter in np.split(bundle._directions, 4, axis=1):
         squared = quarter[..., 1] ** 2
@@ -165,11 +165,11 @@ def seen_of_lid(world: WorldSurfels) -> tuple[np.ndarray, np.ndarray]:
 def test_the_mean_over_rays_is_a_form_factor() -> None:
     """A floor sees the square above it as Lambert's formula for polygons says."""
     world = made(make_scene([floor(1.0), lid(Material(albedo=(1.0,) * 3))]), 64, 144, eye=(0, 0.5, 0.9))
-    on_floor, truth = seen_of_lid(world)
+    on_floor, reference = seen_of_lid(world)
     found = (world.albedo[on_floor, :, 0] > 0.9).mean(axis=1)
     assert on_floor.sum() > 20
-    assert found.mean() == pytest.approx(truth.mean(), rel=0.01)
-    assert np.sqrt(((found - truth) ** 2).mean()) < 0.02  # 0.04 without strata
+    assert found.mean() == pytest.approx(reference.mean(), rel=0.01)
+    assert np.sqrt(((found - reference) ** 2).mean()) < 0.02  # 0.04 without strata
 
 
 def test_rays_name_a_surfel_of_the_body_that_they_meet() -> None:
@@ -181,20 +181,20 @@ def test_rays_name_a_surfel_of_the_body_that_they_meet() -> None:
     assert on_ball.sum() > 20
     assert (number[met] >= 0).all() and (number < world.used).all()
     assert (body[number[on_ball]] == 1).all()
-    assert (body[number[met & ~on_ball]] == STILL).all()
+    assert (body[number[met & ~on_ball]] == STATIC).all()
 
 
 def test_every_surfel_has_places_of_its_own_body_near_it() -> None:
     world = made(crossing(), 200)
-    number = np.bincount(world.place_surfel, minlength=world.count)
+    number = np.bincount(world.light_sample_surfel, minlength=world.count)
     assert world.used == 200
-    assert number.min() >= 1 and number.max() <= PLACES
+    assert number.min() >= 1 and number.max() <= MAX_LIGHT_SAMPLES
     assert number.mean() > 3
-    assert (np.diff(world.place_surfel) >= 0).all()
-    assert (world._places.body == world._surfels.body[world.place_surfel]).all()
-    away = np.linalg.norm(world.place_position - world.position[world.place_surfel], axis=1)
-    assert (away < 2 * world.radius[world.place_surfel]).mean() > 0.99
-    facing = (world.place_normal * world.normal[world.place_surfel]).sum(axis=1)
+    assert (np.diff(world.light_sample_surfel) >= 0).all()
+    assert (world._places.body == world._surfels.body[world.light_sample_surfel]).all()
+    away = np.linalg.norm(world.light_sample_position - world.position[world.light_sample_surfel], axis=1)
+    assert (away < 2 * world.radius[world.light_sample_surfel]).mean() > 0.99
+    facing = (world.light_sample_normal * world.normal[world.light_sample_surfel]).sum(axis=1)
     assert (facing > 0.5).mean() > 0.99
 
 
@@ -211,7 +211,7 @@ def test_a_scene_with_little_in_it_leaves_rows_unused() -> None:
 def test_an_empty_scene_has_no_surfels() -> None:
     scene = replace(make_scene([ROOM]), meshes=(), instances=(), materials=(), bounds=np.zeros((2, 3)))
     world = made(scene, 16, 4)
-    assert world.used == 0 and len(world.place_surfel) == 0
+    assert world.used == 0 and len(world.light_sample_surfel) == 0
     assert not world.weight.any() and (world.index == -1).all()
     assert all(np.isfinite(a).all() for a in arrays(world).values())
     assert world.covers(np.zeros(3))
@@ -220,15 +220,15 @@ def test_an_empty_scene_has_no_surfels() -> None:
 def test_glow_is_the_mean_radiance_of_what_glows() -> None:
     glowing = lid(Material(albedo=(0.0,) * 3, emission=(3.0, 2.0, 1.0)))
     world = made(make_scene([floor(1.0), glowing]), 64, 4, eye=(0, 0.5, 0.9))
-    on_floor, truth = seen_of_lid(world)
-    np.testing.assert_allclose(world.glow[on_floor], truth[:, None] * (3, 2, 1), atol=0.12)
-    assert world.glow[on_floor].mean(axis=0) == pytest.approx(truth.mean() * np.array([3, 2, 1]), rel=0.01)
+    on_floor, reference = seen_of_lid(world)
+    np.testing.assert_allclose(world.glow[on_floor], reference[:, None] * (3, 2, 1), atol=0.12)
+    assert world.glow[on_floor].mean(axis=0) == pytest.approx(reference.mean() * np.array([3, 2, 1]), rel=0.01)
     assert not world.glow[~on_floor].any()
 
 
 def directions_now(world: WorldSurfels) -> np.ndarray:
     """Of all rays, [S · K, 3]; a surfel that rides takes a quarter of its own four times."""
-    bundle, rides = world._rays, world._surfels.body != STILL
+    bundle, rides = world._rays, world._surfels.body != STATIC
     found = np.empty((world.used, world.rays, 3), np.float32)
     found[~rides] = bundle._directions
     found[rides] = np.tile(bundle._carried.now()[1].reshape(rides.sum(), -1, 3), (1, 4, 1))
@@ -242,7 +242,7 @@ def test_place_gives_the_tables_of_rays_cast_afresh() -> None:
     assert world.place(0.7)
     fresh = Caster(scene)
     fresh.place(0.7)
-    origins = np.repeat(world.position + world.normal * fresh.skin, world.rays, axis=0)
+    origins = np.repeat(world.position + world.normal * fresh.ray_epsilon, world.rays, axis=0)
     hits = fresh.cast(origins, directions_now(world))
     albedo = hits.albedo.reshape(world.albedo.shape)
     np.testing.assert_allclose(world.albedo, albedo, atol=1e-6)
@@ -253,7 +253,7 @@ def test_place_gives_the_tables_of_rays_cast_afresh() -> None:
                                atol=1e-5)
     assert (world.position[~rides] == before["position"][~rides]).all()
     rides = world._places.body == 1
-    np.testing.assert_allclose(world.place_position[rides] - before["place_position"][rides],
+    np.testing.assert_allclose(world.light_sample_position[rides] - before["light_sample_position"][rides],
                                [(0, 0.7 * 1.5, 0.7)] * rides.sum(), atol=1e-5)
 
 
@@ -288,7 +288,7 @@ def test_a_body_scaled_to_nothing_comes_back() -> None:
 
 def test_the_same_scene_and_view_give_the_same_arrays() -> None:
     first, second = (arrays(made(crossing(), time=0.3)) for _ in range(2))
-    assert set(first) >= {"position", "normal", "radius", "weight", "index", "albedo", "glow", "place_position"}
+    assert set(first) >= {"position", "normal", "radius", "weight", "index", "albedo", "glow", "light_sample_position"}
     for name, values in first.items():
         np.testing.assert_array_equal(values, second[name], name)
 
@@ -308,7 +308,7 @@ def test_a_room_in_a_scene_a_thousand_times_as_large() -> None:
     world = made(make_scene([ROOM, CUPBOARD, hill]), 256)
     assert world.covers(np.asarray(INSIDE))
     assert np.median(world.radius) == pytest.approx(np.median(made(furnished(), 256).radius), rel=0.1)
-    hits = world._rays.still
+    hits = world._rays.static
     to = (hits.position[:, None].astype(np.float64) - world.position) / world.radius[:, None]
     turn = 1 - hits.normal @ world.normal.T
     exponent = 3 * (to**2).sum(-1) + 8 * turn + 24 * (to * hits.normal[:, None]).sum(-1) ** 2

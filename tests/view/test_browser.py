@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from app.image import read_exr, read_png
+from app.io.image import read_exr, read_png
 from tests.view.conftest import ROOT, Viewer, running
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]

@@ -13,21 +13,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.bench.truth import Truth
 from app.errors import AfterglowError, SceneError
-from app.image import write_exr
+from app.evaluation.reference import Reference
+from app.io.image import write_exr
 from app.load import load_parts
 from app.paths import data_dir
-from app.view import saving, truth
-from app.view.newest import Newest
-from app.view.saving import MOST_KEPT, Saver
-from app.view.state import TRUTH, State
-from app.view.truth import SAMPLES, Truths
+from app.view import reference, saving
+from app.view.latest_only import LatestOnly
+from app.view.progressive_reference import SAMPLES, ReferenceTracer
+from app.view.saving import MAX_KEPT, Saver
+from app.view.state import REFERENCE, State
 
 BOX = data_dir() / "cornell-box.obj"
 PARTS = load_parts(BOX)
 STATE = State((16, 12), PARTS.scene.cameras[PARTS.scene.default_camera].at(0.0), PARTS.scene.lights, "none",
-              split=TRUTH)
+              split=REFERENCE)
 
 
 async def traced(module: str, arguments: list[str], **options: Any) -> str:
@@ -35,8 +35,8 @@ async def traced(module: str, arguments: list[str], **options: Any) -> str:
     told = dict(pairwise(arguments))
     folder, grey = Path(told["--out"]), np.full((12, 16, 3), 1.0 + int(told["--seed"]), np.float32)
     layers = dict.fromkeys(("", "direct", "indirect", "albedo"), grey)
-    write_exr(folder / "truth.exr", {**layers, "depth": grey[..., :1]})
-    (folder / "truth.json").write_text(f'{{"spp": {told["--spp"]}}}')
+    write_exr(folder / "reference.exr", {**layers, "depth": grey[..., :1]})
+    (folder / "reference.json").write_text(f'{{"spp": {told["--spp"]}}}')
     return ""
 
 
@@ -44,17 +44,17 @@ async def fails(module: str, arguments: list[str], **options: Any) -> str:
     raise OSError("no room")
 
 
-def followed(folder: Path, states: list[State]) -> tuple[list[Truth | None], list[Exception]]:
-    """What is told of the truths of these states, each traced to its end, and what goes wrong."""
-    told: list[Truth | None] = []
+def followed(folder: Path, states: list[State]) -> tuple[list[Reference | None], list[Exception]]:
+    """What is told of the references of these states, each traced to its end, and what goes wrong."""
+    told: list[Reference | None] = []
     wrong: list[Exception] = []
 
     async def follow() -> None:
-        truths = Truths(BOX, PARTS, folder, told.append, wrong.append)
+        references = ReferenceTracer(BOX, PARTS, folder, told.append, wrong.append)
         for state in states:
-            truths.follow(state)
-            assert truths._work is not None
-            await truths._work
+            references.follow(state)
+            assert references._work is not None
+            await references._work
 
     asyncio.run(follow())
     return told, wrong
@@ -62,14 +62,14 @@ def followed(folder: Path, states: list[State]) -> tuple[list[Truth | None], lis
 
 @pytest.fixture(autouse=True)
 def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(truth, "REST_SECONDS", 0.0)
-    monkeypatch.setattr(truth, "exporter_version", lambda scene: "")
+    monkeypatch.setattr(reference, "REST_SECONDS", 0.0)
+    monkeypatch.setattr(reference, "exporter_version", lambda scene: "")
 
 
-def test_of_a_truth_the_finest_is_kept_and_of_truths_the_newest(tmp_path: Path,
+def test_of_a_reference_the_finest_is_kept_and_of_references_the_newest(tmp_path: Path,
                                                                 monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(truth, "run_module", traced)
-    monkeypatch.setattr(truth, "MOST_KEPT", 2)
+    monkeypatch.setattr(reference, "run_module", traced)
+    monkeypatch.setattr(reference, "MAX_KEPT", 2)
     states = [replace(STATE, camera=replace(STATE.camera, fov_y_deg=40.0 + i)) for i in range(3)]
     told, wrong = followed(tmp_path, states)
     assert not wrong
@@ -82,7 +82,7 @@ def test_of_a_truth_the_finest_is_kept_and_of_truths_the_newest(tmp_path: Path,
 def test_a_refinement_that_was_stopped_is_in_none_that_follows(tmp_path: Path,
                                                               monkeypatch: pytest.MonkeyPatch) -> None:
     begun, ended, go_on = threading.Event(), threading.Event(), threading.Event()
-    add = truth._add
+    add = reference._add
 
     def slowly(folder: Path, other: Path) -> None:
         """The first time it goes on after it was stopped, while the second has begun."""
@@ -97,33 +97,33 @@ def test_a_refinement_that_was_stopped_is_in_none_that_follows(tmp_path: Path,
             add(folder, other)
         ended.set()
 
-    async def stop_and_go_on() -> list[Truth | None]:
-        told: list[Truth | None] = []
-        truths = Truths(BOX, PARTS, tmp_path, told.append, pytest.fail)
-        truths.follow(STATE)
+    async def stop_and_go_on() -> list[Reference | None]:
+        told: list[Reference | None] = []
+        references = ReferenceTracer(BOX, PARTS, tmp_path, told.append, pytest.fail)
+        references.follow(STATE)
         await asyncio.to_thread(begun.wait, 10)
-        truths.follow(replace(STATE, split=""))
-        truths.follow(STATE)
-        assert truths._work is not None
-        await truths._work
+        references.follow(replace(STATE, split=""))
+        references.follow(STATE)
+        assert references._work is not None
+        await references._work
         return told
 
-    monkeypatch.setattr(truth, "run_module", traced)
-    monkeypatch.setattr(truth, "_add", slowly)
+    monkeypatch.setattr(reference, "run_module", traced)
+    monkeypatch.setattr(reference, "_add", slowly)
     shown = [found.about["spp"] for found in asyncio.run(stop_and_go_on()) if found is not None]
     assert shown[-4:] == [8, 32, 128, 512]
     assert len(list(tmp_path.iterdir())) == 1
 
 
 def test_a_tracer_that_fails_is_told_of_and_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(truth, "run_module", fails)
+    monkeypatch.setattr(reference, "run_module", fails)
     told, wrong = followed(tmp_path, [STATE])
     assert told == [] and [str(error) for error in wrong] == ["no room"]
     assert list(tmp_path.iterdir()) == []
 
 
 def test_what_failed_is_tried_again_with_the_next_change(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    told: list[Truth | None] = []
+    told: list[Reference | None] = []
     wrong: list[Exception] = []
 
     async def fails_once_refined(module: str, arguments: list[str], **options: Any) -> str:
@@ -131,13 +131,13 @@ def test_what_failed_is_tried_again_with_the_next_change(tmp_path: Path, monkeyp
         return await (traced if wrong or first else fails)(module, arguments)
 
     async def follow() -> None:
-        truths = Truths(BOX, PARTS, tmp_path, told.append, wrong.append)
+        references = ReferenceTracer(BOX, PARTS, tmp_path, told.append, wrong.append)
         for exposure in (1.0, 2.0, 3.0):
-            truths.follow(replace(STATE, exposure=exposure))
-            assert truths._work is not None
-            await truths._work
+            references.follow(replace(STATE, exposure=exposure))
+            assert references._work is not None
+            await references._work
 
-    monkeypatch.setattr(truth, "run_module", fails_once_refined)
+    monkeypatch.setattr(reference, "run_module", fails_once_refined)
     asyncio.run(follow())
     assert [str(error) for error in wrong] == ["no room"]
     assert [found and found.about["spp"] for found in told] == [8, 8, 32, 128, 512]
@@ -146,11 +146,11 @@ def test_what_failed_is_tried_again_with_the_next_change(tmp_path: Path, monkeyp
 def test_the_newest_saves_are_kept(tmp_path: Path) -> None:
     async def save() -> None:
         saver = Saver(BOX, PARTS, tmp_path, "cpu")
-        saved = [await saver.save(STATE, "json") for _ in range(MOST_KEPT + 2)]
+        saved = [await saver.save(STATE, "json") for _ in range(MAX_KEPT + 2)]
         assert [saver.file(one.number) for one in saved[2:]] == [one.file for one in saved[2:]]
         assert [saver.file(one.number) for one in saved[:2]] == [None, None]
         assert saver.file(0) is None
-        assert len(list(tmp_path.iterdir())) == MOST_KEPT
+        assert len(list(tmp_path.iterdir())) == MAX_KEPT
         assert all(one.file.is_file() for one in saved[2:])
 
     asyncio.run(save())
@@ -171,7 +171,7 @@ def test_what_is_overtaken_is_never_done_and_the_loop_stays_free() -> None:
         done.append(item)
 
     async def drag() -> None:
-        newest = Newest(work, pytest.fail)
+        newest = LatestOnly(work, pytest.fail)
         for item in range(100):
             newest.offer(item)
             await asyncio.sleep(0.001)
@@ -195,7 +195,7 @@ def test_work_that_fails_is_told_of_and_the_next_is_done() -> None:
         done.append(item)
 
     async def offer() -> None:
-        newest = Newest(work, wrong.append)
+        newest = LatestOnly(work, wrong.append)
         for item in range(3):
             newest.offer(item)
             await asyncio.sleep(0.01)
@@ -230,7 +230,7 @@ def test_whoever_saves_is_told_when_it_fails(error: Exception, monkeypatch: pyte
         for _ in range(2):
             client.replies.clear()
             session.handle(client, {"type": "save", "kind": "png"})
-            await session._errands["save"]
+            await session._requests["save"]
             (reply,) = client.replies
             assert reply["type"] in ("error", "refused") and str(error) in reply["message"]
 

@@ -35,9 +35,9 @@ def test_what_the_page_is_told_may_be_sent_back() -> None:
 def test_each_change() -> None:
     assert apply(type="size", size=[320, 240]).size == (320, 240)
     assert apply(type="lights", lights=[]).lights == ()
-    look = apply(type="look", model="ember", split="truth", aov="normal", exposure=2, taa=False, scale=0.25,
+    look = apply(type="look", model="ember", split="reference", aov="normal", exposure=2, taa=False, scale=0.25,
                  precision="float16")
-    assert (look.model, look.split, look.aov, look.exposure, look.taa) == ("ember", "truth", "normal", 2.0, False)
+    assert (look.model, look.split, look.aov, look.exposure, look.taa) == ("ember", "reference", "normal", 2.0, False)
     assert (look.scale, look.precision, look.models) == (0.25, "float16", ("ember",))
     assert apply(type="look", split="ember").models == ("none", "ember")
     moved = apply(type="place", object="box", translate=[1, 0, 0])

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.image import write_exr
+from app.io.image import write_exr
 from app.load import Parts, load_parts
 from app.paths import data_dir
 from app.scene import Camera, PointLight, SpotLight
+from app.view.edited_scene import EditedScene
 from app.view.scene_file import NAME, arguments, model_name, write_scene_json
-from app.view.stage import Stage
 from app.view.state import State
 
 BOX = data_dir() / "cornell-box.obj"
@@ -60,7 +60,7 @@ def test_lights_of_emissive_surfaces_stay_apart(tmp_path: Path) -> None:
 def test_a_moved_object_is_where_the_viewer_shows_it(parts: Parts, tmp_path: Path) -> None:
     name = next(iter(parts.objects))
     state = replace(state_of(parts), places=((name, (0.25, 0.5, -0.125)),))
-    stage = Stage(BOX, parts, tmp_path)
+    stage = EditedScene(BOX, parts, tmp_path)
     still, shown = stage.scene(state_of(parts)), stage.scene(state)
     moved = again(state, parts, tmp_path).scene
     for index in parts.objects[name]:
@@ -95,8 +95,8 @@ def test_the_command_says_what_was_chosen(parts: Parts) -> None:
     assert told[-1] == "--no-taa"
     assert model_name(replace(state, model="none")) == "none"
     assert NAME == "view"
-    both = replace(state, model="ember", environment="coarse", bounces=2, scale=0.0, precision="")
+    both = replace(state, model="ember", environment="unshadowed_environment", bounces=2, scale=0.0, precision="")
     told = arguments(both, BOX, "saved.json", 4, ("final",), "png", "cpu")
-    assert [name for option, name in pairwise(told) if option == "--model"] == ["ember", "coarse"]
+    assert [name for option, name in pairwise(told) if option == "--model"] == ["ember", "unshadowed_environment"]
     assert told[told.index("--bounces") + 1] == "2"
     assert "--bounces" not in arguments(replace(both, model="none"), BOX, "saved.json", 4, ("final",), "png", "cpu")

@@ -13,7 +13,7 @@ import aiohttp
 import pytest
 
 from app.view.encoder import unpacked
-from app.view.server import LARGEST_MESSAGE
+from app.view.server import MAX_MESSAGE
 from tests.view.conftest import Viewer, running
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
@@ -142,7 +142,7 @@ def test_an_oversized_message_ends_that_connection_alone(viewer: Viewer) -> None
     async def attack() -> None:
         async with aiohttp.ClientSession() as session, session.ws_connect(viewer.socket) as good:
             async with session.ws_connect(viewer.socket) as bad:
-                await bad.send_str('{"type": "' + "x" * LARGEST_MESSAGE + '"}')
+                await bad.send_str('{"type": "' + "x" * MAX_MESSAGE + '"}')
                 while not bad.closed:
                     await bad.receive(timeout=PATIENCE)
                 assert bad.close_code == aiohttp.WSCloseCode.MESSAGE_TOO_BIG
@@ -201,23 +201,23 @@ def test_ctrl_c_ends_it_while_frames_are_on_their_way() -> None:
 
 
 @pytest.mark.usefixtures("path_tracer")
-def test_the_truth_is_traced_judged_and_kept(viewer: Viewer) -> None:
+def test_the_reference_is_traced_judged_and_kept(viewer: Viewer) -> None:
     async def look() -> None:
         async with aiohttp.ClientSession() as session, session.ws_connect(viewer.socket) as socket:
-            await socket.send_json({"type": "look", "split": "truth", "exposure": 1.0})
-            first = (await until(socket, "truth"))["spp"]
+            await socket.send_json({"type": "look", "split": "reference", "exposure": 1.0})
+            first = (await until(socket, "reference"))["spp"]
             refined, errors = first, None  # which come, and in which order, depends on how fast each is
             while refined == first or errors is None:
-                message = await until(socket, "truth", "errors")
+                message = await until(socket, "reference", "errors")
                 errors, refined = message.get("errors", errors), message.get("spp", refined)
             assert 8 <= first < refined <= 512
             assert len(errors) == 1
             assert 5 < errors[0]["psnr"] < 30 and 0.05 < errors[0]["rel_mse"] < 1  # no indirect light
             await socket.send_json({"type": "look", "split": "", "exposure": 2.0, "input": 1})
-            while (message := await until(socket, "truth", "frame")).get("input", 0) < 1:
+            while (message := await until(socket, "reference", "frame")).get("input", 0) < 1:
                 refined = max(refined, message.get("spp", 0))
-            await socket.send_json({"type": "look", "split": "truth"})
-            while not (kept := (await until(socket, "truth"))["spp"]):
+            await socket.send_json({"type": "look", "split": "reference"})
+            while not (kept := (await until(socket, "reference"))["spp"]):
                 pass
             assert kept >= refined  # begun again it would have 8
     run(look())

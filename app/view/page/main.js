@@ -11,7 +11,7 @@ import {add, sub} from "./vectors.js";
 const $ = id => document.getElementById(id);
 const view = $("view"), LOOKS = ["model", "split", "aov", "precision"], TOAST_MS = 6000, RESIZE_MS = 250;
 
-let scene = null, state = null, steers = false, truth = 0, chosen = -1, object = "", home = null;
+let scene = null, state = null, steers = false, reference = 0, chosen = -1, object = "", home = null;
 let pending = {}; // newest unsent change of each type: one message a screen refresh is enough
 
 const navigation = new Navigation(view, () => change("camera", {camera: navigation.camera}));
@@ -34,10 +34,10 @@ const connection = new Connection({
     if (steers) resize();
   },
   picture: (header, blobs) => {
-    if (header.kind === "truth") { truth = header.spp; showSides(); }
+    if (header.kind === "reference") { reference = header.spp; showSides(); }
     screen.take(header, blobs);
   },
-  truth: message => { truth = message.spp; showSides(); showErrors(null); },
+  reference: message => { reference = message.spp; showSides(); showErrors(null); },
   stats: message => showStats(message, median(connection.latencies)),
   errors: message => showErrors(message.errors),
   picked: message => {
@@ -100,7 +100,7 @@ function showScene() {
   $("file").textContent = `${scene.file}, ${scene.triangles} triangles`;
   document.title = `${scene.file} · Afterglow`;
   fill($("model"), scene.models); fill($("aov"), scene.aovs);
-  fill($("split"), ["", "truth", ...scene.models], name => name || "nothing");
+  fill($("split"), ["", "reference", ...scene.models], name => name || "nothing");
   fill($("object"), ["", ...Object.keys(scene.objects)], name => name || "none");
   $("objects-section").hidden = !Object.keys(scene.objects).length;
   $("emitters").hidden = !scene.emitters;
@@ -116,7 +116,7 @@ function showNumbers() {
 }
 
 function showSides() {
-  if (state) screen.sides(state.split, truth);
+  if (state) screen.sides(state.split, reference);
 }
 
 function showLights() {

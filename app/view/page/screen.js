@@ -10,7 +10,7 @@ export class Screen {
     this.cut = 0.5;
     this.newest = {};
     this.busy = {};
-    this.split = ""; this.truth = 0;
+    this.split = ""; this.reference = 0;
     this.header = null;
     this.divider.addEventListener("pointerdown", e => { this.divider.setPointerCapture(e.pointerId); e.stopPropagation(); });
     this.divider.addEventListener("pointermove", e => {
@@ -32,15 +32,15 @@ export class Screen {
     this.divider.setAttribute("aria-valuenow", Math.round(100 * this.cut));
   }
 
-  /** What is wanted right of the slider, if anything, and how many samples the truth has; labels tell what is shown. */
-  sides(split, truth) {
-    this.split = split; this.truth = truth;
-    const [model, other] = this.header?.models ?? [], there = split === "truth" ? truth > 0 : split !== "" && other === split;
+  /** What is wanted right of the slider, if anything, and how many samples the reference has; labels tell what is shown. */
+  sides(split, reference) {
+    this.split = split; this.reference = reference;
+    const [model, other] = this.header?.models ?? [], there = split === "reference" ? reference > 0 : split !== "" && other === split;
     this.right.hidden = !there;
     this.divider.hidden = $("label-left").hidden = $("label-right").hidden = split === "";
     $("label-left").textContent = model ?? "";
-    $("label-right").textContent = split !== "truth" ? there ? split : `${split}, being drawn …`
-      : truth ? `truth, ${truth} samples per pixel` : "truth, being traced …";
+    $("label-right").textContent = split !== "reference" ? there ? split : `${split}, being drawn …`
+      : reference ? `reference, ${reference} samples per pixel` : "reference, being traced …";
     this.slide(this.cut);
   }
 
@@ -53,13 +53,13 @@ export class Screen {
       const [newest, parts] = this.newest[header.kind];
       this.newest[header.kind] = null;
       const images = await Promise.all(parts.map(blob => createImageBitmap(blob)));
-      if (newest.kind === "truth") {
-        if (this.split === "truth") draw(this.right, images[0]);
+      if (newest.kind === "reference") {
+        if (this.split === "reference") draw(this.right, images[0]);
       } else {
         draw(this.left, images[0]);
         if (images[1]) draw(this.right, images[1]);
         this.header = newest;
-        this.sides(this.split, this.truth);
+        this.sides(this.split, this.reference);
         this.shown(newest);
       }
       images.forEach(image => image.close());

@@ -1,4 +1,4 @@
-// Where the time goes, what draws, and how far the picture is from the truth.
+// Where the time goes, what draws, and how far the picture is from the reference.
 
 const $ = id => document.getElementById(id);
 const HUES = 47; // degrees of hue from one pass to the next
@@ -32,12 +32,12 @@ export function showStats({fps, models, pages}, latency) {
   fill($("culled"), culled);
 }
 
-/** Show a message of type `errors`: of each side against the truth. */
+/** Show a message of type `errors`: of each side against the reference. */
 export function showErrors(errors) {
   const text = ({psnr, rel_mse, flip}) => [flip !== undefined && `FLIP ${flip.toFixed(3)}`, psnr !== undefined && `PSNR ${psnr.toFixed(1)} dB`,
     rel_mse !== undefined && `relMSE ${rel_mse.toPrecision(3)}`].filter(Boolean).join(", ");
   $("errors").hidden = !errors;
-  $("errors").textContent = errors ? "Against the truth: " + errors.map(text).join("; ") : "";
+  $("errors").textContent = errors ? "Against the reference: " + errors.map(text).join("; ") : "";
 }
 
 function fill(list, entries) {

@@ -1,0 +1,1 @@
+"""How far a picture is from its path-traced reference, and how long it takes."""

@@ -1,0 +1,1 @@
+"""Networks as the renderer sees them: channels, contracts, onnxruntime sessions, and which model does what."""

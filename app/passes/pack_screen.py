@@ -1,0 +1,104 @@
+"""Packs a network's input tensors of what is seen on the GPU, from the texels that stand for each grid's texels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from app.gl.context import Device
+from app.gl.frame_state import FrameState
+from app.gl.fullscreen import CUBE_PREFIX, cube_defines
+from app.gl.pool import Resources
+from app.graph import BoundPass, Buf, Pass
+from app.network.channels import CHANNELS, PANORAMA, SCREEN, SEEN
+from app.network.contract import ModelContract, TensorSpec
+
+# Which G-buffer targets each channel is made from; those with a question mark may be missing.
+SOURCES: dict[str, tuple[str, ...]] = {
+    "direct.rgb": ("direct",),
+    "emission.rgb": ("emission?",),
+    "radiance.rgb": ("direct", "emission?"),
+    "surface_and_sky_radiance.rgb": ("direct", "emission?", "background?"),
+    "albedo.rgb": ("albedo",),
+    "normal.view.xyz": ("normal", "depth"),
+    "normal.world.xyz": ("normal", "depth"),
+    "position.view.xyz": ("depth",),
+    "depth": ("depth",),
+    "roughness": ("specular_roughness?",),
+    "solid_angle": ("depth",),
+    "on_screen": (),
+    "unshadowed_environment.diffuse.rgb": ("unshadowed_diffuse",),
+    "unshadowed_environment.specular.rgb": ("unshadowed_specular?",),
+}
+GROUP = 8  # local size of pack_screen.comp
+
+
+def tensor_names(contract: ModelContract) -> dict[str, str]:
+    """The graph's name of each input tensor of a network."""
+    kind = "environment_tensor" if contract.shades_environment else "tensor"
+    return {t: f"{kind}_{t}" for t in contract.inputs}
+
+
+def declare(contract: ModelContract, size: tuple[int, int], extent: float, name: str = "pack_screen") -> Pass:
+    """Packs a network's inputs on screen, cube and panorama; ``extent`` is the scene's longest edge in scene units."""
+    grid = contract.screen_size(size)
+    specs = {t: spec for t, spec in contract.inputs.items() if spec.grid in SEEN}
+    names = dict.fromkeys(name for spec in specs.values() for name in _sources(spec))
+    buffers = tensor_names(contract)
+    return Pass(name, reads=tuple(n for n in names if not n.endswith("?")),
+                optional=tuple(n.removesuffix("?") for n in names if n.endswith("?")),
+                writes={buffers[t]: Buf(spec.shape(grid)) for t, spec in specs.items()},
+                make=lambda device, bound: make(device, bound, contract, grid, extent))
+
+
+def make(device: Device, bound: BoundPass, contract: ModelContract, grid: tuple[int, int],
+         extent: float) -> Callable[[FrameState, Resources], None]:
+    packers = [_packer(device, bound, contract, t, grid, extent)
+               for t, spec in contract.inputs.items() if spec.grid in SEEN]
+
+    def execute(frame: FrameState, resources: Resources) -> None:
+        for pack in packers:
+            pack(frame, resources)
+        device.ctx.memory_barrier()
+
+    return execute
+
+
+def _packer(device: Device, bound: BoundPass, contract: ModelContract, tensor: str, grid: tuple[int, int],
+            extent: float) -> Callable[[FrameState, Resources], None]:
+    spec = contract.inputs[tensor]
+    around = spec.grid != SCREEN
+    sources = [name.removesuffix("?") for name in _sources(spec)]
+    reads = tuple(r for r in bound.reads if r in sources)
+    defines: dict[str, object] = {"HAS_" + r.removeprefix(CUBE_PREFIX).upper(): 1 for r in reads}
+    defines["PACK_CHANNELS"] = _stores(spec)
+    if spec.face is not None:
+        defines |= cube_defines(spec.face, contract.cube_axes == "camera")
+    if spec.grid == PANORAMA:
+        defines["PANORAMA"] = 1
+    program = device.program("pack_screen.comp", defines=defines)
+    *images, height, width = spec.shape(grid)[1:]
+    buffer = tensor_names(contract)[tensor]
+    groups = (-(-width // GROUP), -(-height // GROUP), *(images or [1]))
+
+    def pack(frame: FrameState, resources: Resources) -> None:
+        resources.bind(program, strip=CUBE_PREFIX, reads=reads)
+        resources.buffer(buffer).bind_to_storage_buffer(0)
+        span = (1.0, 1.0) if around else (frame.size[0] / grid[0], frame.size[1] / grid[1])
+        program.set(extent=contract.scene_extent / extent, texel_span=span, grid=(width, height))
+        program.raw.run(*groups)
+
+    return pack
+
+
+def _sources(spec: TensorSpec) -> tuple[str, ...]:
+    """The targets that a tensor is made from, as in ``SOURCES``."""
+    prefix = CUBE_PREFIX if spec.grid != SCREEN else ""
+    return tuple(dict.fromkeys(prefix + source for channel in spec.channels for source in SOURCES[channel]))
+
+
+def _stores(spec: TensorSpec) -> str:
+    lines, row = [], 0
+    for name in spec.channels:
+        lines.append(f"store({row}, channel_{name.replace('.', '_')}(t));")
+        row += CHANNELS[name].components
+    return " ".join(lines)

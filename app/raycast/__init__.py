@@ -1,0 +1,1 @@
+"""Rays through a scene with moving bodies, by Embree on the CPU."""

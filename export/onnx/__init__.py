@@ -1,0 +1,1 @@
+"""Torch networks to ONNX files, and checks of what comes out."""

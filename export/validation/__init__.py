@@ -1,0 +1,1 @@
+"""Judging networks: validation views, camera paths, environments."""

@@ -1,0 +1,91 @@
+"""Textures as scattered rays see them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app.io.image import srgb_decode
+from app.raycast.prefiltered_textures import SIDE, Prefiltered, texels
+from app.scene import Texture
+
+F32 = np.float32
+
+
+def image(width: int, height: int) -> np.ndarray:
+    return np.random.default_rng(0).uniform(0, 4, (height, width, 4)).astype(F32)
+
+
+def everywhere(steps: int) -> np.ndarray:
+    at = (np.arange(steps) + 0.5) / steps
+    return np.stack(np.meshgrid(at, at), -1).reshape(-1, 2)
+
+
+def test_the_mean_colour_stays() -> None:
+    pixels = image(512, 256)
+    found = Prefiltered().color(Texture(pixels), everywhere(SIDE * 4))
+    np.testing.assert_allclose(found.mean(axis=0), pixels[..., :3].mean(axis=(0, 1)), rtol=1e-4)
+    assert found.std() < pixels[..., :3].std() / 4  # 32 texels in one
+
+
+@pytest.mark.parametrize("size", [(100, 70), (65, 3), (1, 200)])
+def test_blocks_of_any_size_are_means(size: tuple[int, int]) -> None:
+    """A block is of whole texels, so its edges are off by less than one."""
+    width, height = size
+    ramp = np.broadcast_to(((np.arange(width) + 0.5) / width)[None, :, None], (height, width, 4)).astype(F32)
+    uv = everywhere(200)
+    found = Prefiltered().color(Texture(ramp), uv)[:, 0]
+    assert np.abs(found - uv[:, 0]).max() <= 1 / width + 0.5 / min(SIDE, width)
+
+
+def test_eight_bits_are_averaged_as_light() -> None:
+    pixels = np.zeros((128, 128, 4), np.uint8)
+    pixels[::2, :, :3] = 255
+    pixels[1::2, :, :3] = 64
+    found = Prefiltered().color(Texture(pixels), np.array([[0.3, 0.6]]))
+    np.testing.assert_allclose(found, (1 + srgb_decode(np.array(64 / 255, F32))) / 2, rtol=1e-4)
+
+
+def test_v_grows_upwards_and_u_to_the_right() -> None:
+    pixels = np.zeros((2, 2, 4), F32)
+    pixels[..., 0] = [[1, 2], [3, 4]]  # top row first
+    corners = np.array([[0.1, 0.9], [0.9, 0.9], [0.1, 0.1], [0.9, 0.1]])
+    assert Prefiltered().color(Texture(pixels), corners)[:, 0].tolist() == [1, 2, 3, 4]
+    assert texels(Texture(pixels), corners)[:, 0].tolist() == [1, 2, 3, 4]
+
+
+def test_coordinates_repeat_or_stop_at_the_edge() -> None:
+    pixels = np.zeros((2, 2, 4), F32)
+    pixels[..., 0] = [[1, 2], [3, 4]]
+    uv = np.array([[1.1, 0.1], [-0.1, 0.1], [0.1, 1.1], [0.1, -0.1], [7.9, -3.9]])
+    for repeat, values in (((True, True), [3, 4, 3, 1, 4]), ((False, False), [4, 3, 1, 3, 4]),
+                           ((True, False), [3, 4, 1, 3, 4])):
+        assert texels(Texture(pixels, repeat=repeat), uv)[:, 0].tolist() == values
+
+
+def test_the_transform_leads_from_mesh_to_texture() -> None:
+    pixels = np.zeros((1, 4, 4), F32)
+    pixels[..., 0] = [[1, 2, 3, 4]]
+    transform = np.array([[0.5, 0, 0.5], [0, 1, 0], [0, 0, 1]])
+    assert texels(Texture(pixels, transform), np.array([[0.1, 0.5], [0.9, 0.5]]))[:, 0].tolist() == [3, 4]
+
+
+def test_alpha_stays_sharp() -> None:
+    pixels = np.zeros((128, 128, 4), np.uint8)
+    pixels[:, ::2, 3] = 255
+    uv = np.stack([(np.arange(128) + 0.5) / 128, np.full(128, 0.5)], 1)
+    assert texels(Texture(pixels), uv)[:, 3].tolist() == [1.0, 0.0] * 64
+
+
+def test_broken_texels_leave_numbers() -> None:
+    pixels = np.ones((4, 4, 4), F32)
+    pixels[0, :, 0] = [np.nan, np.inf, -np.inf, -5]
+    found = Prefiltered().color(Texture(pixels), everywhere(8))
+    assert np.isfinite(found).all() and (found >= 0).all()
+
+
+def test_what_a_mask_hides_colours_nothing() -> None:
+    pixels = np.zeros((128, 128, 4), np.float32)
+    pixels[::2, ::2] = (0.2, 0.6, 0.1, 1.0)
+    found = Prefiltered().color(Texture(pixels), np.array([[0.3, 0.7]], np.float32), masked=True)
+    np.testing.assert_allclose(found, [[0.2, 0.6, 0.1]], rtol=1e-4)
