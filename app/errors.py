@@ -1,14 +1,19 @@
 """One exception per kind of user error.
 
-``python -m app`` prints any of them as one line, ``error: what, where, what was expected``,
+``python -m app`` prints any of them as one line, ``error: where: what is wrong (what was expected)``,
 and leaves with exit code 2.
 """
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
+
+MIN_SIMILARITY = 0.5  # of a known word to the one that was given, as difflib measures it
+
 
 class AfterglowError(Exception):
-    """A mistake in what the user gave: what, where, what was expected.
+    """A mistake in the user's input: where, what, and what was expected instead.
 
     Parameters
     ----------
@@ -21,11 +26,11 @@ class AfterglowError(Exception):
     """
 
     def __init__(self, what: str, where: object, expected: str) -> None:
-        super().__init__(f"{what}, {where}, {expected}")
+        super().__init__(f"{where}: {what} ({expected})")
         self.what, self.where, self.expected = what, where, expected
 
     def __reduce__(self) -> tuple[type[AfterglowError], tuple[str, object, str]]:
-        return type(self), (self.what, self.where, self.expected)  # so that it passes between processes
+        return type(self), (self.what, self.where, self.expected)  # makes it picklable, to cross processes
 
 
 class SceneError(AfterglowError):
@@ -41,7 +46,7 @@ class SettingsError(AfterglowError):
 
 
 class DeviceError(AfterglowError):
-    """No OpenGL context, or not the device that was demanded."""
+    """No OpenGL context, or a software renderer where a hardware one was required."""
 
 
 class OutputError(AfterglowError):
@@ -49,7 +54,7 @@ class OutputError(AfterglowError):
 
 
 class GraphError(AfterglowError):
-    """Passes that don't fit together, or one that touches what it did not declare."""
+    """Passes that don't fit together, or a pass that accesses a resource it did not declare."""
 
 
 class ShaderError(AfterglowError):
@@ -64,5 +69,15 @@ class MetricError(AfterglowError):
     """Images that can't be compared."""
 
 
-class PathTracerError(AfterglowError):
-    """A path tracer that failed, or a reference that does not fit the scene."""
+class ProcessError(AfterglowError):
+    """A command of this program that failed in a process of its own, such as the path tracer."""
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """What is expected in place of an unknown word: ``did you mean 'b'? expected one of: a, b``."""
+    names = list(known)
+    if not names:
+        return "expected none, since there are none"
+    nearest = difflib.get_close_matches(word, names, 1, MIN_SIMILARITY)
+    hint = f"did you mean {nearest[0]!r}? " if nearest else ""
+    return f"{hint}expected one of: {', '.join(names)}"

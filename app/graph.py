@@ -1,10 +1,8 @@
-"""The frame graph: passes say what they read and write; ``compile_graph`` culls, orders and checks.
+"""The frame graph: passes declare what they read and write; ``compile_graph`` culls, orders and checks.
 
-No GL here. The graph walks back from the outputs asked for, so what nobody needs is never
+It needs no GL. The graph is walked back from the requested outputs, so a pass whose results nothing needs is never
 compiled, allocated or run.
 """
-
-from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
@@ -63,9 +61,9 @@ class Pass:
     reads : tuple of str
         Needed resources; ``name@prev`` is last frame's copy.
     optional : tuple of str
-        Resources used when somebody writes them; ``HAS_X`` defines tell the shaders.
+        Resources that are used where another pass writes them; ``HAS_X`` defines tell the shaders.
     writes : mapping of str to Tex or Buf
-        What the pass can write. Only what somebody downstream reads is allocated.
+        What the pass can write. Only what a later pass reads is allocated.
     make : callable or None
         ``make(device, bound)`` builds the GL objects and returns ``execute(frame, resources)``.
     """
@@ -75,6 +73,14 @@ class Pass:
     optional: tuple[str, ...] = ()
     writes: Mapping[str, Resource] = field(default_factory=dict)
     make: Callable[..., Any] | None = None
+
+
+@dataclass(frozen=True)
+class Absent:
+    """A pass that scene and settings leave out, and why."""
+
+    name: str
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -92,7 +98,7 @@ class BoundPass:
 
 @dataclass(frozen=True)
 class Plan:
-    """The order in which to run, what was culled and why, and which resources keep a history."""
+    """The order in which passes run, what was culled and why, and which resources keep a history."""
 
     passes: tuple[BoundPass, ...]
     culled: Mapping[str, str]
@@ -100,24 +106,23 @@ class Plan:
     resources: Mapping[str, Resource]
 
 
-def compile_graph(passes: Iterable[Pass], outputs: Iterable[str], absent: Mapping[str, str] | None = None) -> Plan:
+def compile_graph(steps: Iterable[Pass | Absent], outputs: Iterable[str]) -> Plan:
     """Cull, order and check a frame.
 
     Parameters
     ----------
-    passes : iterable of Pass
-        Every pass that the scene and settings allow.
+    steps : iterable of Pass or Absent
+        All passes in the order of the frame.
     outputs : iterable of str
         Resources that must exist at the end.
-    absent : mapping of str to str, optional
-        Passes that were left out beforehand, and why.
 
     Raises
     ------
     GraphError
         Unmet reads, double writers and cycles, all at once.
     """
-    passes, outputs = list(passes), list(outputs)
+    steps = list(steps)
+    passes = [p for p in steps if isinstance(p, Pass)]
     writer: dict[str, Pass] = {}
     problems: list[str] = []
     for p in passes:
@@ -136,7 +141,7 @@ def compile_graph(passes: Iterable[Pass], outputs: Iterable[str], absent: Mappin
         if name != resource:
             history.add(resource)
         if resource not in writer:
-            problems.append(f"{resource!r}, read by {reader}, is written by no pass")
+            problems.append(f"{resource!r}, read by {reader}, has no writer")
             continue
         p = writer[resource]
         wanted.setdefault(p.name, set()).add(resource)
@@ -146,12 +151,10 @@ def compile_graph(passes: Iterable[Pass], outputs: Iterable[str], absent: Mappin
 
     order = _sort([p for p in passes if p.name in active], writer, problems)
     if problems:
-        raise GraphError("the frame graph does not fit together: " + "; ".join(sorted(set(problems))),
-                         "frame", "expected every read to have exactly one writer, without cycles")
-    culled = dict(absent or {})
-    for p in passes:
-        if p.name not in active:
-            culled[p.name] = "nobody reads " + ", ".join(p.writes)
+        raise GraphError("passes do not fit together: " + "; ".join(sorted(set(problems))), "frame graph",
+                         "expected every read to have exactly one writer, without cycles")
+    culled = {p.name: p.reason if isinstance(p, Absent) else "nothing reads " + ", ".join(p.writes)
+              for p in steps if p.name not in active}
     bound = tuple(BoundPass(p, tuple(_present(p, writer)), tuple(w for w in p.writes if w in wanted[p.name]))
                   for p in order)
     resources = {w: b.spec.writes[w] for b in bound for w in b.writes}
@@ -163,7 +166,7 @@ def _present(p: Pass, writer: Mapping[str, Pass]) -> list[str]:
 
 
 def _sort(passes: list[Pass], writer: Mapping[str, Pass], problems: list[str]) -> list[Pass]:
-    """Order by need, keeping the given order where it is free; history reads are no edges."""
+    """Sort topologically, keeping the given order where it is free; reads of ``@prev`` are no edges."""
     done: set[str] = set()
     order: list[Pass] = []
     waiting = list(passes)
@@ -177,4 +180,3 @@ def _sort(passes: list[Pass], writer: Mapping[str, Pass], problems: list[str]) -
         done.add(ready.name)
         order.append(ready)
     return order
-

@@ -5,14 +5,13 @@ Clip space has z in [0, 1] (``glClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE)``).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from app.arrays import F64, Bools
 from app.scene import Camera
-
-F64 = NDArray[np.float64]
 
 
 def normalize(v: F64) -> F64:
@@ -25,7 +24,7 @@ def look_rotation(forward: F64, up: F64) -> F64:
     """World-to-camera rotation, shape (3, 3); rows are right, up and back."""
     back = -normalize(np.asarray(forward, np.float64))
     right = np.cross(np.asarray(up, np.float64), back)
-    if np.linalg.norm(right) < 1e-9:  # looking along up: any other axis will do
+    if np.linalg.norm(right) < 1e-9:  # looking along up, where any other axis will do
         right = np.cross(np.eye(3)[int(np.argmin(np.abs(back)))], back)
     right = normalize(right)
     return np.stack([right, np.cross(back, right), back])
@@ -33,10 +32,8 @@ def look_rotation(forward: F64, up: F64) -> F64:
 
 def look_at(eye: F64, target: F64, up: F64) -> F64:
     """World-to-camera matrix, shape (4, 4); the camera looks down -z."""
-    view = np.eye(4)
-    view[:3, :3] = look_rotation(np.subtract(target, eye), up)
-    view[:3, 3] = -view[:3, :3] @ np.asarray(eye, np.float64)
-    return view
+    rotation = look_rotation(np.subtract(target, eye), up)
+    return affine_matrix(rotation, -rotation @ np.asarray(eye, np.float64))
 
 
 def perspective_reversed(tan_x: float, tan_y: float, near: float) -> F64:
@@ -58,13 +55,41 @@ def orthographic(half: float, near: float, far: float) -> F64:
 
 def translation(offset: F64) -> F64:
     """Matrix, shape (4, 4), that adds ``offset``."""
+    return affine_matrix(np.eye(3), offset)
+
+
+def affine_matrix(linear: F64, offset: Sequence[float] | F64 = (0.0, 0.0, 0.0)) -> F64:
+    """Affine matrix, shape (4, 4), that applies ``linear``, shape (3, 3), and then adds ``offset``."""
     m = np.eye(4)
-    m[:3, 3] = offset
+    m[:3, :3], m[:3, 3] = linear, offset
     return m
 
 
+def quaternion_matrices(quaternions: F64) -> F64:
+    """Rotation matrices, shape (N, 3, 3), of quaternions x, y, z, w, shape (N, 4); identity for zero quaternions."""
+    length = np.linalg.norm(quaternions, axis=1, keepdims=True)
+    x, y, z, w = np.where(length > 0, quaternions / np.where(length > 0, length, 1.0), (0.0, 0.0, 0.0, 1.0)).T
+    rows = [[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def axis_angle_matrix(rotation_vector: F64) -> F64:
+    """Rotation, shape (3, 3), by the vector's length in radians about its direction."""
+    angle = float(np.linalg.norm(rotation_vector))
+    axis = rotation_vector / angle if angle > 0 else np.array([0.0, 1.0, 0.0])
+    return quaternion_matrices(np.array([[*(axis * np.sin(angle / 2)), np.cos(angle / 2)]]))[0]
+
+
+def euler_matrix(angles: F64) -> F64:
+    """Rotation, shape (3, 3), by radians about x, then y, then z."""
+    x, y, z = (axis_angle_matrix(a * e) for a, e in zip(angles, np.eye(3), strict=True))
+    return np.asarray(z @ y @ x)
+
+
 def normal_matrix(m: F64) -> F64:
-    """Cofactor matrix of ``m``'s linear part, shape (3, 3): turns normals, also where ``m`` is singular.
+    """Cofactor matrix of ``m``'s linear part, shape (3, 3): transforms normals, also where ``m`` is singular.
 
     Equal to det(m) · inverse transpose, so a mirrored ``m`` keeps the normal on its side of the surface
     up to a sign that the G-buffer resolves by the viewer.
@@ -86,14 +111,14 @@ def frustum_planes(clip: F64) -> F64:
     return np.stack([w + x, w - x, w + y, w - y, z, w - z])
 
 
-def boxes_in_frustum(boxes: F64, planes: F64) -> NDArray[np.bool_]:
+def boxes_in_frustum(boxes: F64, planes: F64) -> Bools:
     """Which axis-aligned ``boxes``, shape (N, 2, 3), touch the frustum; conservative."""
     corner = np.where(planes[:, None, :3] >= 0, boxes[None, :, 1], boxes[None, :, 0])
     distance = np.einsum("pnk,pk->pn", corner, planes[:, :3]) + planes[:, None, 3]
     return np.asarray((distance >= 0).all(axis=0))
 
 
-# What Roberts' R2 sequence ("The Unreasonable Effectiveness of Quasirandom Sequences") adds to each axis in a step.
+# Increments per axis of Roberts' R2 sequence ("The Unreasonable Effectiveness of Quasirandom Sequences").
 R2 = (0.7548776662, 0.569840291)
 
 
@@ -151,6 +176,4 @@ class View:
         """Projection, shape (4, 4); ``jitter`` moves the image in clip units."""
         projection = perspective_reversed(*self.tan_half, self.near)
         projection[0, 2], projection[1, 2] = -jitter[0], -jitter[1]
-        clip = np.eye(4)
-        clip[:3, :3] = self.rotation
-        return projection @ clip
+        return projection @ affine_matrix(self.rotation)

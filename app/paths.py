@@ -1,7 +1,5 @@
 """Where the shaders, networks and embedded data lie: inside the package in a wheel, beside it in a checkout."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

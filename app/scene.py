@@ -10,9 +10,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-Vec3 = NDArray[np.float64]
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
+from app.arrays import F32, F64
+
+Color = tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,20 +51,20 @@ class Material:
     specular : tuple of float
         Reflectance at normal incidence (F0); zeros mean that there is no highlight at all.
     double_sided : bool
-        Whether the back side emits too. Both sides always reflect.
+        Whether the back emits too. Both sides always reflect.
     is_light_proxy : bool
-        True when the emission is also in ``Scene.lights``: shown, but never lights a second time.
+        True when the emission is also in ``Scene.lights``: it is shown, but its light is not counted twice.
     """
 
     name: str = "default"
-    albedo: tuple[float, float, float] = (0.8, 0.8, 0.8)
+    albedo: Color = (0.8, 0.8, 0.8)
     albedo_map: Texture | None = None
     alpha: float = 1.0
     alpha_cutoff: float | None = None
-    emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    emission: Color = (0.0, 0.0, 0.0)
     emission_map: Texture | None = None
     roughness: float = 1.0
-    specular: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    specular: Color = (0.0, 0.0, 0.0)
     double_sided: bool = True
     is_light_proxy: bool = False
 
@@ -145,7 +145,7 @@ class PointLight:
     """A point (radius 0) or a sphere. Intensity in W/sr per channel."""
 
     position: tuple[float, float, float]
-    intensity: tuple[float, float, float]
+    intensity: Color
     radius: float = 0.0
 
 
@@ -155,7 +155,7 @@ class SpotLight:
 
     position: tuple[float, float, float]
     direction: tuple[float, float, float]
-    intensity: tuple[float, float, float]
+    intensity: Color
     inner_deg: float
     outer_deg: float
     radius: float = 0.0
@@ -166,7 +166,7 @@ class DirectionalLight:
     """Parallel light. ``direction`` is the way light travels; irradiance in W/m² on a facing surface."""
 
     direction: tuple[float, float, float]
-    irradiance: tuple[float, float, float]
+    irradiance: Color
     angular_radius_deg: float = 0.0
 
 
@@ -177,7 +177,7 @@ class RectLight:
     center: tuple[float, float, float]
     edge_u: tuple[float, float, float]
     edge_v: tuple[float, float, float]
-    radiance: tuple[float, float, float]
+    radiance: Color
     two_sided: bool = False
 
 
@@ -194,7 +194,7 @@ class Environment:
         W/(sr m²), at least 0, latitude-longitude: rows of equal height from straight up (+y) to straight down, columns
         of equal azimuth all around, -z in the middle and +x right of it.
     rotation_deg : float
-        How far it is turned about +y, counter-clockwise seen from above.
+        Rotation about +y, counter-clockwise seen from above.
     """
 
     radiance: F32
@@ -230,17 +230,9 @@ class CameraPath:
         """The camera at ``time`` seconds."""
         if not self.moves:
             return self.keys[0]
-        times = np.asarray(self.times)
-
-        def lerp(values: list[object]) -> F64:
-            return _interpolate(time, times, np.asarray(values, np.float64))
-
-        return Camera(
-            eye=tuple(lerp([k.eye for k in self.keys]).tolist()),
-            target=tuple(lerp([k.target for k in self.keys]).tolist()),
-            up=tuple(lerp([k.up for k in self.keys]).tolist()),
-            fov_y_deg=float(lerp([k.fov_y_deg for k in self.keys])),
-        )
+        rows = np.array([(*k.eye, *k.target, *k.up, k.fov_y_deg) for k in self.keys], np.float64)
+        row = _interpolate(time, np.asarray(self.times), rows).tolist()
+        return Camera(tuple(row[:3]), tuple(row[3:6]), tuple(row[6:9]), row[9])
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,7 +244,7 @@ class Scene:
     notices : tuple of str
         What the loader guessed, skipped or approximated; the command line prints them.
     bounds : ndarray, float64, shape (2, 3)
-        World-space box around all instances at time 0, smallest and largest corner.
+        World-space box around all instances at time 0, minimum and maximum corner.
     environment : Environment or None
         None where it is black.
     """
@@ -280,13 +272,38 @@ class Scene:
 
     @property
     def swept_bounds(self) -> F64:
-        """World-space box, shape (2, 3), around all places that instances take; motion is linear between keys."""
+        """World-space box, shape (2, 3), around all positions of the instances; motion is linear between keys."""
         times = {0.0} | {float(t) for i in self.instances if i.motion is not None for t in i.motion.times}
         boxes = [bounds_of(self.meshes, self.instances, time) for time in times]
         return np.stack([np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)])
 
     def with_lights(self, *lights: Light) -> Scene:
         return replace(self, lights=lights)
+
+    def with_radiance_scale(self, scale: float) -> Scene:
+        """The scene with all light and emission multiplied by ``scale``; itself where that is 1."""
+        if scale == 1:
+            return self
+        environment = self.environment
+        return replace(
+            self, lights=tuple(_scaled_light(light, scale) for light in self.lights),
+            materials=tuple(replace(m, emission=_scaled(m.emission, scale)) for m in self.materials),
+            environment=environment and replace(environment, radiance=environment.radiance * np.float32(scale)))
+
+
+def _scaled(color: Color, scale: float) -> Color:
+    r, g, b = color
+    return r * scale, g * scale, b * scale
+
+
+def _scaled_light(light: Light, scale: float) -> Light:
+    match light:
+        case DirectionalLight():
+            return replace(light, irradiance=_scaled(light.irradiance, scale))
+        case RectLight():
+            return replace(light, radiance=_scaled(light.radiance, scale))
+        case _:
+            return replace(light, intensity=_scaled(light.intensity, scale))
 
 
 def bounds_of(meshes: tuple[Mesh, ...], instances: tuple[Instance, ...], time: float = 0.0) -> F64:
@@ -298,11 +315,11 @@ def bounds_of(meshes: tuple[Mesh, ...], instances: tuple[Instance, ...], time: f
 
 
 def world_box(mesh: Mesh, transform: F64) -> F64:
-    """World-space box, shape (2, 3), of the mesh's transformed object-space box; broken corners don't count."""
+    """World-space box, shape (2, 3), of the mesh's transformed object-space box, without non-finite vertices."""
     low, high = mesh.positions.min(axis=0).astype(np.float64), mesh.positions.max(axis=0).astype(np.float64)
     if not np.isfinite([low, high]).all():
-        sound = mesh.positions[np.isfinite(mesh.positions).all(axis=1)].astype(np.float64)
-        low, high = (sound.min(axis=0), sound.max(axis=0)) if len(sound) else (np.zeros(3), np.zeros(3))
+        finite = mesh.positions[np.isfinite(mesh.positions).all(axis=1)].astype(np.float64)
+        low, high = (finite.min(axis=0), finite.max(axis=0)) if len(finite) else (np.zeros(3), np.zeros(3))
     center, half = (low + high) / 2, (high - low) / 2
     world_center = transform[:3, :3] @ center + transform[:3, 3]
     world_half = np.abs(transform[:3, :3]) @ half

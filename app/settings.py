@@ -1,6 +1,4 @@
-"""What the user chooses, as frozen, validated data."""
-
-from __future__ import annotations
+"""How to draw a frame, as frozen, validated data."""
 
 import math
 import re
@@ -10,32 +8,38 @@ from app.errors import SettingsError
 
 MAX_SIDE = 16384
 MAX_BOUNCES = 64
+MAX_SEED = 2**31 - 1
+SETTLE_FRAMES = 16  # until temporal anti-aliasing has converged
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How to draw.
+    """How to draw a frame.
 
     Attributes
     ----------
     size : tuple of int
-        Width and height of the written image in pixels.
+        Width and height of the image in pixels.
     outputs : tuple of str
-        Named images to deliver, ``final`` and AOVs.
+        Named images to deliver: ``final`` and AOVs.
+    taa : bool
+        Temporal anti-aliasing.
     exposure : float
-        Linear factor before the tone map; it does not touch the linear final image.
+        Linear factor before the tone map; the linear final image is not affected.
     bounces : int or None
-        Of indirect light; None for what the model gives by itself.
+        Number of bounces of indirect light; None for the model's own.
     seed : int
-        Turns the shadow sampling pattern and the order of the jitter sequence.
+        Varies the shadow sampling pattern and the order of the jitter sequence.
     provider : str
         onnxruntime execution provider: ``auto``, ``cpu``, ``cuda`` ….
     strict_device : bool
-        Refuse a software renderer, or a provider other than the one asked for.
+        Refuse a software renderer, and any provider other than ``provider``.
     timing : bool
         Wait for the GPU after each pass, so that CPU times include the pass's own work.
     check : bool
         Count the non-finite texels that each pass writes.
+    scale : float or None
+        Size of the networks' screen grid relative to the image, in (0, 1]; None for the networks' own.
 
     Raises
     ------
@@ -53,6 +57,7 @@ class Settings:
     strict_device: bool = False
     timing: bool = False
     check: bool = False
+    scale: float | None = None
 
     def __post_init__(self) -> None:
         if not all(isinstance(n, int) and 1 <= n <= MAX_SIDE for n in self.size):
@@ -62,10 +67,12 @@ class Settings:
             raise SettingsError(f"bad exposure {self.exposure}", "--exposure", "expected a finite number above 0")
         if self.bounces is not None and not 1 <= self.bounces <= MAX_BOUNCES:
             raise SettingsError(f"bad number of bounces {self.bounces}", "--bounces", f"expected 1 to {MAX_BOUNCES}")
+        if self.scale is not None and not 0 < self.scale <= 1:
+            raise SettingsError(f"bad scale {self.scale}", "--scale", "expected a number above 0, at most 1")
         if not self.outputs:
-            raise SettingsError("no output asked for", "--aov", "expected at least one name, such as final")
-        if not 0 <= self.seed < 2**31:
-            raise SettingsError(f"bad seed {self.seed}", "--seed", "expected 0 to 2147483647")
+            raise SettingsError("no output given", "--aov", "expected at least one name, such as final")
+        if not 0 <= self.seed <= MAX_SEED:
+            raise SettingsError(f"bad seed {self.seed}", "--seed", f"expected 0 to {MAX_SEED}")
 
 
 def parse_size(text: str) -> tuple[int, int]:

@@ -1,7 +1,5 @@
 """``python -m export``: datasets, training, ONNX files, path-traced references and validation."""
 
-from __future__ import annotations
-
 import sys
 
 import typer

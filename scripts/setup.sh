@@ -5,7 +5,7 @@ ROOT="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
 VENV="$ROOT/.venv"
 
 note() { echo "$*" >&2; }
-die() { note "error: $1, $2, $3"; exit 2; }
+die() { note "error: $1: $2 ($3)"; exit 2; }
 
 find_python() {
     local name
@@ -43,7 +43,7 @@ install_packages() {
     note "installing $*"
     export DEBIAN_FRONTEND=noninteractive
     apt-get update -qq >&2 && apt-get install -y -qq --no-install-recommends "$@" >&2 ||
-        die "apt-get could not install $*" "see above" "expected a reachable Debian mirror"
+        die "apt-get" "could not install $*; its messages are above" "expected a reachable Debian mirror"
 }
 
 check_system() {
@@ -53,12 +53,12 @@ check_system() {
     if [[ "$(id -u)" == 0 ]] && command -v apt-get >/dev/null; then
         install_packages "${missing[@]}"
     else
-        die "missing system packages ${missing[*]}" "this machine" \
-            "expected them installed (Debian: sudo apt-get install ${missing[*]})"
+        die "system packages" "missing ${missing[*]}" \
+            "expected them installed; on Debian: sudo apt-get install ${missing[*]}"
     fi
 }
 
-# What some tests need: `install_for PACKAGE TESTS`. A machine that has none to offer is no failure here.
+# Install what only some tests need: `install_for PACKAGE TESTS`. A machine without the package skips these tests.
 install_for() {
     [[ "$(id -u)" == 0 ]] && command -v apt-get >/dev/null || return 0
     has_package "$1" && return 0
@@ -72,16 +72,16 @@ install_python_packages() {
     local python
     if ! "$VENV/bin/python" -m pip --version >/dev/null 2>&1; then
         python="$(find_python)"
-        [[ -n "$python" ]] || die "Python too old" "$(python3 --version)" "expected Python 3.11 or newer"
+        [[ -n "$python" ]] || die "$(python3 --version)" "too old" "expected Python 3.11 or newer"
         note "making .venv"
         "$python" -m venv --clear "$VENV" >&2 ||
-            die "no virtual environment" "$VENV" "expected the package python3-venv and a writable folder"
+            die "$VENV" "could not create the virtual environment" "expected the package python3-venv and a writable folder"
     fi
     note "installing Python packages (once)"
     "$VENV/bin/python" "$ROOT/scripts/requirements.py" "$@" |
         "$VENV/bin/python" -m pip install --quiet --disable-pip-version-check \
             --constraint "$ROOT/constraints.txt" --requirement /dev/stdin >&2 ||
-        die "pip could not install the Python packages" "see above" "expected a reachable package index"
+        die "pip" "could not install the Python packages; its messages are above" "expected a reachable package index"
 }
 
 # The stamps are written last, so an interrupted set-up starts again. What test.sh installs is enough for run.sh.

@@ -1,35 +1,35 @@
-// Indirect light gathered over frames at low resolution, before albedo and edges come in: each texel follows its
-// surface by motion and mixes in what it was, so that the network's picks don't flicker.
+// Accumulates demodulated indirect light over frames at low resolution: each texel follows its surface by motion and
+// blends with its history, so that the network's aliased inputs don't flicker.
 #include "numbers.glsl"
 #include "camera.glsl"
 #include "nearest_texel.glsl"
 #include "history.glsl"
 
-const float AROUND = 4.0;  // level of the mean that noisy light is compared with: of 16x16 texels
+const float MEAN_LEVEL = 4.0;  // mip level of the 16x16 mean that noisy light is compared with
 
 uniform sampler2D indirect_now;
 uniform sampler2D lowres_gbuffer;
 uniform sampler2D motion;
-uniform sampler2D indirect_low_prev;  // rgb: history, a: frames gathered
+uniform sampler2D indirect_low_prev;  // rgb: history, a: frames accumulated
 uniform sampler2D lowres_gbuffer_prev;
 uniform vec2 ratio;  // full-resolution texels per low-resolution texel
-uniform float longest;  // history in frames
+uniform float max_frames;  // of history
 uniform bool history_valid;
 
 layout(location = 0) out vec4 out_indirect_low;
 
 struct Receiver {
     vec3 normal;   // relative space
-    float before;  // 1 / depth in the frame before
+    float previous;  // 1 / depth in the previous frame
     vec2 slope;    // of its plane; see plane_slope
 };
 
-// Adds a texel of the history, ``away`` from where the receiver was, if it shows the same surface.
+// Adds a history texel at distance ``away`` from the receiver's previous position if it shows the same surface.
 void add(ivec2 low, vec2 away, Receiver r, inout vec4 sum, inout float weight)
 {
     vec4 old = texelFetch(indirect_low_prev, low, 0), surface = texelFetch(lowres_gbuffer_prev, low, 0);
     bool same = all(greaterThanEqual(low, ivec2(0))) && all(lessThan(low, textureSize(indirect_low_prev, 0)))
-        && same_surface(surface.a > 0.0 ? 1.0 / surface.a : 0.0, r.before * (1.0 + dot(r.slope * ratio, away)), r.slope,
+        && same_surface(surface.a > 0.0 ? 1.0 / surface.a : 0.0, r.previous * (1.0 + dot(r.slope * ratio, away)), r.slope,
                         surface.xyz, r.normal)
         && is_finite(dot(old, vec4(1.0))) && old.a >= 1.0;
     float closeness = (1.0 - abs(away.x)) * (1.0 - abs(away.y));
@@ -58,9 +58,9 @@ void main()
     vec3 bright = now;
 #ifdef NOISY
     vec2 here = gl_FragCoord.xy / vec2(textureSize(indirect_now, 0));
-    bright = max(now, sanitize_radiance(textureLod(indirect_now, here, AROUND).rgb));
+    bright = max(now, sanitize_radiance(textureLod(indirect_now, here, MEAN_LEVEL).rgb));
 #endif
     history.rgb = without_flash(history.rgb, bright);
-    float frames = keep ? min(history.a * weight + 1.0, longest) : 1.0;
+    float frames = keep ? min(history.a * weight + 1.0, max_frames) : 1.0;
     out_indirect_low = vec4(keep ? mix(history.rgb, now, 1.0 / frames) : now, frames);
 }

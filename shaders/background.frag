@@ -5,8 +5,8 @@
 
 uniform sampler2D depth;
 uniform sampler2D environment;  // top row straight up
-uniform float turn;             // counter-clockwise about +y seen from above, of a full circle
-uniform float level;            // of detail: its texels are as large as pixels
+uniform float rotation;         // counter-clockwise about +y seen from above, in full circles
+uniform float level;            // of detail whose texels are as large as pixels
 
 layout(location = 0) out vec4 out_background;
 
@@ -17,6 +17,6 @@ void main()
         return;
     }
     vec3 d = normalize(surface_ray(gl_FragCoord.xy));
-    vec2 at = vec2(atan(d.x, -d.z) / (2.0 * PI) + 0.5 + turn, acos(clamp(d.y, -1.0, 1.0)) / PI);
+    vec2 at = vec2(atan(d.x, -d.z) / (2.0 * PI) + 0.5 + rotation, acos(clamp(d.y, -1.0, 1.0)) / PI);
     out_background = vec4(sanitize_radiance(textureLod(environment, at, level).rgb), 1.0);
 }

@@ -1,4 +1,4 @@
-// Everything that reaches the camera: direct + albedo * indirect + emission + highlights, and the background.
+// Everything that reaches the camera: direct + albedo * indirect + emission + specular, and the background.
 #include "numbers.glsl"
 
 uniform sampler2D direct;

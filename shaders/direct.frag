@@ -1,4 +1,4 @@
-// Outgoing diffuse radiance by direct light, and GGX highlights where a material has them.
+// Outgoing diffuse radiance by direct light, and GGX specular light where a material has a specular lobe.
 #include "numbers.glsl"
 #include "octahedral.glsl"
 #include "grid.glsl"
@@ -33,7 +33,7 @@ void main()
     ivec2 texel = ivec2(gl_FragCoord.xy);
     float d = texelFetch(depth, texel, 0).r;
     // Sky takes part, since the texels of a quad share their shadow taps; its light is masked below.
-    vec3 diffuse = vec3(0.0), highlight = vec3(0.0);
+    vec3 diffuse = vec3(0.0), specular = vec3(0.0);
     vec4 surface = texelFetch(normal, texel, 0);
     vec4 base = texelFetch(albedo, texel, 0);
     vec3 n = sanitize_normal(surface.xyz);
@@ -47,7 +47,7 @@ void main()
         v = wanted ? v : 0.0;
         diffuse += wanted ? v * e : vec3(0.0);
 #ifdef WRITE_SPECULAR
-        highlight += wanted ? v * ggx_highlight(lights[i], p, n, texelFetch(specular_roughness, texel, 0)) : vec3(0.0);
+        specular += wanted ? v * ggx_specular(lights[i], p, n, texelFetch(specular_roughness, texel, 0)) : vec3(0.0);
 #endif
     }
 #ifdef HAS_ENVIRONMENT_DIFFUSE
@@ -60,9 +60,9 @@ void main()
 #ifdef WRITE_SPECULAR
 #ifdef HAS_ENVIRONMENT_SPECULAR
     if (is_surface(d))
-        highlight += environment_reflectance(texelFetch(specular_roughness, texel, 0), max(dot(n, -normalize(p)), 0.0))
+        specular += environment_reflectance(texelFetch(specular_roughness, texel, 0), max(dot(n, -normalize(p)), 0.0))
             * sanitize_radiance(texelFetch(environment_specular, texel, 0).rgb);
 #endif
-    out_specular = vec4(sanitize_radiance(highlight), 1.0);
+    out_specular = vec4(sanitize_radiance(specular), 1.0);
 #endif
 }

@@ -1,5 +1,5 @@
-// Surfaces at low resolution: normal and depth of the texels that stand for the others. What is read many times at
-// scattered places has to be small enough for a cache.
+// Normal and depth at low resolution, from the texels nearest to its centres. Later passes read them many times at
+// scattered positions, so they have to fit into a cache.
 #include "channels.glsl"
 #include "nearest_texel.glsl"
 

@@ -1,5 +1,5 @@
-// Packs one tensor of a network, NCHW and top row first, from the texels that stand for its grid.
-// PACK_CHANNELS is made from the contract: one STORE per channel, in its order.
+// Packs one tensor of a network, NCHW and top row first, from the texels nearest to its grid's centres.
+// PACK_CHANNELS is made from the contract: one store() per channel, in its order.
 layout(local_size_x = 8, local_size_y = 8) in;
 
 #include "channels.glsl"

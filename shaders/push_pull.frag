@@ -1,4 +1,4 @@
-// Gives the sky of the low-resolution light what the surfaces around have, by pull-push (Gortler et al. 1996, "The
+// Fills the sky of low-resolution light from the surfaces around it, by pull-push (Gortler et al. 1996, "The
 // Lumigraph"), for surfaces that upsampling finds between texels that all show the sky.
 #include "numbers.glsl"
 

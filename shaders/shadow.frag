@@ -18,7 +18,7 @@ layout(location = WRITE_SHADOW) out float out_distance;
 #ifdef WRITE_SHADOW_SLOPE
 layout(location = WRITE_SHADOW_SLOPE) out vec2 out_slope;
 
-const float STEEPEST = 6e4;  // half precision
+const float MAX_SLOPE = 6e4;  // which half precision holds
 
 vec2 surface_slope()
 {
@@ -29,7 +29,7 @@ vec2 surface_slope()
     float away = dot(n, position) / dot(frame[2], position);
 #endif
     vec2 slope = vec2(dot(n, frame[0]), dot(n, frame[1])) / (away == 0.0 ? 1.0 : away);
-    return clamp(slope, -STEEPEST, STEEPEST);
+    return clamp(slope, -MAX_SLOPE, MAX_SLOPE);
 }
 #endif
 

@@ -12,13 +12,13 @@
 
 const float THICKNESS = 0.1;  // of everything, away from the eye, relative to its depth
 const float CREASE = 0.01;    // relative to depth: surfaces join unless one lies farther than this behind the other
-const float STEEPEST = 2.0;   // a stretch is at most this many times nearer or farther than its sample
+const float MAX_DEPTH_RATIO = 2.0;  // between a stretch's ends and its sample
 const float SECTORS = 32.0;
 
 uniform sampler2D lowres_gbuffer;
 uniform sampler2D ssgi_radiance;
 uniform vec2 ratio;      // full-resolution texels per low-resolution texel
-uniform vec2 turn;       // of the two noise patterns in this frame
+uniform vec2 noise_offset;  // of the two noise patterns in this frame
 uniform int steps = 16;  // no constant, so that the loop stays a loop
 
 layout(location = WRITE_SSGI_WALKS) out vec4 out_walk;  // rgb: light times a, a: weight of the half-plane
@@ -61,8 +61,8 @@ void main()
     vec3 view = view_ray(pixel), ray = relative_from_view(view), p = ray * d;
 
     // The walk's direction, uniform around the direction to the eye.
-    float noise = fract(texel_noise(vec2(texel)) + turn.x);
-    float jitter = fract(texel_noise(vec2(texel.y, last.x - texel.x)) + turn.y), rounding = fract(noise + jitter);
+    float noise = fract(texel_noise(vec2(texel)) + noise_offset.x);
+    float jitter = fract(texel_noise(vec2(texel.y, last.x - texel.x)) + noise_offset.y), rounding = fract(noise + jitter);
     vec3 to_eye = -normalize(view), side = normalize(vec3(view.z, 0.0, -view.x));
     vec3 along = cos(2.0 * PI * noise) * side + sin(2.0 * PI * noise) * cross(to_eye, side);
     vec2 walk = normalize((along.xy + view.xy * along.z) / lens.xy * image.xy);
@@ -99,7 +99,7 @@ void main()
         float plane = dot(there.xyz, point);
         vec2 facing = dot(there.xyz, ray) + dot(there.xyz, bend) * stretch;
         vec2 depths = plane < 0.0 ? plane / min(facing, -1e-20) : vec2(there.a);
-        depths = clamp(depths, there.a / STEEPEST, there.a * STEEPEST);
+        depths = clamp(depths, there.a / MAX_DEPTH_RATIO, there.a * MAX_DEPTH_RATIO);
         vec2 begin = vec2(0.0, eye * (d - depths.x)) + depths.x * stretch.x * slope;
         vec2 finish = vec2(0.0, eye * (d - depths.y)) + depths.y * stretch.y * slope;
         // Surfaces that meet leave no gap.

@@ -1,4 +1,4 @@
-// Gathers the walks of 3x3 texels on the same surface. Two runs, over texels that are 1 and 3 apart, see 9x9 (Dammertz
+// Gathers the walks of 3x3 texels on the same surface. Two runs, over texels that are 1 and 3 spacing, see 9x9 (Dammertz
 // et al. 2010, "Edge-Avoiding À-Trous Wavelet Transform for fast Global Illumination Filtering").
 #include "numbers.glsl"
 #include "grid.glsl"
@@ -9,7 +9,7 @@ const float PLANE_SIGMA = 0.02;  // of the receiver's depth
 uniform sampler2D WALKS;  // rgb: light times a, a: weight
 uniform sampler2D lowres_gbuffer;
 uniform vec2 ratio;       // full-resolution texels per low-resolution texel
-uniform int apart;        // texels from one to the next
+uniform int spacing;      // texels between samples
 uniform int rows = 3;     // no constant, so that the loop stays a loop
 
 layout(location = 0) out vec4 out_light;
@@ -46,7 +46,7 @@ void main()
     vec4 sum = vec4(0.0);
     float total = 0.0;
     for (int y = 0; y < rows; ++y) {
-        for (int x = -1; x <= 1; ++x) add(texel + ivec2(x, y - rows / 2) * apart, r, sum, total);
+        for (int x = -1; x <= 1; ++x) add(texel + ivec2(x, y - rows / 2) * spacing, r, sum, total);
     }
 #ifdef WRITE_SSGI_GATHERED
     out_light = total > 0.0 ? vec4(sanitize_radiance(sum.rgb / total), max(sum.a / total, 0.0)) : vec4(0.0);

@@ -1,4 +1,4 @@
-// Radiance that surfaces send, from the texels that stand for those of the low-resolution grid.
+// Outgoing radiance on the low-resolution grid, from the texels nearest to its centres.
 #include "channels.glsl"
 #include "nearest_texel.glsl"
 

@@ -1,18 +1,18 @@
-// Irradiance / π by direct light at the places of world surfels. The four texels of a quad show one place.
+// Irradiance / π by direct light at the light samples of world surfels. The four texels of a quad show one sample.
 #include "numbers.glsl"
 #include "shadow.glsl"
 
 uniform sampler2D light_sample_position;  // local space: world axes, the scene's centre as origin
-uniform sampler2D light_sample_normal;    // 0: no place
+uniform sampler2D light_sample_normal;    // 0: no sample
 uniform vec3 local_eye;
 
 out vec4 light;
 
 void main()
 {
-    ivec2 place = ivec2(gl_FragCoord.xy) / 2;
-    vec3 p = texelFetch(light_sample_position, place, 0).xyz - local_eye;
-    vec3 n = texelFetch(light_sample_normal, place, 0).xyz;
+    ivec2 sample_texel = ivec2(gl_FragCoord.xy) / 2;
+    vec3 p = texelFetch(light_sample_position, sample_texel, 0).xyz - local_eye;
+    vec3 n = texelFetch(light_sample_normal, sample_texel, 0).xyz;
     bool used = dot(n, n) > 0.5;
     QuadNoise noise = quad_noise();
     vec3 sum = vec3(0.0);

@@ -1,4 +1,4 @@
-// Temporal anti-aliasing (Karis 2014, "High-Quality Temporal Supersampling"): jittered frames gathered in a
+// Temporal anti-aliasing (Karis 2014, "High-Quality Temporal Supersampling"): jittered frames accumulated in a
 // history that is reprojected by motion, rejected where a surface was hidden, and clipped to the variance of the
 // neighbourhood in YCoCg (Salvi 2016, "An Excursion in Temporal Supersampling").
 #include "numbers.glsl"
@@ -14,13 +14,13 @@ const float DEPTH_TOLERANCE = 0.03; // relative
 
 uniform sampler2D lit;
 uniform sampler2D motion;      // w: inverse_depth
-uniform sampler2D taa_prev;    // rgb: history, a: frames gathered
+uniform sampler2D taa_prev;    // rgb: history, a: frames accumulated
 uniform sampler2D depth_prev;
 uniform float near;            // distance of the near plane in scene units
 uniform bool history_valid;
 #ifdef SKY
-uniform mat3 before_from_view;  // from this frame's camera space to the last one's
-uniform vec2 lens_before;       // tangents of half its field of view
+uniform mat3 previous_from_view;  // from this frame's camera space to the previous one's
+uniform vec2 previous_lens;       // tangents of half its field of view
 #endif
 
 layout(location = 0) out vec4 out_taa;
@@ -42,7 +42,7 @@ vec3 current(ivec2 t)
 }
 
 // Catmull-Rom as one bilinear fetch of the middle four texels and the four beside them, corners left out
-// (after Jimenez 2016, "Filmic SMAA"); its lobes may make it negative. a: frames gathered.
+// (after Jimenez 2016, "Filmic SMAA"); its lobes may make it negative. a: frames accumulated.
 vec4 catmull_rom(vec2 at)
 {
     vec2 centre = floor(at - 0.5) + 0.5;
@@ -87,12 +87,12 @@ void neighbourhood(ivec2 t, ivec2 outward, vec3 own, out vec3 mean, out vec3 squ
 }
 
 #ifdef SKY
-// Pixels that the sky moved by, y up: the camera turned, and the sky is infinitely far away.
+// Motion of the sky in pixels, y up: it is infinitely far away, so only the camera's rotation moves it.
 vec2 sky_motion()
 {
-    vec3 before = before_from_view * view_ray(gl_FragCoord.xy + 0.5 * lens.zw * image.xy);
-    if (before.z >= 0.0) return vec2(1e9);  // was behind the camera
-    vec2 at = (before.xy / (-before.z * lens_before) * 0.5 + 0.5) * image.xy;
+    vec3 previous = previous_from_view * view_ray(gl_FragCoord.xy + 0.5 * lens.zw * image.xy);
+    if (previous.z >= 0.0) return vec2(1e9);  // was behind the camera
+    vec2 at = (previous.xy / (-previous.z * previous_lens) * 0.5 + 0.5) * image.xy;
     return gl_FragCoord.xy - at;
 }
 #endif
@@ -142,14 +142,14 @@ void main()
     bool still = dot(moved.xy, moved.xy) < STILL_PIXELS * STILL_PIXELS;
     vec2 back = still ? vec2(0.0) : is_finite(moved.x + moved.y) ? -moved.xy : vec2(1e9);
     ivec2 before = t + ivec2(floor(back + 0.5));
-    vec4 gathered = catmull_rom(gl_FragCoord.xy + back);
-    vec3 history = max(gathered.rgb, 0.0);
-    bool healthy = is_finite(dot(gathered, vec4(1.0))) && gathered.a >= 1.0;
+    vec4 accumulated = catmull_rom(gl_FragCoord.xy + back);
+    vec3 history = max(accumulated.rgb, 0.0);
+    bool healthy = is_finite(dot(accumulated, vec4(1.0))) && accumulated.a >= 1.0;
     bool keep = was_visible(before, outward, moved.z) && healthy && history_valid;
 
     vec3 offset = ycocg(history) - mean;
     float share = clip_share(offset, CLIP_GAMMA * deviation);
     history = max(rgb(mean + offset * share), 0.0);
-    float frames = keep ? min(gathered.a * mix(0.25, 1.0, share) + 1.0, still ? STILL_FRAMES : MOVING_FRAMES) : 1.0;
+    float frames = keep ? min(accumulated.a * mix(0.25, 1.0, share) + 1.0, still ? STILL_FRAMES : MOVING_FRAMES) : 1.0;
     out_taa = vec4(keep ? min(mix(history, now, 1.0 / frames), HALF_MAX) : now, frames);
 }

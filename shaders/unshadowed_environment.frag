@@ -1,4 +1,4 @@
-// The environment's light on surfaces, with nothing in its way, from a few directions that stand for all of it: coarse
+// The environment's light on surfaces without occlusion, from a few directions that represent all of it: coarse
 // diffuse and GGX specular shading, demodulated (Suppan et al., "Neural Direct Illumination").
 #include "channels.glsl"
 #include "nearest_texel.glsl"
@@ -12,7 +12,7 @@ uniform vec2 ratio;                   // full-resolution texels per low-resoluti
 layout(location = WRITE_DIFFUSE) out vec4 out_diffuse;    // irradiance / pi
 #endif
 #ifdef WRITE_SPECULAR
-layout(location = WRITE_SPECULAR) out vec4 out_specular;  // radiance that a mirror without Fresnel's law would send
+layout(location = WRITE_SPECULAR) out vec4 out_specular;  // radiance that the lobe gathers, without the Fresnel term
 #endif
 
 void main()
@@ -28,7 +28,7 @@ void main()
         diffuse += n_l * powers[i];
 #ifdef WRITE_SPECULAR
         // Wide enough to reach from one direction to the next; of sums without gaps, this one erred least.
-        float alpha = min(length(vec2(max(roughness * roughness, SHARPEST), directions[i].w)), 1.0);
+        float alpha = min(length(vec2(max(roughness * roughness, MIN_ALPHA), directions[i].w)), 1.0);
         specular += n_l * ggx_lobe(clamp(dot(n, normalize(l + v)), 0.0, 1.0), n_v, n_l, alpha) * powers[i];
 #endif
     }

@@ -1,15 +1,15 @@
 // Joint bilateral upsampling (Kopf et al. 2007): low-resolution demodulated light, guided by full-resolution
 // normals and by the distance from the receiver's plane (Xin et al. 2021, section 5.3). Where no low-resolution texel
-// around shows a pixel's surface, too thin or at an edge, the pixel keeps the light that it had.
+// around shows a pixel's surface, which is too thin or at an edge, the pixel keeps its light of earlier frames.
 #include "numbers.glsl"
 #include "camera.glsl"
 #include "nearest_texel.glsl"
 #include "history.glsl"
 
 const float PLANE_SIGMA = 0.02;  // of the receiver's depth
-const float FLOOR = 1e-5;        // keeps the texel most alike where none is on the same surface
-const float SHOWN = 0.1;         // weight from which on the texels around show the surface
-const float SKY = 1e-30;         // keeps what was filled in where no texel shows any
+const float MIN_WEIGHT = 1e-5;        // so that the most similar texel counts where none is on the same surface
+const float SHOWN = 0.1;         // weight above which the texels around show the surface
+const float SKY = 1e-30;         // so that filled-in light counts where no texel shows a surface
 
 uniform sampler2D light_filled;
 uniform sampler2D lowres_gbuffer;
@@ -20,7 +20,7 @@ uniform vec2 ratio;  // full-resolution texels per low-resolution texel
 uniform sampler2D motion;         // w: inverse_depth
 uniform sampler2D indirect_prev;  // a: inverse_depth
 uniform sampler2D normal_prev;
-uniform float longest;  // history in frames
+uniform float max_frames;  // of history
 uniform bool history_valid;
 #endif
 
@@ -39,7 +39,7 @@ vec2 image_position(vec2 pixel)
     return pixel * (2.0 * image.zw) - (1.0 + lens.zw);
 }
 
-// What column and row of a low-resolution texel add to its distance along the normal, per depth.
+// What column and row of a low-resolution texel contribute to its distance along the normal, per unit of depth.
 vec2 along_normal(ivec2 low, Receiver r)
 {
     return r.slope.xy * image_position(vec2(nearest_texel(low, ratio)) + 0.5);
@@ -53,12 +53,12 @@ vec4 tap(ivec2 low, float along, float closeness, Receiver r)
     float facing = max(dot(r.normal, surface.xyz), 0.0);
     facing *= facing;
     facing *= facing;
-    float alike = (facing * facing + FLOOR) / (1.0 + plane * plane);
+    float alike = (facing * facing + MIN_WEIGHT) / (1.0 + plane * plane);
     return vec4(texelFetch(light_filled, low, 0).rgb, 1.0) * (closeness * (surface.a > 0.0 ? alike : SKY));
 }
 
 #ifdef HAS_INDIRECT_PREV
-// Light mixed with what the surface at a pixel had, the more the less of it is shown.
+// Light blended with the surface's previous light, the more the less the texels around show of it.
 vec3 with_history(vec3 light, float shown, vec4 moved, Receiver r)
 {
     ivec2 at = ivec2(floor(gl_FragCoord.xy - moved.xy * vec2(1.0, -1.0)));
@@ -67,7 +67,7 @@ vec3 with_history(vec3 light, float shown, vec4 moved, Receiver r)
         && same_surface(old.a, moved.w / moved.z, plane_slope(r.normal, gl_FragCoord.xy),
                         texelFetch(normal_prev, at, 0).xyz, r.normal)
         && is_finite(dot(old.rgb, vec3(1.0)));
-    return keep ? mix(light, without_flash(old.rgb, light), (1.0 - 1.0 / longest) * (1.0 - shown)) : light;
+    return keep ? mix(light, without_flash(old.rgb, light), (1.0 - 1.0 / max_frames) * (1.0 - shown)) : light;
 }
 #endif
 

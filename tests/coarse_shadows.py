@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from app.gl import lights
+from app.gl import shadow_atlas
 
 FACTOR = 8
 
@@ -19,6 +19,7 @@ FACTOR = 8
 def coarse_shadow_maps() -> Iterator[None]:
     """Renderers that are made inside have shadow maps with an eighth of their usual sides."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(lights, "FACE_TEXELS", {kind: side // FACTOR for kind, side in lights.FACE_TEXELS.items()})
-        patch.setattr(lights, "HARD_CUBE_TEXELS", lights.HARD_CUBE_TEXELS // FACTOR)
+        faces = {kind: side // FACTOR for kind, side in shadow_atlas.FACE_TEXELS.items()}
+        patch.setattr(shadow_atlas, "FACE_TEXELS", faces)
+        patch.setattr(shadow_atlas, "HARD_CUBE_TEXELS", shadow_atlas.HARD_CUBE_TEXELS // FACTOR)
         yield

@@ -9,7 +9,7 @@ import pytest
 
 from app.errors import DeviceError
 from app.gl.context import Device
-from app.network.contract import find_model
+from app.network.selection import find_model
 from tests.coarse_shadows import coarse_shadow_maps
 
 SMALL_EMBER = 256, 36  # surfels, and rays of each
@@ -27,10 +27,10 @@ def egl() -> None:
 @pytest.fixture(scope="session")
 def path_tracer() -> None:
     """Skips where the path tracer can't run."""
-    from export.reference.mitsuba_scene import mitsuba
+    from export.reference.mitsuba_module import load_mitsuba
 
     try:
-        mitsuba()
+        load_mitsuba()
     except DeviceError as error:
         pytest.skip(str(error))
 

@@ -8,6 +8,7 @@ import onnx
 from onnx import TensorProto, helper
 
 from app.network.contract import KEY, ModelContract, TensorSpec
+from app.network.contract_json import contract_to_json
 
 TINY = ModelContract(
     name="tiny", inputs={"x": TensorSpec(("direct.rgb", "normal.world.xyz"))},
@@ -15,7 +16,7 @@ TINY = ModelContract(
     bounces="single", scene_extent=40.0, licence="MIT")
 
 
-def write_tiny_network(path: Path, contract: str | None = TINY.to_json(), channels: int = 6,
+def write_tiny_network(path: Path, contract: str | None = contract_to_json(TINY), channels: int = 6,
                        output_width: str = "w") -> Path:
     """Write the network with any text as its contract.
 

@@ -1,1 +1,1 @@
-"""Speed against error: draws and times configurations, compares them with the path tracer, and reports."""
+"""Speed against error: times configurations and baselines, compares them with the path tracer, and reports."""

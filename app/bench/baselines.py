@@ -1,34 +1,28 @@
-"""What a user would pick instead: the path tracer at a few samples per pixel, with and without Open Image Denoise."""
+"""Baselines: the path tracer at a few samples per pixel, with and without Open Image Denoise."""
 
-from __future__ import annotations
-
-import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from time import perf_counter
 
-import numpy as np
-from numpy.typing import NDArray
-
+from app.arrays import F32
 from app.errors import SceneError
-from app.evaluation.reference import Order, Plain, Reference, make_plain, read_plain
-from app.extras import extra_module
+from app.evaluation.denoise import run_denoiser
+from app.evaluation.reference import BaselineImage, Reference, read_baseline_images
 
-F32 = NDArray[np.float32]
-Trace = Callable[[], list[Plain]]
+Trace = Callable[[], list[BaselineImage]]
 
 COUNTS = (1, 2, 4, 8, 16, 32, 64, 128, 256)  # samples per pixel
 QUALITIES = ("fast", "high")                 # of the denoiser
-DENOISINGS = 5
+REPEATS = 5                                  # denoising runs whose median time counts
 TRACED, DENOISED = "path tracer", "denoised"
 NAMES = (TRACED, *(f"{DENOISED} ({quality})" for quality in QUALITIES))
 
 
 @dataclass(frozen=True, eq=False)
 class Baseline:
-    """A linear ``picture`` [H, W, 3] of ``spp`` samples per pixel, and the milliseconds that it took."""
+    """A linear ``picture``, shape (H, W, 3), of ``spp`` samples per pixel, and the milliseconds it took."""
 
     name: str
     spp: int
@@ -37,59 +31,49 @@ class Baseline:
 
 
 def draw_baselines(trace: Trace) -> list[Baseline]:
-    """The path tracer's pictures, bare and denoised, by name and rising sample count.
+    """The path tracer's pictures, raw and denoised, by name and rising sample count.
 
-    Tracing is timed by who traces, denoising is the median of a few times after one that loads and builds.
+    The path tracer times itself. Denoising takes the median of a few runs after one that warms up.
     """
     traced = trace()
-    found = [Baseline(TRACED, plain.spp, plain.seconds * 1e3, plain.final) for plain in traced]
+    baselines = [Baseline(TRACED, image.spp, image.seconds * 1e3, image.final) for image in traced]
     for quality in QUALITIES:
-        for plain in traced[:1]:
-            denoise(plain, quality)
-        for plain in traced:
+        for image in traced[:1]:
+            denoise(image, quality)
+        for image in traced:
             seconds = []
-            for _ in range(DENOISINGS):
+            for _ in range(REPEATS):
                 begin = perf_counter()
-                picture = denoise(plain, quality)
+                picture = denoise(image, quality)
                 seconds.append(perf_counter() - begin)
-            found.append(Baseline(f"{DENOISED} ({quality})", plain.spp, (plain.seconds + median(seconds)) * 1e3, picture))
-    return found
+            ms = (image.seconds + median(seconds)) * 1e3
+            baselines.append(Baseline(f"{DENOISED} ({quality})", image.spp, ms, picture))
+    return baselines
 
 
-def traced_now(order: Order, counts: Sequence[int] = COUNTS) -> Trace:
-    """Draws the pictures when it is called."""
-    def trace() -> list[Plain]:
-        with tempfile.TemporaryDirectory() as folder:
-            return make_plain(order, counts, Path(folder))
-
-    return trace
-
-
-def traced_before(folder: Path, reference: Reference) -> Trace:
-    """Takes pictures and times from ``folder``; there may be none.
+def recorded_trace(folder: Path, reference: Reference) -> Trace:
+    """A function that returns the pictures and times stored in ``folder``, if any.
 
     Raises
     ------
     SceneError
-        When a file is damaged or not of the reference's size.
+        When a file is damaged or its size is not the reference's.
     """
-    found = read_plain(folder)
-    for plain in found:
-        if plain.final.shape != reference.layers["final"].shape:
-            raise SceneError(f"a picture of {plain.spp} samples is not of the reference's size", folder,
+    recorded = read_baseline_images(folder)
+    for image in recorded:
+        if image.final.shape != reference.layers["final"].shape:
+            raise SceneError(f"the picture of {image.spp} samples is not of the reference's size", folder,
                              f"expected {reference.size[0]}x{reference.size[1]}")
-    return lambda: found
+    return lambda: recorded
 
 
-def denoise(plain: Plain, quality: str) -> F32:
-    """Open Image Denoise with albedo and normal as guides; linear HDR.
+def denoise(image: BaselineImage, quality: str) -> F32:
+    """Open Image Denoise with albedo and normal as guides.
 
     Raises
     ------
     MissingExtraError
-        Without the package pyoidn.
+        When Open Image Denoise is not installed.
     """
-    run = extra_module("pyoidn", "judge").denoise
-    color, albedo, normal = (np.ascontiguousarray(x[..., :3], np.float32)
-                             for x in (plain.final, plain.albedo, plain.normal))
-    return run(color, np.clip(albedo, 0, 1), normal, hdr=True, quality=quality)
+    color, normal, albedo = (x[..., :3] for x in (image.final, image.normal, image.albedo))
+    return run_denoiser(color, normal, albedo, quality)

@@ -1,58 +1,52 @@
-"""The two figures that sum a benchmark up: speed-up at equal error, error ratio at equal time."""
-
-from __future__ import annotations
+"""The two headline figures of a benchmark: speed-up at equal error, and error ratio at equal time."""
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import asdict
 
 from app.bench.baselines import DENOISED, TRACED
 from app.bench.pareto import Point, Ratio, error_ratio, mean_ratio, speed_up
+from app.bench.records import Json
 from app.evaluation.timing import FRAME
-from app.network.contract import SSGI
+from app.network.selection import SSGI
 
 HEADLINE_ERROR = ("final", "flip")
-
-Json = dict[str, Any]
+FIGURES = {"speed_up": speed_up, "error_ratio": error_ratio}
 
 
 def headlines(scenes: Sequence[Json]) -> list[Json]:
-    """Both figures of each network against each baseline: their geometric means, and each scene's own."""
-    found: dict[tuple[str, str], dict[str, tuple[Ratio, Ratio]]] = {}
+    """Both figures of each network against each baseline: geometric means, and the figures of each scene."""
+    ratios: dict[tuple[str, str], dict[str, dict[str, Ratio]]] = {}
     for scene in scenes:
         curves = points_of(scene)
-        for label in networks(scene):
-            ours = curves[label][0]
-            for name, baseline in opponents(curves).items():
-                both = speed_up(ours, baseline), error_ratio(ours, baseline)
-                found.setdefault((label, name), {})[scene["name"]] = both
+        for label in networks_of(scene):
+            for name, curve in baselines_of(curves).items():
+                of_scene = {figure: compare(curves[label][0], curve) for figure, compare in FIGURES.items()}
+                ratios.setdefault((label, name), {})[scene["name"]] = of_scene
     return [{"model": label, "against": name,
-             **_both(mean_ratio([s for s, _ in rows.values()]), mean_ratio([e for _, e in rows.values()])),
-             "scenes": {scene: _both(*row) for scene, row in rows.items()}} for (label, name), rows in found.items()]
+             **{figure: asdict(mean_ratio([row[figure] for row in rows.values()])) for figure in FIGURES},
+             "scenes": {scene: {figure: asdict(ratio) for figure, ratio in row.items()} for scene, row in rows.items()}}
+            for (label, name), rows in ratios.items()]
 
 
 def points_of(scene: Json) -> dict[str, list[Point]]:
-    """Time against the headline error: a point for each judged configuration, and a curve for each baseline."""
+    """Time against headline error: one point per configuration that has errors, and a curve per baseline."""
     layer, metric = HEADLINE_ERROR
     curves: dict[str, list[Point]] = {}
     for c in scene["configurations"]:
         if c["errors"] is not None:
-            curves[c["label"]] = [Point(c["label"], c["stages"][FRAME]["median"], c["errors"][layer][metric])]
-    for r in scene["baselines"]:
-        curves.setdefault(r["name"], []).append(Point(r["name"], r["ms"], r["errors"][layer][metric]))
+            curves[c["label"]] = [Point(c["stages"][FRAME]["median"], c["errors"][layer][metric])]
+    for b in scene["baselines"]:
+        curves.setdefault(b["name"], []).append(Point(b["ms"], b["errors"][layer][metric]))
     return curves
 
 
-def networks(scene: Json) -> list[str]:
-    """Labels of the judged networks."""
+def networks_of(scene: Json) -> list[str]:
+    """Labels of the networks that have errors."""
     return [c["label"] for c in scene["configurations"] if c["errors"] is not None and c["grid"] is not None]
 
 
-def opponents(curves: dict[str, list[Point]]) -> dict[str, list[Point]]:
-    """The denoised path tracer of whatever quality is best, the bare one, and the classical method."""
-    denoised = [p for name, points in curves.items() if name.startswith(DENOISED) for p in points]
-    found = {f"{TRACED}, {DENOISED}": denoised} if denoised else {}
-    return found | {name: curves[name] for name in (TRACED, SSGI) if name in curves}
-
-
-def _both(faster: Ratio, nearer: Ratio) -> Json:
-    return {"speed_up": faster.to_json(), "error_ratio": nearer.to_json()}
+def baselines_of(curves: dict[str, list[Point]]) -> dict[str, list[Point]]:
+    """The denoised path tracer at its better quality, the raw path tracer, and the classical method."""
+    denoised = [point for name, points in curves.items() if name.startswith(DENOISED) for point in points]
+    combined = {f"{TRACED}, {DENOISED}": denoised} if denoised else {}
+    return combined | {name: curves[name] for name in (TRACED, SSGI) if name in curves}

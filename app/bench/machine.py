@@ -1,9 +1,8 @@
-"""On what it was measured."""
-
-from __future__ import annotations
+"""A description of the machine that a benchmark ran on."""
 
 import os
 import platform
+from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 
@@ -14,14 +13,14 @@ PACKAGES = ("numpy", "moderngl", "onnxruntime", "mitsuba", "drjit", "pyoidn", "f
 
 
 def describe_machine() -> dict[str, object]:
-    """Processor, cores, memory, system, load, and the versions of what did the work.
+    """Processor, cores, memory, system, load, and versions of the packages that did the work.
 
     Raises
     ------
     MissingExtraError
         Without the package psutil.
     """
-    psutil = extra_module("psutil", "judge")
+    psutil = extra_module("psutil", "evaluation")
     return {
         "processor": _processor(), "cores": len(os.sched_getaffinity(0)),
         "physical_cores": psutil.cpu_count(logical=False), "memory_gb": round(psutil.virtual_memory().total / 1e9, 1),
@@ -31,19 +30,14 @@ def describe_machine() -> dict[str, object]:
 
 
 def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
-    except OSError:
-        return platform.processor()
+    lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
     return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")),
                 platform.machine())
 
 
 def _versions() -> dict[str, str]:
-    found = {}
+    versions = {}
     for package in PACKAGES:
-        try:
-            found[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            continue
-    return found
+        with suppress(metadata.PackageNotFoundError):
+            versions[package] = metadata.version(package)
+    return versions

@@ -1,37 +1,31 @@
-"""What became slower or worse since another run, beyond noise."""
-
-from __future__ import annotations
+"""Comparison of two runs: what became slower or less accurate beyond noise."""
 
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from app.bench.records import Json
 from app.bench.run import VERSION
 from app.errors import SettingsError
-from app.evaluation.picture_errors import HIGHER_IS_BETTER
+from app.evaluation.metrics import METRICS
 from app.evaluation.timing import FRAME, YARDSTICK
 from app.extras import extra_module
 
-Json = dict[str, Any]
-
-MIN_MS = 0.05          # shorter stages are left out
-MIN_TURNS = 5
-FLOOR = 0.03             # by which times of equal programs differ from run to run
-SIGNIFICANCE = 0.05      # chance that a comparison of equal programs names any time at all
-NOTABLE_DRIFT = 0.1
-PICTURE = ("lighting", "camera", "triangles", "lights")
-# Equal frames give equal bits, so that errors have no noise of their own; these are what no one would notice.
-NOTICEABLE = {"flip": 0.01, "rel_mse": 0.01, "psnr": 0.05, "ssim": 0.001}
-RELATIVE = ("flip", "rel_mse")
+MIN_MS = 0.05            # shorter stages are not compared
+MIN_ROUNDS = 5
+RUN_TO_RUN_NOISE = 0.03  # relative difference between times of equal programs
+SIGNIFICANCE = 0.05      # probability that a comparison of equal programs reports any time at all
+MAX_QUIET_DRIFT = 0.1    # larger drifts are noted
+PICTURE_KEYS = ("lighting", "camera", "triangles", "lights")
 
 
 @dataclass(frozen=True)
 class Change:
-    """A figure that moved further than ``noise``, in the same unit."""
+    """A figure that moved by more than ``noise``, which has the same unit."""
 
     where: str
     figure: str
@@ -56,67 +50,68 @@ class _Times(NamedTuple):
 
 
 def read_results(path: Path) -> Json:
-    """The JSON file of an earlier run.
+    """Read the JSON file of an earlier run.
 
     Raises
     ------
     SettingsError
-        When it is none.
+        When it is not one of this version.
     """
     try:
         value: Json = json.loads(path.read_text("utf-8"))
     except (OSError, ValueError) as error:
-        raise SettingsError(f"can't read {path} ({error})", "--compare", "expected the bench.json of a run") from None
+        raise SettingsError(f"can't read {path}: {error}", "--compare", "expected the bench.json of a run") from None
     try:
-        whole = value["version"] == VERSION
-        compare(value, value)  # looks at everything that a comparison needs
+        valid = value["version"] == VERSION
+        compare(value, value)  # reads every key that a comparison needs
     except (KeyError, TypeError, AttributeError, ValueError):
-        whole = False
-    if not whole:
-        raise SettingsError(f"{path} is no result of this version", "--compare", "expected the bench.json of a run")
+        valid = False
+    if not valid:
+        raise SettingsError(f"{path} is not a result of version {VERSION}", "--compare",
+                            "expected the bench.json of a run")
     return value
 
 
 def compare(old: Json, new: Json) -> tuple[list[Change], list[str]]:
     """Changes beyond noise, and notes on what could not be compared.
 
-    A time has changed when its median moved by more than 3 % and the share by which the yardsticks moved, since no
-    change of the program moves those, and Welch's t-test tells both runs' turns apart at 5 % over all times together
-    (Bonferroni). Errors have no noise, so for them it is what no one would notice.
+    A time has changed if its median moved by more than 3 % plus the share by which the yardsticks moved, which no
+    change of the program affects, and Welch's t-test on the rounds of both runs is significant at 5 % over all times
+    together (Bonferroni). Errors have no noise; for them the bound is what is noticeable.
     """
     changes: list[Change] = []
     times: list[_Times] = []
-    timed = _same_machine(old, new)
-    notes = _load(old, "the earlier run") + _load(new, "this run")
-    if not timed:
+    same_machine = all(old["machine"][key] == new["machine"][key] for key in ("processor", "cores"))
+    notes = _load_notes(old, "the earlier run") + _load_notes(new, "this run")
+    if not same_machine:
         notes.append("another machine: times are not compared")
     for name, a, b in _matched(_scenes(old), _scenes(new), notes):
-        other = [key for key in PICTURE if a[key] != b[key]]
-        if other:
-            notes.append(f"{name} has other {' and '.join(other)}: it is not compared")
+        differing = [key for key in PICTURE_KEYS if a[key] != b[key]]
+        if differing:
+            notes.append(f"{name} differs in {' and '.join(differing)}: it is not compared")
             continue
-        judged = a["reference"]["key"] == b["reference"]["key"]
-        if not judged:
+        same_reference = a["reference"]["key"] == b["reference"]["key"]
+        if not same_reference:
             notes.append(f"{name} has another reference: its errors are not compared")
         drift = _drift(a, b)
-        if timed and drift > NOTABLE_DRIFT:
-            notes.append(f"{name}: the yardsticks moved by {drift:.0%}, so smaller changes don't show")
+        if same_machine and drift > MAX_QUIET_DRIFT:
+            notes.append(f"{name}: the yardsticks moved by {drift:.0%}, so smaller changes do not show")
         for where, c, d in _matched(_configurations(a), _configurations(b), notes):
-            if judged:
-                changes += _farther(where, c["errors"] or {}, d["errors"] or {})
+            if same_reference:
+                changes += _error_changes(where, c["errors"] or {}, d["errors"] or {})
             if _device(c) != _device(d):
                 notes.append(f"times on {_device(d)} are not compared with times on {_device(c)}")
-            elif min(len(x["stages"][FRAME]["turns"]) for x in (c, d)) < MIN_TURNS:
-                notes.append(f"times of fewer than {MIN_TURNS} turns are not compared")
-            elif timed:
-                found = _matched(_stages(where, c), _stages(where, d), notes)
-                times += [_Times(where, stage.removeprefix(f"{where}, "), x, y, drift) for stage, x, y in found
+            elif min(len(x["stages"][FRAME]["rounds"]) for x in (c, d)) < MIN_ROUNDS:
+                notes.append(f"times of fewer than {MIN_ROUNDS} rounds are not compared")
+            elif same_machine:
+                matched = _matched(_stages(where, c), _stages(where, d), notes)
+                times += [_Times(where, stage.removeprefix(f"{where}, "), x, y, drift) for stage, x, y in matched
                           if max(x["median"], y["median"]) >= MIN_MS]
-    return [*_slower(times), *changes], list(dict.fromkeys(notes))
+    return [*_time_changes(times), *changes], list(dict.fromkeys(notes))
 
 
 def _matched(old: dict[str, Json], new: dict[str, Json], notes: list[str]) -> list[tuple[str, Json, Json]]:
-    """What both have; what only one of them has is noted."""
+    """Entries that both runs have; those that only one has are noted."""
     notes += [f"{name} is gone" for name in old if name not in new]
     notes += [f"{name} is new" for name in new if name not in old]
     return [(name, old[name], new[name]) for name in new if name in old]
@@ -134,40 +129,41 @@ def _stages(where: str, configuration: Json) -> dict[str, Json]:
     return {f"{where}, {name}": times for name, times in configuration["stages"].items() if name != YARDSTICK}
 
 
-def _slower(times: Sequence[_Times]) -> Iterator[Change]:
+def _time_changes(times: Sequence[_Times]) -> Iterator[Change]:
     for where, stage, old, new, drift in times:
         a, b = old["median"], new["median"]
-        noise = (FLOOR + drift) * a
-        if abs(b - a) > noise and _chance(old["turns"], new["turns"]) < SIGNIFICANCE / len(times):
+        noise = (RUN_TO_RUN_NOISE + drift) * a
+        if abs(b - a) > noise and _p_value(old["rounds"], new["rounds"]) < SIGNIFICANCE / len(times):
             yield Change(where, f"{stage} ms", a, b, noise, b > a)
 
 
-def _chance(old: Sequence[float], new: Sequence[float]) -> float:
-    """Of such unlike turns where nothing changed; Welch's t-test on logarithms, two-sided."""
-    a, b = (np.log(np.maximum(turns, 1e-6)) for turns in (old, new))
-    return float(extra_module("scipy.stats", "judge").ttest_ind(a, b, equal_var=False).pvalue)
+def _p_value(old: Sequence[float], new: Sequence[float]) -> float:
+    """Welch's t-test on the logarithms of both runs' rounds, two-sided."""
+    a, b = (np.log(np.maximum(ms, 1e-6)) for ms in (old, new))
+    return float(extra_module("scipy.stats", "evaluation").ttest_ind(a, b, equal_var=False).pvalue)
 
 
-def _farther(where: str, old: Json, new: Json) -> Iterator[Change]:
-    for layer in new:
-        for metric, b in new[layer].items():
-            a = old.get(layer, {}).get(metric)
+def _error_changes(where: str, old: Json, new: Json) -> Iterator[Change]:
+    for layer in new:  # equal programs draw equal bits, so errors have no noise
+        for name, b in new[layer].items():
+            a, metric = old.get(layer, {}).get(name), METRICS[name]
             if a is None or b is None:  # the infinite PSNR of equal images
                 continue
-            noise = NOTICEABLE[metric] * (abs(a) if metric in RELATIVE else 1.0)
+            noise = metric.noticeable * (abs(a) if metric.relative else 1.0)
             if abs(b - a) > noise:
-                yield Change(where, f"{layer} {metric}", a, b, noise, (b < a) == (metric in HIGHER_IS_BETTER))
+                yield Change(where, f"{layer} {name}", a, b, noise, (b < a) == metric.higher_is_better)
 
 
 def _drift(old: Json, new: Json) -> float:
-    """By which share the yardsticks have moved, up or down: the copy or the product, whichever more."""
-    known = _configurations(old)
-    copies = [_moved(known[where]["stages"][YARDSTICK], c["stages"][YARDSTICK])
-              for where, c in _configurations(new).items() if where in known]
-    return max(abs(float(np.median(copies))) if copies else 0.0, abs(_moved(old["yardstick"], new["yardstick"])))
+    """Relative change, up or down, of the copy or of the matrix product, whichever changed more."""
+    earlier = _configurations(old)
+    copies = [_relative_change(earlier[where]["stages"][YARDSTICK], c["stages"][YARDSTICK])
+              for where, c in _configurations(new).items() if where in earlier]
+    product = _relative_change(old["yardstick"], new["yardstick"])
+    return max(abs(float(np.median(copies))) if copies else 0.0, abs(product))
 
 
-def _moved(old: Json, new: Json) -> float:
+def _relative_change(old: Json, new: Json) -> float:
     return float(new["median"] / max(old["median"], 1e-9) - 1)
 
 
@@ -176,10 +172,8 @@ def _device(configuration: Json) -> str:
     return f"{device['gl_renderer']} with provider {device['provider']}"
 
 
-def _same_machine(old: Json, new: Json) -> bool:
-    return all(old["machine"][key] == new["machine"][key] for key in ("processor", "cores"))
-
-
-def _load(results: Json, run: str) -> list[str]:
+def _load_notes(results: Json, run: str) -> list[str]:
     load, cores = results["machine"]["load_average"], results["machine"]["cores"]
-    return [f"{run} began under a load of {load:.1f} on {cores} cores, so its times say little"] if load > cores else []
+    if load <= cores:
+        return []
+    return [f"{run} began under a load of {load:.1f} on {cores} cores, so its times are unreliable"]

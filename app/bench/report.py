@@ -1,29 +1,17 @@
 """The HTML report: one file that needs no other."""
 
-from __future__ import annotations
-
-import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from html import escape
-from importlib import resources
-from string import Template
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from app.bench.headlines import networks
-from app.bench.plots import growth, scatter, stages
-from app.bench.rows import number
-from app.evaluation.embedded_images import shown
+from app.arrays import F32
+from app.bench.headlines import networks_of
+from app.bench.plots import plot_errors, plot_scaling, plot_stages
+from app.bench.records import Json
+from app.evaluation.html import LAYERS, embed_pictures, error_cells, fill_page, html_table, layer_heads
+from app.evaluation.metrics import METRICS
 from app.evaluation.picture_errors import AMBIENT
+from app.evaluation.tables import format_number
 from app.evaluation.timing import FRAME
-
-Json = dict[str, Any]
-F32 = NDArray[np.float32]
-
-LAYERS = ("final", "indirect", "direct")
-COLUMNS = {"flip": "FLIP", "psnr": "PSNR", "ssim": "SSIM", "rel_mse": "relMSE"}
 
 
 def html_report(results: Json, pictures: dict[str, dict[str, F32]]) -> str:
@@ -37,20 +25,12 @@ def html_report(results: Json, pictures: dict[str, dict[str, F32]]) -> str:
         Linear pictures by scene and label, among them each scene's ``reference``.
     """
     width, height = results["scenes"][0]["reference"]["size"]
-    # "</" would end the script.
-    data = json.dumps({scene: shown(images) for scene, images in pictures.items()}).replace("</", "<\\/")
+    images = {scene: embed_pictures(images) for scene, images in pictures.items()}
     return fill_page(
-        "page.html", pictures=data,
-        machine=_machine(results), headlines=_headlines(results["headlines"]), judged=f"{width}×{height}",
-        scatter=scatter(results), stages=stages(results), scenes="\n".join(map(_scene, results["scenes"])),
-        growth=_growth(results["growth"]) if "growth" in results else "")
-
-
-def fill_page(name: str, **parts: str) -> str:
-    """A page of this package with its ``parts``, and what sliders between two pictures need."""
-    folder = resources.files("app.bench")
-    style, script = ((folder / f"slider.{kind}").read_text("utf-8").rstrip("\n") for kind in ("css", "js"))
-    return Template((folder / name).read_text("utf-8")).substitute(slider_style=style, slider=script, **parts)
+        "app.bench", "report.html", images, machine=_machine(results), headlines=_headlines(results["headlines"]),
+        error_size=f"{width}×{height}", scatter=plot_errors(results), stages=plot_stages(results),
+        scenes="\n".join(map(_scene, results["scenes"])),
+        scaling=_scaling(results["scaling"]) if "scaling" in results else "")
 
 
 def _machine(results: Json) -> str:
@@ -67,19 +47,19 @@ def _machine(results: Json) -> str:
     return "<br>".join(map(escape, lines))
 
 
-def _headlines(found: Sequence[Json]) -> str:
-    scenes = list(dict.fromkeys(name for row in found for name in row["scenes"]))
+def _headlines(rows: Sequence[Json]) -> str:
+    scenes = list(dict.fromkeys(name for row in rows for name in row["scenes"]))
     body = []
-    for row in found:
-        for key, what in (("speed_up", "speed-up at equal error"), ("error_ratio", "error ratio at equal time")):
-            own = [_ratio(row["scenes"][s][key]) if s in row["scenes"] else "–" for s in scenes]
-            body.append([f"{row['model']} against {row['against']}: {what}", _ratio(row[key]), *own])
-    return html_table(["", "mean", *scenes], body) if found else "<p>No network was measured beside a baseline.</p>"
+    for row in rows:
+        for key, title in (("speed_up", "speed-up at equal error"), ("error_ratio", "error ratio at equal time")):
+            ratios = [_ratio(row["scenes"][s][key]) if s in row["scenes"] else "–" for s in scenes]
+            body.append([f"{row['model']} against {row['against']}: {title}", _ratio(row[key]), *ratios])
+    return html_table(["", "mean", *scenes], body) if rows else "<p>No network was measured beside a baseline.</p>"
 
 
 def _scene(scene: Json) -> str:
     reference, name = scene["reference"], escape(scene["name"])
-    first = escape(next(iter(networks(scene)), AMBIENT))
+    first = escape(next(iter(networks_of(scene)), AMBIENT))
     noise = ", ".join(f"{layer} {value:.2%}" for layer, value in reference["noise"].items() if value is not None)
     about = (f"{scene['triangles']} triangles, {scene['lights']} light{'s' * (scene['lights'] != 1)}"
              + (f" (lighting {scene['lighting']})" if scene["lighting"] else "")
@@ -93,13 +73,11 @@ def _scene(scene: Json) -> str:
 def _errors(scene: Json) -> str:
     entries = [(c["label"], c["stages"][FRAME]["median"], c["errors"]) for c in scene["configurations"] if c["errors"]]
     entries.append((AMBIENT, None, scene["ambient"]["errors"]))
-    entries += [(f"{r['name']}, {r['spp']} spp", r["ms"], r["errors"]) for r in scene["baselines"]]
-    head = ["", "ms", *(text for _ in LAYERS for text in COLUMNS.values())]
-    above = "<tr><td colspan=2>" + "".join(f"<th colspan={len(COLUMNS)}>{layer}" for layer in LAYERS)
-    body = [[label, "–" if ms is None else number(ms),
-             *(number(errors[layer][m]) if layer in errors else "–" for layer in LAYERS for m in COLUMNS)]
+    entries += [(f"{b['name']}, {b['spp']} spp", b["ms"], b["errors"]) for b in scene["baselines"]]
+    head = ["", "ms", *(metric.title for _ in LAYERS for metric in METRICS.values())]
+    body = [[label, "–" if ms is None else format_number(ms), *error_cells(errors, LAYERS)]
             for label, ms, errors in entries]
-    return "<h3>Errors</h3>" + html_table(head, body, above)
+    return "<h3>Errors</h3>" + html_table(head, body, "<tr><td colspan=2>" + layer_heads(LAYERS))
 
 
 def _times(scene: Json) -> str:
@@ -108,37 +86,31 @@ def _times(scene: Json) -> str:
         entries = [c for c in scene["configurations"] if tuple(c["size"]) == size]
         names = list(dict.fromkeys(n for c in entries for n in c["stages"] if n != FRAME))
         body = [[n, *(_spread(c["stages"].get(n)) for c in entries)] for n in [*names, FRAME]]
-        if any(c["fresh"] for c in entries):
-            body += [["start-up s", *(number(c["fresh"]["startup_s"]) if c["fresh"] else "–" for c in entries)],
-                     ["peak memory MB", *(number(c["fresh"]["peak_mb"]) if c["fresh"] else "–" for c in entries)]]
+        starts = [c["cold_start"] for c in entries]
+        if any(starts):
+            body += [[title, *(format_number(start[key]) if start else "–" for start in starts)]
+                     for title, key in (("start-up s", "startup_s"), ("peak memory MB", "peak_mb"))]
         heads = [c["label"] + (f" ({c['grid'][0]}×{c['grid'][1]})" if c["grid"] else "") for c in entries]
         parts.append(html_table([f"{size[0]}×{size[1]}", *heads], body))
     return "".join(parts)
 
 
-def _growth(found: Json) -> str:
-    note = (f"In a generated hall whose block moves, with {found['model']}. Each stage's median time is fitted with a "
-            "power of the quantity; the exponent's standard error follows it. Surfels and width are those of networks "
-            "of their own, radiosity and BCNN.")
-    parts = ["<h2>How cost grows</h2>", f"<p class=note>{escape(note)}</p>", growth(found["sweeps"])]
-    for quantity, data in found["sweeps"].items():
-        body = [[name, *map(number, s["ms"]),
+def _scaling(scaling: Json) -> str:
+    note = (f"Measured with {scaling['model']} in a generated hall with a moving block. Each stage's median time is "
+            "fitted with a power of the quantity; the standard error of the exponent follows it. Surfels and width are "
+            "swept with networks made for the purpose, radiosity and BCNN.")
+    parts = ["<h2>How cost scales</h2>", f"<p class=note>{escape(note)}</p>", plot_scaling(scaling["sweeps"])]
+    for quantity, data in scaling["sweeps"].items():
+        body = [[name, *map(format_number, s["ms"]),
                  "–" if s["exponent"] is None else f"{s['exponent']:.2f} ± {s['error']:.2f}"]
                 for name, s in data["stages"].items()]
         parts.append(html_table([quantity, *map(str, data["counts"]), "exponent"], body))
     return "".join(parts)
 
 
-def html_table(head: Sequence[str], body: Iterable[Sequence[str]], above: str = "") -> str:
-    """A table of texts, which scrolls where it is too wide; ``above`` are rows before its head."""
-    lines = [above, "<tr>" + "".join(f"<th>{escape(cell)}" for cell in head)]
-    lines += ["<tr>" + "".join(f"<td>{escape(cell)}" for cell in row) for row in body]
-    return "<div class=scroll><table>" + "".join(lines) + "</table></div>"
-
-
 def _ratio(ratio: Json) -> str:
-    return f"{ratio['bound']}{number(ratio['value'])}×"
+    return f"{ratio['bound']}{format_number(ratio['value'])}×"
 
 
 def _spread(spread: Json | None) -> str:
-    return "–" if spread is None else f"{number(spread['median'])} ({number(spread['p95'])})"
+    return "–" if spread is None else f"{format_number(spread['median'])} ({format_number(spread['p95'])})"

@@ -1,19 +1,50 @@
-"""The command line: a file per command. ``render`` runs when no command is named."""
+"""The command line, with one file per command. ``render`` runs if no command is named."""
 
-from __future__ import annotations
-
-from typing import Annotated
+import sys
+from typing import Annotated, Any, NoReturn
 
 import typer
+from typer.core import TyperGroup
 
 from app import __version__
 from app.cli.bench import bench
 from app.cli.compare import compare
 from app.cli.golden import golden
-from app.cli.group import DefaultGroup
 from app.cli.models import models
 from app.cli.render import render
 from app.cli.view import view
+from app.errors import AfterglowError
+
+DEFAULT = "render"
+USER_ERROR = 2
+
+
+class DefaultGroup(TyperGroup):
+    """Runs ``render`` if no command is named; prints a user's error as one line and exits with code 2."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        own = {name for parameter in self.get_params(ctx) for name in parameter.opts}
+        named = bool(args) and (args[0] in self.commands or args[0] in own)
+        return super().parse_args(ctx, args if named else [DEFAULT, *args])
+
+    def main(self, *args: Any, **options: Any) -> NoReturn:
+        try:
+            status = super().main(*args, **{**options, "standalone_mode": False})
+        except AfterglowError as error:
+            _print_error(str(error))
+            status = USER_ERROR
+        except typer.TyperException as error:
+            message = error.format_message()
+            _print_error(f"command line: {message[:1].lower()}{message[1:].rstrip('. ')} (--help lists the options)")
+            status = USER_ERROR
+        except typer.Abort:
+            status = 1
+        sys.exit(status)
+
+
+def _print_error(message: str) -> None:
+    typer.echo(typer.style("error:", fg="red", bold=True) + " " + " ".join(message.split()), err=True)
+
 
 cli = typer.Typer(
     name="afterglow",
@@ -24,7 +55,7 @@ cli = typer.Typer(
     subcommand_metavar="[COMMAND] [ARGS]...",
     context_settings={"help_option_names": ["--help", "-h"]},
 )
-cli.command("render")(render)
+cli.command(DEFAULT)(render)
 cli.command("models")(models)
 cli.command("view")(view)
 cli.command("compare")(compare)
@@ -41,9 +72,9 @@ def _version(wanted: bool) -> None:
 @cli.callback()
 def _about(
     version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True,
-                                          help="Print the version and leave.")] = False,
+                                          help="Print the version and exit.")] = False,
 ) -> None:
-    """Render a scene with OpenGL and let an ONNX network infer its indirect light.
+    """Render a scene with OpenGL, with indirect light from an ONNX network.
 
     Without a command, [bold]render[/bold] runs: all its options are in
     [cyan]python -m app render --help[/cyan].
@@ -52,11 +83,11 @@ def _about(
 
     [cyan]python -m app[/cyan]  [dim]# the embedded Cornell box, into out/[/dim]
 
-    [cyan]python -m app scene.glb --size 640x480 --camera orbit --frames 60[/cyan]  [dim]# a turn around a scene[/dim]
+    [cyan]python -m app scene.glb --size 640x480 --camera orbit --frames 60[/cyan]  [dim]# orbit a scene[/dim]
 
     [cyan]python -m app view scene.glb[/cyan]  [dim]# the same scene live, in a browser[/dim]
 
-    [cyan]python -m app models[/cyan]  [dim]# the networks that come along[/dim]
+    [cyan]python -m app models[/cyan]  [dim]# bundled networks[/dim]
     """
 
 

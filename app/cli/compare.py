@@ -1,4 +1,4 @@
-"""``python -m app compare``: models beside each other and the reference, on one page."""
+"""``python -m app compare``: models side by side with each other and the reference, on one page."""
 
 from __future__ import annotations
 
@@ -7,41 +7,47 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from app.cli.options import (
+    AUTO,
+    MIN_COMPARED_SIDE,
+    CameraName,
+    Lighting,
+    Provider,
+    ReferenceFolder,
+    SamplesPerPixel,
+    SceneFile,
+    named_camera,
+    parse_list,
+    refuse_folder,
+)
 from app.errors import SettingsError
 from app.io.atomic_files import prepare_folders, write_text
+from app.io.terminal import say
+from app.network.selection import DEFAULT_COMPARISON
 from app.settings import Settings, parse_size
 
 if TYPE_CHECKING:
     from app.evaluation.reference import Reference
     from app.scene import Camera, Scene
 
-AUTO = "auto"
-MIN_SIDE = 11  # SSIM's window
-
 
 def compare(
-    scene: Annotated[Path | None, typer.Argument(
-        help="OBJ, glTF, GLB or PLY file; the embedded Cornell box without it.", metavar="[SCENE]",
-        show_default=False)] = None,
+    scene: SceneFile = None,
     models: Annotated[str, typer.Option(
-        help="Names and paths as for --model, NAME+NAME for one that makes indirect light and one that shades an "
-             "environment, and reference. What the others are compared with is the reference, or else the last one.",
-        metavar="NAME,…")] = "none,radiosity,ember,reference",
+        help="Names and paths as for --model, NAME+NAME for one for indirect light and one that shades an environment, "
+             "and reference. The others are compared with the reference, or without it with the last one.",
+        metavar="NAME,…")] = ",".join((*DEFAULT_COMPARISON, "reference")),
     size: Annotated[str, typer.Option(help="Width and height in pixels.", metavar="WxH")] = "512x384",
-    camera: Annotated[str | None, typer.Option(
-        help="A camera of the scene.", metavar="NAME", show_default="the scene's own")] = None,
-    lighting: Annotated[str | None, typer.Option(
-        help="A named lighting of the scene's JSON file.", metavar="NAME", show_default="the scene's own")] = None,
-    reference: Annotated[str, typer.Option(
-        help="Folder with the reference, or auto: path-traced and kept.", metavar="DIR|auto")] = AUTO,
-    spp: Annotated[int, typer.Option(help="Samples per pixel of a reference that is made.", min=8, metavar="N")] = 256,
-    provider: Annotated[str, typer.Option(
-        help="onnxruntime execution provider.", metavar="auto|cpu|cuda|…")] = "auto",
+    camera: CameraName = None,
+    lighting: Lighting = None,
+    reference: ReferenceFolder = AUTO,
+    spp: SamplesPerPixel = 256,
+    provider: Provider = AUTO,
     out: Annotated[Path, typer.Option(help="The page.", metavar="FILE.html")] = Path("out/compare.html"),
 ) -> None:
-    """Compare models on one page: sliders between any two, FLIP maps and numbers, in a single file.
+    """Compare models on one page: sliders between any two, FLIP maps and errors, in a single file.
 
-    Needs the extra [bold]judge[/bold], and for the reference [bold]export[/bold].
+    Needs the extra [bold]evaluation[/bold], and for the reference [bold]export[/bold].
 
     [bold]Examples[/bold]
 
@@ -49,56 +55,51 @@ def compare(
 
     [cyan]python -m app compare room.glb --models ssgi,mine.onnx,reference[/cyan]  [dim]# your own network[/dim]
 
-    [cyan]python -m app compare yard.obj --models ember,ember+coarse,reference[/cyan]  [dim]# two draw together[/dim]
+    [cyan]python -m app compare yard.obj --models ember,ember+ndr-8,reference[/cyan]  [dim]# two models at once[/dim]
     """
-    from app.bench.comparison_page import REFERENCE, side_by_side
-    from app.bench.run import JUDGE
-    from app.evaluation.configurations import at_work, expand, nothing_to_shade
-    from app.extras import extra_module
+    # Heavy imports wait until there is something to compare, so that help stays quick.
+    from app.evaluation.comparison_page import REFERENCE, make_comparison_page
+    from app.evaluation.configurations import expand, no_environment_error, select_applicable
+    from app.extras import require_evaluation_packages
     from app.load import load_scene
-    from app.network.session import check_provider
+    from app.network.providers import check_provider
     from app.paths import data_dir
 
-    names = list(dict.fromkeys(part.strip() for part in models.split(",") if part.strip()))
+    names = parse_list(models)
     drawn = [name for name in names if name != REFERENCE]
     pixels = Settings(size=parse_size(size)).size
     configurations, _ = expand(drawn, [pixels])
     if not drawn or len(configurations) + (REFERENCE in names) < 2:
-        raise SettingsError(f"nothing to compare in {models!r}", "--models", "expected two or more, such as none,reference")
-    if min(pixels) < MIN_SIDE:
-        raise SettingsError(f"bad size {size!r}", "--size", f"expected sides of at least {MIN_SIDE}, SSIM's window")
-    if out.is_dir():
-        raise SettingsError(f"{out} is a folder", "--out", "expected the name of an HTML file")
+        raise SettingsError(f"nothing to compare in {models!r}", "--models",
+                            "expected two or more, such as none,reference")
+    if min(pixels) < MIN_COMPARED_SIDE:
+        raise SettingsError(f"bad size {size!r}", "--size",
+                            f"expected sides of at least {MIN_COMPARED_SIDE}, SSIM's window")
+    refuse_folder(out, "--out", "HTML")
     check_provider(provider)
-    for name in JUDGE:  # says at once what is missing
-        extra_module(name, "judge")
+    require_evaluation_packages()
     file = scene or data_dir() / "cornell-box.obj"
     loaded = load_scene(file, lighting=lighting)
-    if idle := at_work(configurations, loaded)[1]:
-        raise nothing_to_shade(loaded, idle)
-    if camera is not None and camera not in loaded.cameras:
-        raise SettingsError(f"no camera {camera!r}", "--camera", f"expected one of {', '.join(loaded.cameras)}")
-    seen = loaded.cameras[camera or loaded.default_camera].at(0.0)
+    if skipped := select_applicable(configurations, loaded)[1]:
+        raise no_environment_error(loaded, skipped)
+    view = named_camera(loaded, camera)
     prepare_folders(out.parent)
     traced = None
     if REFERENCE in names:
-        _say("reference")
-        traced = _load_reference(reference, file, lighting, camera, loaded, seen, pixels, spp)
-    write_text(out, side_by_side(loaded, seen, configurations, traced, provider, _say))
+        say("reference")
+        traced = _load_reference(reference, file, lighting, camera, loaded, view, pixels, spp)
+    write_text(out, make_comparison_page(loaded, view, configurations, traced, provider, say))
     typer.echo(f"wrote {out}")
 
 
-def _load_reference(reference: str, file: Path, lighting: str | None, camera: str | None, scene: Scene, seen: Camera,
-           size: tuple[int, int], spp: int) -> Reference:
-    from app.evaluation.reference import Order, make_reference, read_reference
+def _load_reference(reference: str, file: Path, lighting: str | None, camera: str | None, scene: Scene, view: Camera,
+                    size: tuple[int, int], spp: int) -> Reference:
+    from app.evaluation.reference import TraceRequest, make_reference, read_reference
 
     if reference == AUTO:
-        return make_reference(Order(file, lighting, camera, size), scene, seen, spp)
+        return make_reference(TraceRequest(file, lighting, camera, size), scene, view, spp)
     traced = read_reference(Path(reference))
     if traced.size != size:
-        raise SettingsError(f"the reference is {traced.size[0]}x{traced.size[1]}", reference, "expected the size of --size")
+        raise SettingsError(f"the reference is {traced.size[0]}x{traced.size[1]}", reference,
+                            "expected the size of --size")
     return traced
-
-
-def _say(line: str) -> None:
-    typer.secho(line, err=True, dim=True)

@@ -1,21 +1,20 @@
-"""``python -m app golden``: keep and compare what every pass writes."""
+"""``python -m app golden``: golden images of what every pass writes."""
 
 from __future__ import annotations
 
 import importlib.util
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich import box
 from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
 
-from app.cli.options import unknown
+from app.cli.options import check_name, refuse_folder
 from app.errors import SettingsError
 from app.io.atomic_files import prepare_folders, write_text
+from app.io.terminal import print_table, transient_progress
 
 if TYPE_CHECKING:
     from app.golden import Case, Finding, Report
@@ -24,7 +23,7 @@ FOLDER = Path("tests/golden/images")
 REPORT = Path("out/golden.html")
 FAILED = 1
 
-Names = Annotated[list[str] | None, typer.Argument(metavar="[SCENE]...", help="Some scenes of the catalogue.",
+Names = Annotated[list[str] | None, typer.Argument(metavar="[SCENE]...", help="Scenes of the catalogue.",
                                                    show_default="all")]
 Catalogue = Annotated[Path | None, typer.Option(
     "--catalogue", metavar="FILE.json", help="Your own scenes and models; needs --golden.",
@@ -40,20 +39,20 @@ golden = typer.Typer(no_args_is_help=True, rich_markup_mode="rich",
 def check_command(
     names: Names = None, catalogue: Catalogue = None, folder: Folder = None,
     report: Annotated[Path | None, typer.Option(
-        "--report", metavar="FILE.html", help="Page with golden, current and difference of each broken stage.",
+        "--report", metavar="FILE.html", help="Page with golden, current and difference image of each failed stage.",
         show_default=f"{REPORT}, on failure")] = None,
 ) -> None:
-    """Compare every pass with its golden images; exit code 1 when one differs.
+    """Compare every pass with its golden images; exit code 1 if one differs.
 
-    Each scene is drawn twice, which must give the same bits. Missing goldens
-    and files that no pass writes fail too. On another renderer than the
-    goldens' own a wider tolerance holds.
+    Each scene is drawn twice, which must give the same bits. Missing golden
+    images and files that no pass writes are failures too. On another renderer
+    than that of the golden images a wider tolerance applies.
 
     [bold]Examples[/bold]
 
     [cyan]python -m app golden check[/cyan]  [dim]# all generated scenes[/dim]
 
-    [cyan]python -m app golden check room --golden /tmp/before[/cyan]  [dim]# one scene, other goldens[/dim]
+    [cyan]python -m app golden check room --golden /tmp/before[/cyan]  [dim]# one scene, other golden images[/dim]
 
     [cyan]python -m app golden check --catalogue mine.json --golden mine/[/cyan]  [dim]# your scenes and networks[/dim]
     """
@@ -62,21 +61,20 @@ def check_command(
     known, folder = _known(catalogue), _folder(catalogue, folder)
     cases = _chosen(names, known)
     if report is not None:
-        if report.is_dir():
-            raise SettingsError(f"{report} is a folder", "--report", "expected the name of an HTML file")
+        refuse_folder(report, "--report", "HTML")
         prepare_folders(report.parent)
-    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
+    with transient_progress() as bar:
         task = bar.add_task("drawing", total=len(cases))
-        found = check(cases, folder, progress=lambda name: bar.update(task, description=name, advance=1))
+        results = check(cases, folder, progress=lambda name: bar.update(task, description=name, advance=1))
     if not names:
-        found.findings.extend(orphan_cases(folder, known))
-    _print(found)
-    if found.broken or report is not None:
+        results.findings.extend(orphan_cases(folder, known))
+    _print(results)
+    if results.broken or report is not None:
         path = report or REPORT
         prepare_folders(path.parent)
-        write_text(path, page(found))
+        write_text(path, page(results))
         typer.echo(f"wrote {path}")
-    if found.broken:
+    if results.broken:
         raise typer.Exit(FAILED)
 
 
@@ -84,12 +82,13 @@ def check_command(
 def update_command(
     names: Names = None, catalogue: Catalogue = None, folder: Folder = None,
     looked: Annotated[bool, typer.Option(
-        "--i-looked", help="Overwrite goldens of another renderer too: you compared the pictures.")] = False,
+        "--i-looked", help="Also overwrite golden images of another renderer; compare them with the new ones first.",
+    )] = False,
 ) -> None:
-    """Draw the scenes and make the result the golden images; look at what changed before you commit it.
+    """Draw the scenes and save the results as golden images; review the changes before you commit them.
 
-    The tensors that networks are fed stay as they were saved first; delete
-    tensor_*.exr in SCENE.network to save new ones.
+    The networks' input tensors are not updated; delete tensor_*.exr in
+    SCENE.network to save new ones.
 
     [bold]Examples[/bold]
 
@@ -100,7 +99,7 @@ def update_command(
     from app.golden import update
 
     known, folder = _known(catalogue), _folder(catalogue, folder)
-    files = update(_chosen(names, known), folder, known, looked)
+    files = update(_chosen(names, known), folder, known, overwrite_foreign=looked)
     size = sum(file.stat().st_size for file in files)
     typer.echo(f"wrote {len(files)} images, {size / 1e6:.1f} MB, to {folder}")
 
@@ -112,16 +111,15 @@ def _known(path: Path | None) -> dict[str, Case]:
 
 
 def _folder(catalogue: Path | None, folder: Path | None) -> Path:
-    """The goldens' folder; other scenes than the generated ones must not end up among those goldens."""
+    """The folder of the golden images; a user's scenes must not be mixed with the generated ones."""
     if catalogue is not None and folder is None:
-        raise SettingsError("no folder for the goldens of the catalogue", "--golden", "expected --golden DIR")
+        raise SettingsError("no folder for the catalogue's golden images", "--golden", "expected --golden DIR")
     return folder or FOLDER
 
 
 def _chosen(names: list[str] | None, known: dict[str, Case]) -> list[Case]:
     for name in names or ():
-        if name not in known:
-            raise unknown(name, known, "golden")
+        check_name(name, known, "SCENE")
     return [known[name] for name in names or known]
 
 
@@ -134,14 +132,14 @@ def _print(report: Report) -> None:
     for origin in report.origins:
         say(origin)
     for case, origin in report.foreign.items():
-        say(f"{case}: the goldens come from {origin}, so the wider tolerance holds")
+        say(f"{case}: the goldens come from {origin}, so the wider tolerance applies")
     others = [f for f in report.findings if f.verdict != "same"]
     say(f"{len(report.findings) - len(others)} of {len(report.findings)} images are the same")
     if others:
-        console.print(_table(others))
-        say("difference: the largest, relative to 1 + |golden|; off: share of the texels beyond the tolerance", "dim")
+        print_table(_table(others))
+        say("difference: maximum of |current - golden| / (1 + |golden|); off: share of texels beyond tolerance", "dim")
     if importlib.util.find_spec("flip_evaluator") is None:
-        say("no FLIP: pip install 'afterglow[judge]'", "dim")
+        say("no FLIP: pip install 'afterglow[evaluation]'", "dim")
     for case in dict.fromkeys(f.case for f in report.broken):
         first = next(f for f in report.broken if f.case == case)
         say(f"first broken stage of {case}: {first.stage or '–'} ({first.resource}, {first.verdict})")

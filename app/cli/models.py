@@ -1,6 +1,4 @@
-"""``python -m app models``: what can make indirect light, and the contracts of networks."""
-
-from __future__ import annotations
+"""``python -m app models``: the models for indirect light by name, and the contracts of networks."""
 
 import json
 from collections.abc import Mapping
@@ -9,12 +7,14 @@ from typing import Annotated
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from app.io.terminal import print_table
 from app.network.channels import CUBE, PANORAMA, RAYS, SURFELS
-from app.network.contract import SSGI, ModelContract, TensorSpec, bundled_models, read_contract
+from app.network.contract import ModelContract, TensorSpec
+from app.network.contract_json import read_contract
+from app.network.selection import SSGI, bundled_models
 
 CLASSICAL = {
     SSGI: {
@@ -38,17 +38,17 @@ def models(
 
     [cyan]python -m app models --json[/cyan]  [dim]# the same for programs; only networks have files[/dim]
     """
-    found = {name: (path, read_contract(path)) for name, path in bundled_models().items()}
+    bundled = {name: (path, read_contract(path)) for name, path in bundled_models().items()}
     if as_json:
-        networks = {name: {"file": str(path), "contract": json.loads(contract.to_json())}
-                    for name, (path, contract) in found.items()}
+        networks = {name: {"file": str(path), "contract": contract.to_dict()}
+                    for name, (path, contract) in bundled.items()}
         typer.echo(json.dumps({**networks, **CLASSICAL}, indent=2))
     else:
-        Console(highlight=False).print(_table(found))
+        print_table(_table(bundled))
 
 
-def _table(found: Mapping[str, tuple[Path, ModelContract]]) -> Table:
-    networks = {name: [*_rows(contract), ("file", str(path))] for name, (path, contract) in found.items()}
+def _table(bundled: Mapping[str, tuple[Path, ModelContract]]) -> Table:
+    networks = {name: [*_rows(contract), ("file", str(path))] for name, (path, contract) in bundled.items()}
     table = Table("model", "contract", box=box.ROUNDED, show_lines=True)
     for name, rows in (networks | {name: list(about.items()) for name, about in CLASSICAL.items()}).items():
         inner = Table.grid(padding=(0, 2))
@@ -65,7 +65,7 @@ def _rows(contract: ModelContract) -> list[tuple[str, str]]:
         ("scale", f"{contract.scale:g} of the image, padded to multiples of {contract.multiple_of}"),
         ("bounces", contract.bounces), ("exposure", contract.exposure), ("dtype", contract.dtype),
         ("scene extent", f"{contract.scene_extent:g}"), ("cube axes", contract.cube_axes or ""),
-        ("keeps", f"what {contract.static_input} decides, while it stays the same" if contract.static_input else ""),
+        ("caches", f"what depends on {contract.static_input} alone" if contract.static_input else ""),
         ("paper", contract.paper), ("trained on", contract.trained_on), ("licence", contract.licence),
     ]
     return [(label, text) for label, text in rows if text]

@@ -1,8 +1,5 @@
-"""Options that commands share, and texts of the command line into values."""
+"""Option types that commands share, and the parsing of their texts."""
 
-from __future__ import annotations
-
-import difflib
 from collections.abc import Collection
 from fractions import Fraction
 from pathlib import Path
@@ -10,37 +7,47 @@ from typing import Annotated
 
 import typer
 
-from app.errors import SettingsError
+from app.errors import SettingsError, did_you_mean
+from app.network.selection import DEFAULT_MODEL
+from app.scene import Camera, Scene
 
 FORMATS = ("exr", "png")
-DEFAULT_MODEL = "ember"
-SCENE, NETWORK = "Scene", "Network and device"  # panels of the help
+AUTO = "auto"
+MIN_COMPARED_SIDE = 11  # SSIM's window
+SCENE, NETWORK, REFERENCE = "Scene", "Network and device", "Reference"  # panels of the help
 
 SceneFile = Annotated[Path | None, typer.Argument(
-    help="OBJ, glTF, GLB or PLY file; the embedded Cornell box without it.", metavar="[SCENE]", show_default=False)]
+    help="OBJ, glTF, GLB or PLY file; the embedded Cornell box if omitted.", metavar="[SCENE]", show_default=False)]
 Lighting = Annotated[str | None, typer.Option(
     help="A named lighting of the scene's JSON file.", metavar="NAME", show_default="the scene's own",
     rich_help_panel=SCENE)]
+CameraName = Annotated[str | None, typer.Option(
+    help="A named camera of the scene.", metavar="NAME", show_default="the scene's own", rich_help_panel=SCENE)]
 SceneJson = Annotated[Path | None, typer.Option(
     "--scene-json", help="Cameras, lightings and motion.", metavar="FILE", show_default="same stem beside the scene",
     rich_help_panel=SCENE)]
 ModelNames = Annotated[list[str], typer.Option(
-    help="A name that `models` lists, a path to an .onnx file, or none; twice for one that makes indirect light "
-         "and one that shades an environment.", metavar="NAME|PATH|none", show_default=DEFAULT_MODEL,
+    help="A name that `models` lists, a path to an .onnx file, or none. Repeat it for a model that shades an "
+         "environment beside one for indirect light.", metavar="NAME|PATH|none", show_default=DEFAULT_MODEL,
     rich_help_panel=NETWORK)]
 Bounces = Annotated[int | None, typer.Option(
-    help="Bounces of indirect light, of models that count them (ember, radiosity) and of networks of one bounce "
-         "that see the screen alone, which are applied again.", metavar="N", show_default="what the model gives",
-    rich_help_panel=NETWORK)]
+    help="Bounces of indirect light: of models that take a number (ember, radiosity), and of single-bounce networks "
+         "that read screen-space inputs only, which are applied repeatedly.", metavar="N",
+    show_default="the model's own", rich_help_panel=NETWORK)]
 Provider = Annotated[str, typer.Option(
     help="onnxruntime execution provider.", metavar="auto|cpu|cuda|…", rich_help_panel=NETWORK)]
 StrictDevice = Annotated[bool, typer.Option(
-    "--strict-device", help="Refuse a software renderer, or a provider other than the one asked for.",
+    "--strict-device", help="Refuse a software renderer, and any provider other than the one asked for.",
     rich_help_panel=NETWORK)]
+ReferenceFolder = Annotated[str, typer.Option(
+    help="Folder with the reference, or auto: path-traced and cached. For several scenes, the folder contains one "
+         "folder per scene.", metavar="DIR|auto", rich_help_panel=REFERENCE)]
+SamplesPerPixel = Annotated[int, typer.Option(
+    "--spp", help="Samples per pixel of a new reference.", min=8, metavar="N", rich_help_panel=REFERENCE)]
 
 
 def parse_folder(text: str | Path) -> Path:
-    """A folder that was named; without a name it would be the current one.
+    """A folder's path, which must not be empty: that would be the current folder.
 
     Raises
     ------
@@ -48,29 +55,57 @@ def parse_folder(text: str | Path) -> Path:
         When the text is empty.
     """
     if not str(text).strip():
-        raise SettingsError("no name given", "--out", "expected a folder, such as out, or . for the current one")
+        raise SettingsError("no folder given", "--out", "expected a folder, such as out, or . for the current one")
     return Path(text)
 
 
+def refuse_folder(path: Path, option: str, kind: str) -> None:
+    """Check that ``path``, where a file of the given kind is to be written, is not a folder.
+
+    Raises
+    ------
+    SettingsError
+        When it is.
+    """
+    if path.is_dir():
+        raise SettingsError(f"{path} is a folder", option, f"expected the name of a {kind} file")
+
+
+def parse_list(text: str) -> list[str]:
+    """The parts of ``text`` between commas, each once and in the given order."""
+    return list(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
+
+
 def parse_names(text: str, known: Collection[str], option: str) -> tuple[str, ...]:
-    """Names separated by commas, each once and in the given order.
+    """Known names separated by commas, each once and in the given order.
 
     Raises
     ------
     SettingsError
         When there is none, or one is not among ``known``.
     """
-    names = tuple(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
+    names = parse_list(text)
     if not names:
-        raise SettingsError("no name given", option, f"expected one or more of {', '.join(known)}")
+        raise SettingsError("no name given", option, f"expected one or more of: {', '.join(known)}")
     for name in names:
-        if name not in known:
-            raise unknown(name, known, option)
-    return names
+        check_name(name, known, option)
+    return tuple(names)
+
+
+def check_name(name: str, known: Collection[str], option: str) -> None:
+    """Check that ``name`` is one of the ``known`` ones.
+
+    Raises
+    ------
+    SettingsError
+        When it is not.
+    """
+    if name not in known:
+        raise SettingsError(f"unknown name {name!r}", option, did_you_mean(name, known))
 
 
 def parse_scale(text: str, option: str) -> float:
-    """A network's grid relative to the image, such as ``1/8`` or ``0.25``.
+    """The size of a network's grid relative to the image, such as ``1/8`` or ``0.25``.
 
     Raises
     ------
@@ -80,14 +115,20 @@ def parse_scale(text: str, option: str) -> float:
     try:
         scale = float(Fraction(text))
     except (ValueError, ZeroDivisionError):
-        raise SettingsError(f"bad scale {text!r}", option, "expected such as 1/8 or 0.25") from None
+        raise SettingsError(f"bad scale {text!r}", option, "expected a number, such as 1/8 or 0.25") from None
     if not 0 < scale <= 1:
         raise SettingsError(f"bad scale {text!r}", option, "expected a number above 0, at most 1")
     return scale
 
 
-def unknown(name: str, known: Collection[str], option: str) -> SettingsError:
-    """Error for a name that is not ``known``, with the nearest one that is."""
-    near = difflib.get_close_matches(name, known, 1)
-    hint = f"did you mean {near[0]!r}? " if near else ""
-    return SettingsError(f"unknown name {name!r}", option, f"{hint}expected one of {', '.join(known)}")
+def named_camera(scene: Scene, name: str | None) -> Camera:
+    """The scene's camera of that name, or its default camera for None, at the first frame.
+
+    Raises
+    ------
+    SettingsError
+        When the scene has no such camera.
+    """
+    if name is not None:
+        check_name(name, scene.cameras, "--camera")
+    return scene.cameras[name or scene.default_camera].at(0.0)

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import sys
+import json
 from contextlib import ExitStack
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.progress import Progress
 
+from app.arrays import F32, Bytes
 from app.cli.options import (
-    DEFAULT_MODEL,
+    AUTO,
     FORMATS,
     NETWORK,
     SCENE,
@@ -25,31 +23,31 @@ from app.cli.options import (
     SceneFile,
     SceneJson,
     StrictDevice,
+    check_name,
     parse_folder,
     parse_names,
     parse_scale,
-    unknown,
+    refuse_folder,
 )
-from app.cli.report import print_summary, write_timing
+from app.cli.report import print_summary
 from app.errors import SettingsError
-from app.io.atomic_files import prepare_folders
+from app.io.aov_preview import preview
+from app.io.atomic_files import prepare_folders, write_text
 from app.io.image import Image, write_exr, write_png
-from app.io.preview import preview
-from app.io.video import CODECS, check_video, video
+from app.io.terminal import note, transient_progress
+from app.io.video import CODECS, check_video, open_video
 from app.network.channels import HALF_MAX
-from app.network.contract import Model, find_model
-from app.network.selection import about_environment
+from app.network.selection import DEFAULT_MODEL, NONE, environment_notices, find_model
 from app.scene import CameraPath, Scene
-from app.settings import Settings, parse_size
+from app.settings import SETTLE_FRAMES, Settings, parse_size
 
 if TYPE_CHECKING:
     from app.renderer import Renderer
 
 FRAME_SECONDS = 1 / 30
-SETTLE_STILL = 16
+MIN_HALF_PEAK = 2**-8  # images that are darker lose precision as half floats
 GEOMETRY = ("depth", "position", "motion")
-
-PICTURE, INSIGHT = "Picture", "Insight"
+PICTURE, DIAGNOSTICS = "Picture", "Diagnostics"  # panels of the help
 
 
 def render(
@@ -60,42 +58,42 @@ def render(
     lighting: Lighting = None,
     scene_json: SceneJson = None,
     out: Annotated[Path, typer.Option(
-        help="Folder for the frames; made if missing.", metavar="DIR", parser=parse_folder,
+        help="Folder for the frames; created if missing.", metavar="DIR", parser=parse_folder,
         rich_help_panel=PICTURE)] = Path("out"),
     size: Annotated[str, typer.Option(
         help="Width and height in pixels.", metavar="WxH", rich_help_panel=PICTURE)] = "1024x768",
     frames: Annotated[int, typer.Option(
         help="Frames to write, 1/30 s apart.", min=1, metavar="N", rich_help_panel=PICTURE)] = 1,
     settle: Annotated[int | None, typer.Option(
-        help="Frames drawn before the first written one, so that TAA has converged.", min=0, metavar="N",
-        show_default=f"{SETTLE_STILL} for a still, 0 otherwise", rich_help_panel=PICTURE)] = None,
+        help="Frames drawn before the first one that is written, so that TAA converges.", min=0, metavar="N",
+        show_default=f"{SETTLE_FRAMES} for a still, 0 otherwise", rich_help_panel=PICTURE)] = None,
     aov: Annotated[str, typer.Option(
-        help="All that is written: final, albedo, normal, depth, position, motion, direct, specular, indirect, "
+        help="Images to write: final, albedo, normal, depth, position, motion, direct, specular, indirect, "
              "emission, …", metavar="NAME,…", rich_help_panel=PICTURE)] = "final",
     formats: Annotated[str, typer.Option(
-        "--format", help="exr (linear, all AOVs), png (display), and video of what the PNGs show: mp4, webm, gif.",
+        "--format", help="exr (linear, all AOVs), png (for display), and video of the PNGs: mp4, webm, gif.",
         metavar="exr,png,mp4,…", rich_help_panel=PICTURE)] = ",".join(FORMATS),
     exposure: Annotated[float, typer.Option(
-        help="Linear factor for the PNG; the EXR stays as it is.", metavar="FACTOR", rich_help_panel=PICTURE)] = 1.0,
+        help="Linear factor for the PNG; the EXR is not affected.", metavar="FACTOR", rich_help_panel=PICTURE)] = 1.0,
     taa: Annotated[bool, typer.Option(
         "--taa/--no-taa", help="Temporal anti-aliasing.", rich_help_panel=PICTURE)] = True,
     seed: Annotated[int, typer.Option(
-        help="Turns the sampling patterns.", metavar="N", rich_help_panel=PICTURE)] = 0,
+        help="Varies the sampling patterns.", metavar="N", rich_help_panel=PICTURE)] = 0,
     model: ModelNames = [DEFAULT_MODEL],  # noqa: B006
     bounces: Bounces = None,
     scale: Annotated[str | None, typer.Option(
-        help="A network's grid relative to the image, such as 1/8.", metavar="SCALE", show_default="its own",
-        rich_help_panel=NETWORK)] = None,
-    provider: Provider = "auto",
+        help="Size of the networks' grids relative to the image, such as 1/8.", metavar="SCALE",
+        show_default="their own", rich_help_panel=NETWORK)] = None,
+    provider: Provider = AUTO,
     strict_device: StrictDevice = False,
     timing: Annotated[Path | None, typer.Option(
         help="Write milliseconds per pass (median, p95), the device and what was culled.", metavar="FILE.json",
-        show_default=False, rich_help_panel=INSIGHT)] = None,
+        show_default=False, rich_help_panel=DIAGNOSTICS)] = None,
     check: Annotated[bool, typer.Option(
-        "--check", help="Count non-finite texels per pass.", rich_help_panel=INSIGHT)] = False,
+        "--check", help="Count non-finite texels per pass.", rich_help_panel=DIAGNOSTICS)] = False,
     verbose: Annotated[bool, typer.Option(
-        "--verbose", "-v", help="Say which renderer, provider and passes run, and what was culled and why.",
-        rich_help_panel=INSIGHT)] = False,
+        "--verbose", "-v", help="Print the renderer, provider and passes, and what was culled and why.",
+        rich_help_panel=DIAGNOSTICS)] = False,
 ) -> None:
     """Render frames of a scene as EXR, PNG and video.
 
@@ -120,43 +118,39 @@ def render(
 
     settings = Settings(
         size=parse_size(size), outputs=parse_names(aov, AOVS, "--aov"), taa=taa, exposure=exposure, bounces=bounces,
-        seed=seed, provider=provider, strict_device=strict_device,
-        # The summary shows each pass's time, so each pass is waited for.
-        timing=True, check=check)
-    if provider != "auto":
-        from app.network.session import check_provider  # imports onnxruntime
+        seed=seed, provider=provider, strict_device=strict_device, timing=True, check=check,
+        scale=None if scale is None else parse_scale(scale, "--scale"))
+    if provider != AUTO:
+        from app.network.providers import check_provider  # imports onnxruntime
 
         check_provider(provider)
     kinds = parse_names(formats, (*FORMATS, *CODECS), "--format")
     check_video([kind for kind in kinds if kind in CODECS], settings.size)
-    if timing is not None and timing.is_dir():
-        raise SettingsError(f"{timing} is a folder", "--timing", "expected the name of a JSON file")
+    if timing is not None:
+        refuse_folder(timing, "--timing", "JSON")
     if scene is not None:
         loaded = load_scene(scene, lighting=lighting, scene_json=scene_json)
     elif scene_json is None:
         loaded = embedded_scene(lighting=lighting)
     else:
-        raise SettingsError("no scene to go with the file", "--scene-json", "expected a SCENE too")
+        raise SettingsError("needs a scene", "--scene-json", "expected a SCENE too")
     path = choose_camera(loaded, camera, frames)
     for notice in loaded.notices:
-        _note(notice)
-    models = [find_model(name) for name in model if name != "none"]
-    grid = None if scale is None else parse_scale(scale, "--scale")
-
-    with ExitStack() as stack:
-        if grid is not None:
-            models = _rescaled(models, grid, stack)
-        renderer = stack.enter_context(Renderer(loaded, settings, models))
+        note(notice)
+    models = [find_model(name) for name in model if name != NONE]
+    if scale is not None and not any(isinstance(m, Path) for m in models):
+        raise SettingsError("needs a network", "--scale", "expected a --model that is one")
+    with Renderer(loaded, settings, models) as renderer:
         for name in renderer.missing:
-            _note(f"{name} is all zero, nothing in this scene writes it")
-        running = {p.name for p in renderer.plan.passes}
-        for notice in about_environment(loaded, models):
-            _note(notice)
+            note(f"{name} is all zero, nothing in this scene writes it")
+        for notice in environment_notices(loaded, models):
+            note(notice)
         if verbose:
             _describe(renderer)
         prepare_folders(out, *([timing.parent] if timing is not None else []))
         if settle is None:
-            settle = SETTLE_STILL if frames == 1 and "taa" in running else 0
+            has_taa = any(p.name == "taa" for p in renderer.plan.passes)
+            settle = SETTLE_FRAMES if frames == 1 and has_taa else 0
         images = _draw(renderer, path, settings, frames, settle, out, kinds)
         report = {
             **renderer.timing(), "culled": dict(renderer.plan.culled), "device": renderer.device,
@@ -164,39 +158,27 @@ def render(
             "triangles": loaded.triangles, "frames": frames,
         }
     if timing is not None:
-        write_timing(timing, report)
+        write_text(timing, json.dumps(report, indent=2) + "\n")
     print_summary(report, images, timing, check=check)
 
 
-def _rescaled(models: list[Model], scale: float, stack: ExitStack) -> list[Model]:
-    """The same with copies of networks that have another grid, as long as ``stack`` is open."""
-    from app.evaluation.configurations import rescaled
-
-    if not any(isinstance(model, Path) for model in models):
-        raise SettingsError("a scale without a network", "--scale", "expected a --model that is one")
-    def copy(model: Path) -> Path:
-        return rescaled(model, scale, Path(stack.enter_context(TemporaryDirectory())))
-
-    return [copy(model) if isinstance(model, Path) else model for model in models]
-
-
 def choose_camera(scene: Scene, name: str | None, frames: int) -> CameraPath:
-    """Camera of the scene, of a file or a guessed one, by the text of ``--camera``.
+    """The camera for the text of ``--camera``: of the scene, of a file, automatic or orbiting.
 
     Raises
     ------
     SettingsError
         When the scene has no camera of that name.
     """
-    from app.load import auto_camera, is_camera_word, load_camera, orbit
-    from app.load.cameras import AUTO, ORBIT
+    from app.load import auto_camera, is_camera_keyword, load_camera, orbit
+    from app.load.cameras import ORBIT
 
     own = scene.cameras[scene.default_camera]
     if name is None:
         return own
-    if not is_camera_word(name):
+    if not is_camera_keyword(name):
         if name not in scene.cameras:
-            raise unknown(name, (AUTO, ORBIT, *scene.cameras), "--camera")
+            check_name(name, (AUTO, ORBIT, *scene.cameras), "--camera")
         return scene.cameras[name]
     if name == AUTO:
         return CameraPath.still(auto_camera(scene))
@@ -208,14 +190,13 @@ def choose_camera(scene: Scene, name: str | None, frames: int) -> CameraPath:
 
 def _draw(renderer: Renderer, path: CameraPath, settings: Settings, frames: int, settle: int, out: Path,
           kinds: tuple[str, ...]) -> list[Path]:
-    """Draw the settling frames, then draw and write the others; the files written."""
+    """Draw the settling frames, then draw and write the others; returns the files written."""
     total = settle + frames
     files = [out / f"video.{kind}" for kind in kinds if kind in CODECS]
     stills = tuple(kind for kind in kinds if kind not in CODECS)
     with ExitStack() as stack:
-        videos = [stack.enter_context(video(file, settings.size)) for file in files]
-        bar = stack.enter_context(Progress(console=Console(stderr=True), transient=True,
-                                           disable=total == 1 or not sys.stderr.isatty()))
+        videos = [stack.enter_context(open_video(file, settings.size)) for file in files]
+        bar = stack.enter_context(transient_progress(disable=total == 1))
         task = bar.add_task("rendering", total=total)
         for _ in range(settle):
             renderer.advance(path.at(0.0), 0.0)
@@ -225,7 +206,7 @@ def _draw(renderer: Renderer, path: CameraPath, settings: Settings, frames: int,
             images = renderer.render(path.at(time), time)
             files += _write(images, settings, out / f"{index:04d}", stills)
             for write in videos:
-                write(_shown(images, settings))
+                write(_display_image(images, settings))
             bar.advance(task)
     return files
 
@@ -234,26 +215,22 @@ def _write(images: dict[str, Any], settings: Settings, stem: Path, kinds: tuple[
     files = [stem.with_suffix(f".{kind}") for kind in kinds]
     for file in files:
         if file.suffix == ".exr":
-            write_exr(file, {"" if n == "final" else n: _stored(n, images[n]) for n in settings.outputs})
+            write_exr(file, {"" if n == "final" else n: _exr_layer(n, images[n]) for n in settings.outputs})
         else:
-            write_png(file, _shown(images, settings))
+            write_png(file, _display_image(images, settings))
     return files
 
 
-def _shown(images: dict[str, Any], settings: Settings) -> np.ndarray[Any, np.dtype[np.uint8]]:
-    """What a PNG or a video shows: the finished picture, or else the first AOV."""
+def _display_image(images: dict[str, Any], settings: Settings) -> Bytes:
+    """The image of a PNG or video frame: the final picture, or the first AOV if there is none."""
     first = settings.outputs[0]
     return images["display"] if "final" in settings.outputs else preview(first, images[first], settings.exposure)
 
 
-def _stored(name: str, values: np.ndarray[Any, np.dtype[np.float32]]) -> Image:
-    """Half floats, except for lengths and for radiance that they can't hold precisely."""
+def _exr_layer(name: str, values: F32) -> Image:
+    """Half floats, except for lengths and for radiance that they can't represent precisely."""
     peak = float(np.abs(values).max())
-    return values if name in GEOMETRY or not 2**-8 <= peak <= HALF_MAX else values.astype(np.float16)
-
-
-def _note(text: str) -> None:
-    typer.secho(f"note: {text}", err=True, dim=True)
+    return values if name in GEOMETRY or not MIN_HALF_PEAK <= peak <= HALF_MAX else values.astype(np.float16)
 
 
 def _describe(renderer: Renderer) -> None:

@@ -1,6 +1,4 @@
-"""``python -m app view``: a page in the browser that steers the renderer."""
-
-from __future__ import annotations
+"""``python -m app view``: a page in the browser that controls the renderer."""
 
 import asyncio
 from typing import Annotated
@@ -8,7 +6,7 @@ from typing import Annotated
 import typer
 
 from app.cli.options import (
-    DEFAULT_MODEL,
+    AUTO,
     SCENE,
     Bounces,
     Lighting,
@@ -18,6 +16,8 @@ from app.cli.options import (
     SceneJson,
     StrictDevice,
 )
+from app.io.terminal import note
+from app.network.selection import DEFAULT_MODEL
 from app.settings import Settings, parse_size
 
 SERVER = "Server"
@@ -31,21 +31,22 @@ def view(
     lighting: Lighting = None,
     scene_json: SceneJson = None,
     size: Annotated[str, typer.Option(
-        help="Pixels, until a page says how large its window is.", metavar="WxH", rich_help_panel=SCENE)] = "1024x768",
+        help="Pixels, until a page reports the size of its window.", metavar="WxH",
+        rich_help_panel=SCENE)] = "1024x768",
     host: Annotated[str, typer.Option(
-        help="Address to listen on; the link of another than this machine's own holds a token.", metavar="ADDRESS",
+        help="Address to listen on; unless it is this machine's own, the link contains a token.", metavar="ADDRESS",
         rich_help_panel=SERVER)] = "127.0.0.1",
     port: Annotated[int, typer.Option(
         help="Port; 0 for a free one.", min=0, max=65535, metavar="N", rich_help_panel=SERVER)] = 0,
     model: ModelNames = [DEFAULT_MODEL],  # noqa: B006
     bounces: Bounces = None,
-    provider: Provider = "auto",
+    provider: Provider = AUTO,
     strict_device: StrictDevice = False,
 ) -> None:
-    """See a scene live, in a browser: orbit, drag lights, compare models with each other and with the reference.
+    """View a scene live in a browser: orbit, drag lights, compare models with each other and with the reference.
 
-    Serves one page and prints its link; Ctrl-C ends it. Needs the extra [bold]view[/bold], and for the reference
-    [bold]export[/bold].
+    Serves one page and prints its link; Ctrl-C ends the program. Needs the extra [bold]view[/bold], and for the
+    reference [bold]export[/bold].
 
     [bold]Examples[/bold]
 
@@ -56,15 +57,13 @@ def view(
     [cyan]python -m app view room.obj --host 0.0.0.0 --port 8080[/cyan]  [dim]# for others, by a secret link[/dim]
     """
     from app.cli.render import choose_camera
-    from app.evaluation.configurations import NONE, all_models
     from app.extras import extra_module
     from app.gl.context import Device
-    from app.load import load_parts
-    from app.network.contract import find_model
-    from app.network.selection import about_environment, load_models, shades_environment
-    from app.network.session import check_provider
+    from app.load import load_for_editing
+    from app.network.providers import check_provider
+    from app.network.selection import NONE, all_models, environment_notices, find_model, load_models, shades_environment
     from app.paths import data_dir
-    from app.view.model_renderer import shown_outputs
+    from app.view.model_renderer import VIEWABLE_OUTPUTS
     from app.view.protocol import Choices
     from app.view.server import EXTRA, serve
     from app.view.session import Session
@@ -75,23 +74,21 @@ def view(
     settings = Settings(size=parse_size(size), bounces=bounces, provider=provider, strict_device=strict_device)
     names = [name for name in model if name != NONE]
     files = [find_model(name) for name in names]
-    Device(strict_device).close()  # says what is missing, if anything is
+    Device(strict_device).close()  # raises if there is no OpenGL
     file = (scene or data_dir() / "cornell-box.obj").resolve()
-    parts = load_parts(file, lighting=lighting, scene_json=scene_json)
-    load_models(files, settings, parts.scene.environment is not None)  # says what does not fit together
-    for notice in (*parts.scene.notices, *about_environment(parts.scene, files)):
-        typer.secho(f"note: {notice}", err=True, dim=True)
+    loaded = load_for_editing(file, lighting=lighting, scene_json=scene_json)
+    load_models(files, settings, loaded.scene.environment is not None)  # raises if they don't fit together
+    for notice in (*loaded.scene.notices, *environment_notices(loaded.scene, files)):
+        note(notice)
     shading = [name for name, network in zip(names, files, strict=True) if shades_environment(network)]
     indirect = [name for name in names if name not in shading] or [NONE]
     models = tuple(dict.fromkeys((*all_models(), *indirect)))
-    still = {name: members for name, members in parts.objects.items()
-             if all(parts.scene.instances[i].motion is None for i in members)}
-    state = State(settings.size, choose_camera(parts.scene, camera, 1).at(0.0), parts.scene.lights[:parts.own_lights],
-                  indirect[0], environment=next(iter(shading), ""), bounces=bounces)
-    session = Session(file, parts, state, Choices(models, shown_outputs(), still), provider)
-    asyncio.run(serve(session, host, port, _say))
+    movable = {name: members for name, members in loaded.objects.items()
+             if all(loaded.scene.instances[i].motion is None for i in members)}
+    first_view = choose_camera(loaded.scene, camera, 1).at(0.0)
+    state = State(settings.size, first_view, loaded.scene.lights[:loaded.own_lights], indirect[0],
+                  environment=next(iter(shading), ""), bounces=bounces)
+    session = Session(file, loaded, state, Choices(models, VIEWABLE_OUTPUTS, movable), provider)
+    asyncio.run(serve(session, host, port,
+                      lambda link: typer.echo(f"Afterglow is at {link}\nCtrl-C ends it")))
     typer.echo("ended")
-
-
-def _say(link: str) -> None:
-    typer.echo(f"Afterglow is at {link}\nCtrl-C ends it")

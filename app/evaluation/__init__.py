@@ -1,1 +1,1 @@
-"""How far a picture is from its path-traced reference, and how long it takes."""
+"""Errors of pictures against path-traced references, and frame times."""

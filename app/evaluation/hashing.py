@@ -1,6 +1,4 @@
-"""A key for what values hold, whatever file or object they came from."""
-
-from __future__ import annotations
+"""Keys that depend on the content of values only, not on the file or object that they come from."""
 
 import hashlib
 from collections.abc import Iterator, Mapping
@@ -10,12 +8,12 @@ import numpy as np
 
 
 def content_key(*values: object) -> str:
-    """Hexadecimal digest of dataclasses, mappings, sequences, arrays, texts and numbers.
+    """Hexadecimal digest of dataclasses, mappings, sequences, arrays, strings and numbers.
 
     Raises
     ------
     TypeError
-        For anything else, which might compare by identity.
+        For other values, which might compare by identity.
     """
     digest = hashlib.sha256()
     for part in _parts(values):

@@ -1,71 +1,65 @@
-"""Errors: a configuration's layers against the reference's."""
+"""Errors of a configuration's layers against those of the reference."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from app.arrays import F32, F64
 from app.evaluation import metrics
 from app.evaluation.configurations import Configuration
 from app.evaluation.reference import Reference
 from app.renderer import Renderer
 from app.scene import Camera, Scene
-from app.settings import Settings
+from app.settings import SETTLE_FRAMES, Settings
 
-F32 = NDArray[np.float32]
 Layers = dict[str, F32]
 Errors = dict[str, float]
 
 AMBIENT = "ambient (oracle)"
-UNDER_SKY = ("under an environment the final picture alone is judged: the reference counts light straight from there as "
-             "indirect, models do as they are chosen")
-SETTLE = 16          # frames until temporal anti-aliasing has settled, as for a still
-METRICS: dict[str, Callable[..., float]] = {
-    "flip": metrics.flip, "psnr": metrics.psnr, "ssim": metrics.ssim, "rel_mse": metrics.rel_mse}
-HIGHER_IS_BETTER = ("psnr", "ssim")
-BRIGHTEST_AMBIENT = 16.0  # of the reference's mean indirect light
+UNDER_SKY = ("under an environment only the final picture is compared: the reference counts its direct light as "
+             "indirect, each model as it is defined")
+MAX_AMBIENT_RATIO = 16.0  # of the ambient light to the reference's mean radiance / albedo
+SEARCH_ROUNDS, SEARCH_STEPS = 6, 16
 
 
 def draw_layers(scene: Scene, camera: Camera, configuration: Configuration, provider: str) -> Layers:
-    """What is judged.
+    """Draw what is compared with the reference.
 
     Returns
     -------
     dict of str to ndarray, float32, shape (H, W, 3)
-        ``final`` settled by temporal anti-aliasing, as the reference's is averaged over each pixel; where there is no
-        environment also ``direct`` and ``indirect`` of one frame through pixel centres, as the reference has them.
+        ``final`` with converged temporal anti-aliasing, as the reference's is averaged over each pixel. Without an
+        environment also ``direct`` and ``indirect`` of one frame through pixel centres, as in the reference.
     """
-    settings = Settings(size=configuration.size, outputs=("final",), provider=provider)
+    settings = Settings(size=configuration.size, scale=configuration.scale, provider=provider)
     with Renderer(scene, settings, configuration.models) as renderer:
-        for _ in range(SETTLE - 1):
+        for _ in range(SETTLE_FRAMES - 1):
             renderer.advance(camera)
         layers = {"final": renderer.render(camera)["final"]}
-    if scene.environment is not None:  # reference and models part its light into direct and indirect in ways of their own
+    if scene.environment is not None:  # reference and models split its light differently into direct and indirect
         return layers
-    centres = replace(settings, outputs=("direct", "indirect"), taa=False)
-    with Renderer(scene, centres, configuration.models) as renderer:
+    centred = replace(settings, outputs=("direct", "indirect"), taa=False)
+    with Renderer(scene, centred, configuration.models) as renderer:
         return {**renderer.render(camera), **layers}
 
 
 def errors_of(layers: Layers, reference: Reference) -> dict[str, Errors]:
-    """All metrics of the layers that are there; ``indirect`` only where the reference's albedo is not black."""
+    """All metrics by layer; ``indirect`` only where the reference's albedo is not black."""
     masks = {"direct": None, "indirect": reference.demodulated, "final": None}
-    return {name: {metric: f(layers[name], reference.layers[name], mask) for metric, f in METRICS.items()}
+    return {name: {key: metric.measure(layers[name], reference.layers[name], mask)
+                   for key, metric in metrics.METRICS.items()}
             for name, mask in masks.items() if name in layers and (mask is None or mask.any())}
 
 
 def draw_ambient(scene: Scene, camera: Camera, reference: Reference, provider: str) -> tuple[Layers, list[float]]:
     """The picture with the best constant indirect light, and that constant.
 
-    Its parts are averages over jittered frames, so that its edges are as smooth as the others'.
+    It is averaged over jittered frames, so that its edges are as smooth as those of the other pictures.
     """
     settings = Settings(reference.size, ("final", "albedo", "direct", "emission", "specular", "background"),
                         provider=provider)
     with Renderer(scene, settings) as renderer:
-        frames = [renderer.render(camera) for _ in range(SETTLE)]
+        frames = [renderer.render(camera) for _ in range(SETTLE_FRAMES)]
     albedo, *added = (np.mean([f[name] for f in frames], axis=0) for name in settings.outputs[1:])
     base = np.sum(added, axis=0)
     constant = best_ambient(base, albedo, reference.layers["final"])
@@ -76,24 +70,25 @@ def draw_ambient(scene: Scene, camera: Camera, reference: Reference, provider: s
 
 
 def best_ambient(base: F32, albedo: F32, final: F32) -> F32:
-    """The colour c, shape (3,), for which base + albedo · c, tone-mapped, is nearest to ``final`` in squared error.
+    """The colour c, shape (3,), for which base + albedo · c, tone-mapped, has the least squared error to ``final``.
 
-    In place of ``albedo`` any picture will do, such as that of light whose strength is sought.
+    ``albedo`` may be any other picture too, such as light whose best factor is sought.
     """
     exposure = metrics.exposure_of(final)
-    shown = metrics.tone_map(final, exposure).astype(np.float64)
+    target = metrics.tone_map(final, exposure).astype(np.float64)
 
-    def error(constants: NDArray[np.float64], channel: int) -> list[float]:
+    def errors(constants: F64, channel: int) -> list[float]:
         return [float(((metrics.tone_map(base[..., channel] + albedo[..., channel] * c, exposure)
-                        - shown[..., channel]) ** 2).mean()) for c in constants]
+                        - target[..., channel]) ** 2).mean()) for c in constants]
 
     best = []
     for channel in range(3):
-        colour, reached = float(final[..., channel].mean()), float(albedo[..., channel].mean())
-        low, high, nearest = 0.0, BRIGHTEST_AMBIENT * colour / reached if reached > 0 else 0.0, 0.0
-        for _ in range(6):  # each grid is eight times finer than the one before
-            grid = np.linspace(low, high, 17)
-            index = int(np.argmin(error(grid, channel)))
-            low, nearest, high = grid[max(index - 1, 0)], grid[index], grid[min(index + 1, 16)]
-        best.append(nearest)
+        mean_final, mean_albedo = float(final[..., channel].mean()), float(albedo[..., channel].mean())
+        low, middle = 0.0, 0.0
+        high = MAX_AMBIENT_RATIO * mean_final / mean_albedo if mean_albedo > 0 else 0.0
+        for _ in range(SEARCH_ROUNDS):  # each grid is eight times finer than the previous one
+            grid = np.linspace(low, high, SEARCH_STEPS + 1)
+            index = int(np.argmin(errors(grid, channel)))
+            low, middle, high = grid[max(index - 1, 0)], grid[index], grid[min(index + 1, SEARCH_STEPS)]
+        best.append(middle)
     return np.array(best, np.float32)

@@ -1,47 +1,34 @@
-"""The path-traced reference: made by ``python -m export reference`` in a process of its own, kept by content."""
+"""Path-traced references, made by ``python -m export reference`` in a child process and cached by content."""
 
-from __future__ import annotations
-
-import hashlib
 import json
 import math
 import os
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from importlib import metadata, util
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from app import environment
-from app.errors import MissingExtraError, SceneError
+from app.arrays import F32, Bools
+from app.errors import SceneError
 from app.evaluation.hashing import content_key
-from app.gl.shader import resolve
-from app.io.atomic_files import replacing_folder
-from app.io.child_process import run_export
+from app.evaluation.versions import exporter_version, renderer_version, require_path_tracer
+from app.io.atomic_files import replace_folder
+from app.io.child_process import run_module
 from app.io.image import read_exr
-from app.paths import shader_dir
 from app.scene import Camera, Scene
 
-F32 = NDArray[np.float32]
-
 LAYERS = ("final", "direct", "indirect", "albedo", "depth")
-PLAIN_LAYERS = ("final", "albedo", "normal")
-# Of the package export: what a reference depends on.
-TRACER = ("denoise.py", "mitsuba_scene.py", "path_tracer.py", "reference.py")
-SKY_TRACER = "environment_tracer.py"  # the same, where an environment makes highlights
-# What emission and highlights depend on.
-OWN_SHADERS = ("gbuffer.vert", "gbuffer.frag", "shadow.vert", "shadow.frag", "shadow_nearest.frag", "direct.frag")
-SKY_SHADERS = ("gbuffer.vert", "gbuffer.frag", "background.frag")  # the same, of the background
-MIN_ALBEDO = 0.01  # where demodulated light counts
+BASELINE_LAYERS = ("final", "albedo", "normal")
+MIN_ALBEDO = 0.01  # below it demodulated light is not compared
 
 
 @dataclass(frozen=True, eq=False)
-class Order:
-    """What the path tracer is to draw: a scene file, and which of its lightings and cameras."""
+class TraceRequest:
+    """What to path-trace: a scene file, one of its lightings and cameras, and the image's width and height."""
 
     file: Path
     lighting: str | None
@@ -52,19 +39,19 @@ class Order:
     def arguments(self) -> list[str]:
         """For ``python -m export reference``."""
         names = {"--lighting": self.lighting, "--camera": self.camera}
-        chosen = [text for option, name in names.items() if name is not None for text in (option, name)]
-        return [str(self.file), "--size", f"{self.size[0]}x{self.size[1]}", *chosen]
+        options = [text for option, name in names.items() if name is not None for text in (option, name)]
+        return [str(self.file), "--size", f"{self.size[0]}x{self.size[1]}", *options]
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """Layers by name, [H, W, C], and what is known about them.
+    """Layers by name, each of shape (H, W, C), and their metadata.
 
     Attributes
     ----------
     about : dict
-        ``spp``, ``noise`` (relative standard error by layer), ``seconds``, ``notices`` (what is not as the renderer
-        draws it) and whatever else the path tracer says.
+        ``spp``, ``noise`` (relative standard error by layer), ``seconds``, ``notices`` (differences from what the
+        renderer draws) and any further entries that the path tracer writes.
     key : str
         Equal for equal layers.
     """
@@ -75,18 +62,19 @@ class Reference:
 
     @property
     def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
         height, width = self.layers["final"].shape[:2]
         return width, height
 
     @property
-    def demodulated(self) -> NDArray[np.bool_]:
-        """Where light divided by albedo is judged, shape (H, W)."""
+    def demodulated(self) -> Bools:
+        """Where light divided by albedo is compared, shape (H, W)."""
         return (self.layers["depth"][..., 0] > 0) & (self.layers["albedo"].max(axis=2) >= MIN_ALBEDO)
 
 
 @dataclass(frozen=True, eq=False)
-class Plain:
-    """A path-traced picture of ``spp`` samples per pixel, with its guides and the seconds that it took."""
+class BaselineImage:
+    """A path-traced image of ``spp`` samples per pixel, with guides for a denoiser and the seconds that it took."""
 
     spp: int
     seconds: float
@@ -107,108 +95,70 @@ def read_reference(folder: Path) -> Reference:
     return Reference(layers, _read_about(folder / "reference.json"), content_key(layers))
 
 
-def make_reference(order: Order, scene: Scene, camera: Camera, spp: int) -> Reference:
-    """The reference for ``scene``, from the cache where the same was asked for before.
+def make_reference(request: TraceRequest, scene: Scene, camera: Camera, spp: int) -> Reference:
+    """The reference for ``scene``, from the cache if the same was requested before.
 
     Raises
     ------
     MissingExtraError
-        When there is no path tracer here.
-    PathTracerError
-        When it fails.
+        When the path tracer is not installed.
+    ProcessError
+        When the path tracer fails.
     """
-    key = content_key(scene, camera, order.size, spp, exporter_version(scene), renderer_version(scene))
-    return kept_reference(cache_folder() / key,
-                      lambda fresh: _run([*order.arguments, "--spp", str(spp), "--out", str(fresh)]))
+    key = content_key(scene, camera, request.size, spp, exporter_version(scene), renderer_version(scene))
+    return cache_reference(cache_folder() / key, lambda folder: _run(
+        [*request.arguments, "--spp", str(spp), "--out", str(folder)]))
 
 
-def kept_reference(folder: Path, make: Callable[[Path], object]) -> Reference:
-    """The reference in ``folder``; where it is missing or damaged, ``make`` writes it into a new folder."""
+def cache_reference(folder: Path, make: Callable[[Path], object]) -> Reference:
+    """The reference in ``folder``; if it is missing or damaged, ``make`` writes it into a new folder first."""
     if folder.is_dir():
         with suppress(SceneError):
             return read_reference(folder)
-    with replacing_folder(folder) as fresh:
-        make(fresh)
+    with replace_folder(folder) as new:
+        make(new)
     return read_reference(folder)
 
 
-def make_plain(order: Order, counts: Sequence[int], folder: Path) -> list[Plain]:
-    """Path-traced pictures of so many samples per pixel, drawn now, since their time is what matters."""
-    _run([*order.arguments, "--plain", ",".join(map(str, counts)), "--out", str(folder)])
-    return read_plain(folder)
+def cache_folder() -> Path:
+    """Where references are cached, following the XDG base directory specification; safe to delete."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "afterglow" / "reference"
 
 
-def read_plain(folder: Path) -> list[Plain]:
-    """The plain pictures in ``folder``, by rising sample count; none where there is no ``plain.json``.
+def make_baseline_images(request: TraceRequest, counts: Sequence[int]) -> list[BaselineImage]:
+    """Path-trace images with ``counts`` samples per pixel, never from a cache, since their time is measured."""
+    with TemporaryDirectory() as folder:
+        _run([*request.arguments, "--baselines", ",".join(map(str, counts)), "--out", folder])
+        return read_baseline_images(Path(folder))
+
+
+def read_baseline_images(folder: Path) -> list[BaselineImage]:
+    """The baseline images in ``folder``, by rising sample count; none without a ``baselines.json``.
 
     Raises
     ------
     SceneError
         When a file is missing or damaged.
     """
-    file = folder / "plain.json"
+    file = folder / "baselines.json"
     if not file.is_file():
         return []
-    found = []
+    images = []
     for spp, seconds in _read_json(file).items():
         if not spp.isdecimal() or int(spp) < 1 or not _is_number(seconds) or not 0 < seconds < math.inf:
-            raise SceneError(f"{spp!r} with {seconds!r}", file, "expected sample counts with their seconds")
-        layers = _read_layers(folder / f"plain_{int(spp):04d}.exr", PLAIN_LAYERS)
-        found.append(Plain(int(spp), float(seconds), *(layers[name] for name in PLAIN_LAYERS)))
-    return sorted(found, key=lambda plain: plain.spp)
-
-
-def cache_folder() -> Path:
-    """Where references are kept, after the XDG base directory specification; safe to delete."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "afterglow" / "reference"
-
-
-def exporter_version(scene: Scene) -> str:
-    """Changes when the path tracer or the code around it does, as far as ``scene`` has a use for it.
-
-    Raises
-    ------
-    MissingExtraError
-        When one of both is not installed.
-    """
-    package = _exporter()
-    digest = hashlib.sha256((metadata.version("mitsuba") + metadata.version("drjit")).encode())
-    sky = (package / SKY_TRACER, Path(environment.__file__)) if scene.environment else ()
-    for file in (*(package / name for name in TRACER), *sky):
-        digest.update(file.read_bytes())
-    return digest.hexdigest()
-
-
-def _exporter() -> Path:
-    """The folder of the package ``export``, found without importing it."""
-    found = util.find_spec("export")
-    try:
-        metadata.version("mitsuba"), metadata.version("drjit")
-    except metadata.PackageNotFoundError:
-        found = None
-    if found is None or not found.submodule_search_locations:
-        raise MissingExtraError("no path tracer to make the reference with", "--reference auto",
-                                "expected pip install 'afterglow[export]', or --reference DIR")
-    return Path(found.submodule_search_locations[0])
-
-
-def renderer_version(scene: Scene) -> str:
-    """Changes when the shaders of highlights, emission and background do, if the renderer adds such to the reference."""
-    digest = hashlib.sha256()
-    own = any(material.emits or material.has_specular for material in scene.materials)
-    sky = scene.environment is not None
-    for file in (*(OWN_SHADERS if own else ()), *(SKY_SHADERS if sky else ())):
-        digest.update(resolve(shader_dir() / file, {}, []).encode())
-    return digest.hexdigest()
+            raise SceneError(f"bad entry {spp!r}: {seconds!r}", file, "expected sample counts with their seconds")
+        layers = _read_layers(folder / f"baseline_{int(spp):04d}.exr", BASELINE_LAYERS)
+        images.append(BaselineImage(int(spp), float(seconds), *(layers[name] for name in BASELINE_LAYERS)))
+    return sorted(images, key=lambda image: image.spp)
 
 
 def _run(arguments: Sequence[str]) -> None:
-    _exporter()
-    run_export(["reference", *arguments], "the path tracer to draw the scene")
+    require_path_tracer()
+    run_module("export", ["reference", *arguments])
 
 
 def _read_layers(path: Path, names: Sequence[str]) -> dict[str, F32]:
-    """All layers, the unnamed one as ``final``; ``names`` are there, of one size, finite, and of three channels."""
+    """All layers, the unnamed one as ``final``; those in ``names`` exist and are finite, of one size and 3 channels."""
     layers = read_exr(path)
     if "" in layers:
         layers["final"] = layers.pop("")
@@ -217,7 +167,8 @@ def _read_layers(path: Path, names: Sequence[str]) -> dict[str, F32]:
             raise SceneError(f"no layer {name!r}", path, f"expected {', '.join(names)}")
         shape = (*layers["final"].shape[:2], 1 if name == "depth" else 3)
         if layers[name].shape != shape or not np.isfinite(layers[name]).all():
-            raise SceneError(f"layer {name!r} of {layers[name].shape}", path, f"expected finite numbers of {shape}")
+            raise SceneError(f"bad layer {name!r} of the shape {layers[name].shape}", path,
+                             f"expected finite numbers of the shape {shape}")
     return layers
 
 
@@ -227,10 +178,10 @@ def _read_about(path: Path) -> dict[str, Any]:
     for name in ("spp", "seconds", "paths_per_second"):
         if name in about and not (_is_number(about[name]) and math.isfinite(about[name])):
             raise SceneError(f"{name} is {about[name]!r}", path, "expected a number")
-    if not isinstance(noise, dict) or not all(map(_is_number, noise.values())):  # that of a black layer isn't finite
+    if not isinstance(noise, dict) or not all(map(_is_number, noise.values())):  # not finite for a black layer
         raise SceneError(f"noise is {noise!r}", path, "expected a number for each layer")
     if not isinstance(notices, list) or not all(isinstance(notice, str) for notice in notices):
-        raise SceneError(f"notices are {notices!r}", path, "expected texts")
+        raise SceneError(f"notices are {notices!r}", path, "expected strings")
     return about
 
 
@@ -242,7 +193,8 @@ def _read_json(path: Path) -> dict[str, Any]:
     try:
         value = json.loads(path.read_text("utf-8"))
     except (OSError, ValueError) as error:
-        raise SceneError(f"can't read the file ({error})", path, "expected what export reference writes") from None
+        raise SceneError(f"can't read the file ({error})", path,
+                         "expected output of python -m export reference") from None
     if not isinstance(value, dict):
-        raise SceneError("this is no JSON object", path, "expected what export reference writes")
+        raise SceneError("not a JSON object", path, "expected output of python -m export reference")
     return value

@@ -1,4 +1,4 @@
-"""Times: configurations take turns, so that whatever else the machine does hits all of them alike."""
+"""Frame times, measured in interleaved rounds so that other load on the machine affects all configurations alike."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from itertools import count
 from time import perf_counter
-from types import TracebackType
 
 import numpy as np
 
@@ -17,87 +17,85 @@ from app.renderer import Renderer
 from app.scene import Camera, Scene
 from app.settings import Settings
 
-BURST = 6              # frames of one turn
-WARM_UP = 2            # frames at the beginning of a turn that don't count: caches still hold the others' data
-SWAY = 2e-3            # of the scene's longest edge: how far the camera moves between frames
+BURST = 6              # counted frames per round
+WARM_UP = 2            # uncounted frames before them: caches still hold the data of the other configurations
+SWAY = 2e-3            # camera displacement between frames, relative to the scene's longest edge
 FRAME_SECONDS = 1 / 30
-YARD = 1024            # rows and columns of the yardstick's matrix
+MATRIX_SIZE = 1024     # rows and columns of the yardstick's matrices
 FRAME, YARDSTICK = "frame", "copy"
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Milliseconds over all counted frames, and the median of each turn."""
+    """Median and 95th percentile in milliseconds over all counted frames, and the median of each round."""
 
     median: float
     p95: float
-    turns: tuple[float, ...]
+    rounds: tuple[float, ...]
 
     @staticmethod
-    def of(turns: Sequence[Sequence[float]]) -> Spread:
-        """Summary of the frames of several turns."""
-        together = np.concatenate([np.asarray(turn, np.float64) for turn in turns])
+    def of(rounds: Sequence[Sequence[float]]) -> Spread:
+        """Summarise the frame times of several rounds."""
+        together = np.concatenate([np.asarray(times, np.float64) for times in rounds])
         return Spread(float(np.median(together)), float(np.percentile(together, 95)),
-                      tuple(float(np.median(turn)) for turn in turns))
+                      tuple(float(np.median(times)) for times in rounds))
 
 
 @dataclass
 class TimedRun:
-    """A configuration that draws a scene, with the frame times of each turn by stage."""
+    """A configuration that draws a scene, with its frame times in milliseconds by stage for each round."""
 
     scene: Scene
     camera: Camera
     configuration: Configuration
-    turns: list[dict[str, list[float]]] = field(default_factory=list)
+    rounds: list[dict[str, list[float]]] = field(default_factory=list)
     device: dict[str, str] = field(default_factory=dict)
 
     @property
     def stages(self) -> dict[str, Spread]:
-        """By pass in the order of the frame; ``frame`` is all of it and ``copy`` the yardstick."""
-        names = dict.fromkeys(name for turn in self.turns for name in turn)
-        return {name: Spread.of([turn[name] for turn in self.turns if name in turn]) for name in names}
+        """Times by pass in frame order; ``frame`` is the whole frame and ``copy`` the yardstick."""
+        names = dict.fromkeys(name for times in self.rounds for name in times)
+        return {name: Spread.of([times[name] for times in self.rounds if name in times]) for name in names}
 
 
 class InterleavedTimer:
-    """Keeps a renderer for each timed_run, and lets them take turns; a context manager."""
+    """Keeps one renderer per run and draws with them in alternation; a context manager."""
 
-    def __init__(self, timed_runs: Sequence[TimedRun], provider: str) -> None:
-        self._contenders, self._provider = timed_runs, provider
-        self._stack = ExitStack()
-        self._lanes: list[tuple[TimedRun, Renderer, Iterator[int]]] = []
+    def __init__(self, runs: Sequence[TimedRun], provider: str) -> None:
+        self._renderers: list[tuple[TimedRun, Renderer, Iterator[int]]] = []
+        with ExitStack() as stack:
+            for run in runs:
+                settings = Settings(size=run.configuration.size, scale=run.configuration.scale, timing=True,
+                                    provider=provider)
+                renderer = stack.enter_context(Renderer(run.scene, settings, run.configuration.models))
+                run.device = dict(renderer.device)
+                self._renderers.append((run, renderer, count()))
+            self._stack = stack.pop_all()
 
     def __enter__(self) -> InterleavedTimer:
-        with self._stack as stack:
-            for c in self._contenders:
-                settings = Settings(size=c.configuration.size, timing=True, provider=self._provider)
-                renderer = stack.enter_context(Renderer(c.scene, settings, c.configuration.models))
-                c.device = dict(renderer.device)
-                self._lanes.append((c, renderer, iter(range(2**31))))
-            self._stack = stack.pop_all()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 trace: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def turn(self) -> None:
-        """Each timed_run draws a burst of frames while its camera sways."""
-        for timed_run, renderer, index in self._lanes:
+    def run_round(self) -> None:
+        """Draw a burst of frames with each renderer while its camera sways."""
+        for run, renderer, index in self._renderers:
             times: dict[str, list[float]] = defaultdict(list)
             for n in range(WARM_UP + BURST):
                 frame = next(index)
                 renderer.reset_timing()
-                renderer.render(swayed(timed_run.camera, timed_run.scene, frame), frame * FRAME_SECONDS)
+                renderer.render(swayed(run.camera, run.scene, frame), frame * FRAME_SECONDS)
                 if n >= WARM_UP:
                     report = renderer.timing()
                     for name, stats in {**report["passes"], FRAME: report["frame"]}.items():
                         times[name].append(stats["cpu_ms"]["median"])
-            timed_run.turns.append(dict(times))
+            run.rounds.append(dict(times))
 
 
 def yardstick() -> list[float]:
-    """Milliseconds of a matrix product on all cores, a few times: nothing that the program does moves it."""
-    matrix = np.ones((YARD, YARD), np.float32)
+    """Milliseconds of matrix products on all cores, which no change of the program affects."""
+    matrix = np.ones((MATRIX_SIZE, MATRIX_SIZE), np.float32)
     times = []
     for _ in range(WARM_UP + BURST):
         begin = perf_counter()
@@ -107,7 +105,7 @@ def yardstick() -> list[float]:
 
 
 def swayed(camera: Camera, scene: Scene, frame: int) -> Camera:
-    """The camera a little to its right or left, so that no frame is like the one before."""
+    """``camera`` shifted slightly to its right or left, so that no two consecutive frames are equal."""
     right = look_rotation(np.subtract(camera.target, camera.eye), np.asarray(camera.up))[0]
     shift = right * SWAY * scene.longest_edge * np.sin(frame)
     eye, target = (tuple((np.asarray(p) + shift).tolist()) for p in (camera.eye, camera.target))

@@ -1,7 +1,5 @@
 """The headless EGL context and what moderngl does not wrap."""
 
-from __future__ import annotations
-
 import ctypes
 import ctypes.util
 import weakref

@@ -1,7 +1,6 @@
-"""What one frame's passes share: the cameras, the scene on the GPU, the lights."""
+"""What the passes of one frame share: the cameras, the scene on the GPU, the lights."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
@@ -11,6 +10,7 @@ import numpy as np
 from app.gl.context import Device
 from app.gl.geometry import GpuScene
 from app.gl.lights import LightSet
+from app.gl.pool import Resources
 from app.math3d import View
 
 
@@ -23,7 +23,7 @@ class MotionKind(Enum):
 
 
 # Frames of indirect light: it follows moving objects, so its history must be short; a moving camera changes no light.
-HISTORY = {MotionKind.NONE: 256.0, MotionKind.CAMERA: 10.0, MotionKind.OBJECTS: 3.0}
+MAX_HISTORY = {MotionKind.NONE: 256.0, MotionKind.CAMERA: 10.0, MotionKind.OBJECTS: 3.0}
 
 CAMERA_BINDING, LIGHT_BINDING = 0, 1
 
@@ -40,15 +40,14 @@ class FrameState:
         Sub-pixel offset in clip units; zeros without TAA.
     history_valid : bool
         False in the first frame, after a cut and after a resize.
-    gathered : bool
-        Whether TAA gathers frames.
+    accumulates : bool
+        Whether TAA accumulates frames.
     noise_phase : float
         In [0, 1), from the seed.
     index : int
         Frames since the last cut.
-    overrides : int
-        Another number whenever somebody began or ceased to replace what passes write; nothing that a pass made
-        before holds then.
+    exposure : float
+        Linear factor for the display image, with the scene's radiance scale undone.
     """
 
     size: tuple[int, int]
@@ -56,18 +55,17 @@ class FrameState:
     previous: View
     jitter: tuple[float, float]
     history_valid: bool
-    gathered: bool
+    accumulates: bool
     noise_phase: float
     index: int
     exposure: float
     geometry: GpuScene
     lights: LightSet
-    overrides: int = 0
 
     @property
     def lighting(self) -> tuple[object, ...]:
-        """What light that surfaces get depends on, whoever looks; equal as long as nothing of it has changed."""
-        return self.lights.lights, self.geometry.changes, self.overrides
+        """What the light on surfaces depends on, from any viewpoint; equal as long as none of it has changed."""
+        return self.lights.lights, self.geometry.changes
 
     @property
     def motion(self) -> MotionKind:
@@ -77,6 +75,9 @@ class FrameState:
         same = (np.array_equal(self.view.eye, self.previous.eye) and self.view.tan_half == self.previous.tan_half
                 and np.array_equal(self.view.rotation, self.previous.rotation))
         return MotionKind.NONE if same else MotionKind.CAMERA
+
+
+Execute = Callable[[FrameState, Resources], None]  # draws one pass of a frame
 
 
 class CameraBlock:

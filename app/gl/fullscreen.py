@@ -1,23 +1,20 @@
 """The common shape of full-screen passes: bind what is read, draw one triangle into what is written."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import moderngl
 
 from app.gl.context import Device
-from app.gl.frame_state import FrameState
+from app.gl.frame_state import Execute, FrameState
 from app.gl.pool import Resources
 from app.graph import PREVIOUS, BoundPass
 
-Uniforms = Callable[[FrameState], Mapping[str, Any]]
-CUBE_PREFIX = "cube_"  # begins the names of what is drawn on the six views around the camera
+CUBE_PREFIX = "cube_"  # of the names of what is drawn on the cube around the camera
 
 
-def no_uniforms(frame: FrameState) -> Mapping[str, Any]:
-    return {}
+def ratio_to(grid: tuple[int, int], frame: FrameState) -> tuple[float, float]:
+    """Full-resolution texels per texel of a low-resolution ``grid`` of width and height."""
+    return frame.size[0] / grid[0], frame.size[1] / grid[1]
 
 
 def read_defines(bound: BoundPass) -> dict[str, object]:
@@ -26,31 +23,37 @@ def read_defines(bound: BoundPass) -> dict[str, object]:
 
 
 def write_defines(bound: BoundPass, strip: str = "") -> dict[str, object]:
-    """``WRITE_X`` with the index of the colour attachment that X is; ``strip`` is left off its name."""
+    """``WRITE_X`` with the index of X's colour attachment; the prefix ``strip`` is left off its name."""
     return {"WRITE_" + w.removeprefix(strip).upper(): i for i, w in enumerate(bound.writes)}
 
 
 def cube_defines(face: int, camera_axes: bool) -> dict[str, object]:
-    """For shaders on the six views around the camera, of ``face`` texels a side."""
+    """For shaders on the cube around the camera, with ``face`` texels a side."""
     return {"GRID_CUBE": 1, "CUBE_SIZE": face, **({"CUBE_CAMERA_AXES": 1} if camera_axes else {})}
 
 
-def make_fullscreen(device: Device, bound: BoundPass, fragment: str, uniforms: Uniforms = no_uniforms,
-                    defines: Mapping[str, object] | None = None,
-                    strip: str = "",
-                    samplers: Mapping[str, str] | None = None) -> Callable[[FrameState, Resources], None]:
-    """Executor that draws shader ``fragment``; ``uniforms(frame)`` gives what is neither texture nor block.
+def make_fullscreen(fragment: str, uniforms: Callable[[FrameState], Mapping[str, object]] = lambda frame: {},
+                    defines: Mapping[str, object] | None = None, strip: str = "",
+                    samplers: Mapping[str, str] | None = None) -> Callable[[Device, BoundPass], Execute]:
+    """``Pass.make`` of a pass that draws shader ``fragment``.
 
-    ``strip`` and ``samplers``: see ``Resources.bind``.
+    Parameters
+    ----------
+    uniforms : callable
+        Gives the uniforms of a frame that are neither textures nor blocks.
+    strip, samplers
+        See ``Resources.bind``.
     """
-    program = device.fullscreen(
-        fragment, {**read_defines(bound), **write_defines(bound, strip), **(defines or {})})
+    def make(device: Device, bound: BoundPass) -> Execute:
+        program = device.fullscreen(fragment, {**read_defines(bound), **write_defines(bound, strip), **(defines or {})})
 
-    def execute(frame: FrameState, resources: Resources) -> None:
-        resources.target()
-        device.ctx.enable_only(moderngl.NOTHING)
-        resources.bind(program, strip, samplers=samplers)
-        program.set(**uniforms(frame))
-        device.draw_fullscreen(program)
+        def execute(frame: FrameState, resources: Resources) -> None:
+            resources.target()
+            device.ctx.enable_only(moderngl.NOTHING)
+            resources.bind(program, strip, samplers=samplers)
+            program.set(**uniforms(frame))
+            device.draw_fullscreen(program)
 
-    return execute
+        return execute
+
+    return make

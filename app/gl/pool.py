@@ -1,16 +1,21 @@
 """Textures, buffers and framebuffers for a plan, with ping-pong history."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from itertools import chain
+from typing import Any
 
 import moderngl
 import numpy as np
+from numpy.typing import NDArray
 
 from app.errors import DeviceError, GraphError, SettingsError
 from app.gl.context import Device
 from app.gl.shader import Program
 from app.graph import PREVIOUS, BoundPass, Buf, Plan, Tex
+
+DTYPES: dict[str, type] = {"f1": np.uint8, "f2": np.float16, "f4": np.float32}
+
+Pixels = NDArray[Any]
 
 
 class Pool:
@@ -18,11 +23,12 @@ class Pool:
 
     def __init__(self, device: Device, plan: Plan, size: tuple[int, int]) -> None:
         if max(size) > device.max_size:
-            raise SettingsError(f"bad size {size[0]}x{size[1]}", "--size",
-                                f"expected at most {device.max_size} pixels a side on {device.renderer}")
-        self._device, self._size, self.parity = device, size, 0
+            raise SettingsError(f"{size[0]}x{size[1]} is too large for {device.renderer}", "--size",
+                                f"expected at most {device.max_size} pixels a side")
+        self._device, self._plan, self._size, self.parity = device, plan, size, 0
         self._textures: dict[str, list[moderngl.Texture]] = {}
         self._buffers: dict[str, moderngl.Buffer] = {}
+        self._stamps: dict[str, int] = {}
         self._targets: dict[tuple[tuple[str, ...], int], moderngl.Framebuffer] = {}
         self._depths: dict[str, moderngl.Texture] = {}
         for name, resource in plan.resources.items():
@@ -34,7 +40,7 @@ class Pool:
         self._check_memory()
 
     def _check_memory(self) -> None:
-        """GL does not refuse what it has no memory for; it only keeps a note of it."""
+        """GL does not refuse allocations that do not fit into memory; it only sets an error flag."""
         if self._device.ctx.error != "GL_NO_ERROR":
             raise DeviceError(f"not enough graphics memory for {self._size[0]}x{self._size[1]}", self._device.renderer,
                               "expected a smaller --size")
@@ -71,19 +77,59 @@ class Pool:
             self._targets[key] = self._device.ctx.framebuffer(colors, depth)
         return self._targets[key]
 
+    def stamp(self, name: str) -> int:
+        """A number that changes when a cached resource is made again or written from outside its pass."""
+        return self._stamps.get(name, 0)
+
+    def renew_stamp(self, name: str) -> None:
+        self._stamps[name] = self.stamp(name) + 1
+
+    def read(self, name: str, newest: bool = False) -> Pixels:
+        """A resource as it lies on the GPU, top row first; half floats as float32.
+
+        Parameters
+        ----------
+        newest : bool
+            Between frames: the newest copy of a resource with a history, which was swapped at the frame's end.
+        """
+        resource = self._plan.resources[name]
+        if isinstance(resource, Buf):
+            return np.frombuffer(self._buffers[name].read(), np.float32).reshape(resource.shape)
+        texture = self.texture(name + PREVIOUS if newest and name in self._plan.history else name)
+        kind = DTYPES[resource.dtype]
+        image: Pixels = np.frombuffer(texture.read(alignment=1), kind).reshape(texture.height, texture.width, -1)[::-1]
+        return image.astype(np.float32) if kind is np.float16 else image
+
+    def write(self, name: str, values: Pixels | float) -> None:
+        """Replace a resource by a constant, an image [H, W, C] with its top row first, or a tensor."""
+        resource = self._plan.resources[name]
+        self.renew_stamp(name)
+        if isinstance(resource, Buf):
+            self._buffers[name].write(np.broadcast_to(values, resource.shape).astype(np.float32).tobytes())
+            return
+        texture = self.texture(name)
+        shape = texture.height, texture.width, texture.components
+        with np.errstate(invalid="ignore", over="ignore"):
+            pixels: Pixels = np.broadcast_to(np.asarray(values, np.float32), shape)[::-1].astype(DTYPES[resource.dtype])
+        texture.write(pixels.tobytes(), alignment=1)
+
+    def count_non_finite(self, name: str) -> int:
+        """Texels of a resource, or numbers of a tensor, that are NaN or infinite."""
+        resource = self._plan.resources[name]
+        if isinstance(resource, Tex) and resource.dtype == "f1":
+            return 0
+        components = 0 if isinstance(resource, Buf) else -1
+        return int(np.count_nonzero(~np.isfinite(self.read(name)).all(axis=components)))
+
     def swap(self) -> None:
         """Make this frame's textures last frame's."""
         self.parity ^= 1
 
     def release(self) -> None:
-        for target in self._targets.values():
-            target.release()
-        for texture in (t for copies in self._textures.values() for t in copies):
-            texture.release()
-        for depth in self._depths.values():
-            depth.release()
-        for buffer in self._buffers.values():
-            buffer.release()
+        owned: Iterable[Any] = chain(self._targets.values(), *self._textures.values(), self._depths.values(),
+                                     self._buffers.values())
+        for resource in owned:
+            resource.release()
 
 
 class Resources:
@@ -91,6 +137,7 @@ class Resources:
 
     def __init__(self, pool: Pool, bound: BoundPass) -> None:
         self._pool, self._bound = pool, bound
+        self._made_from: dict[tuple[str, ...], object] = {}
 
     def __getitem__(self, name: str) -> moderngl.Texture:
         self._check(name, (*self._bound.reads, *self._bound.writes))
@@ -110,9 +157,16 @@ class Resources:
 
     def bind(self, program: Program, strip: str = "", reads: tuple[str, ...] | None = None,
              samplers: Mapping[str, str] | None = None) -> None:
-        """Bind every texture read to its sampler uniform: same name, ``@prev`` as ``_prev``, without ``strip``.
+        """Bind the textures that the pass reads to the sampler uniforms of their names.
 
-        ``reads`` are those that ``program`` has a use for, all without it; ``samplers`` gives those of other names.
+        Parameters
+        ----------
+        strip : str
+            Prefix of resource names that samplers lack; ``@prev`` becomes ``_prev``.
+        reads : tuple of str, optional
+            The resources that ``program`` uses; all that the pass reads by default.
+        samplers : mapping of str to str, optional
+            Samplers with names of their own, by resource.
         """
         textures = [r for r in (self._bound.reads if reads is None else reads) if self._pool.holds_texture(r)]
         for unit, name in enumerate(textures):
@@ -120,7 +174,26 @@ class Resources:
             sampler = (samplers or {}).get(name, name.replace(PREVIOUS, "_prev").removeprefix(strip))
             program.set(**{sampler: unit})
 
+    def read_stamps(self) -> tuple[int, ...]:
+        """Stamps of what the pass reads, of which only cached resources change theirs."""
+        return tuple(self._pool.stamp(name) for name in self._bound.reads)
+
+    def is_current(self, key: object, *names: str) -> bool:
+        """Whether ``names``, or all that the pass writes, hold what ``set_current`` noted for an equal ``key``."""
+        names = names or self._bound.writes
+        return self._made_from.get(names) == (key, self._write_stamps(names))
+
+    def set_current(self, key: object, *names: str) -> None:
+        """Note that ``names``, or all that the pass writes, were made from ``key`` just now."""
+        names = names or self._bound.writes
+        for name in names:
+            self._pool.renew_stamp(name)
+        self._made_from[names] = key, self._write_stamps(names)
+
+    def _write_stamps(self, names: tuple[str, ...]) -> tuple[int, ...]:
+        return tuple(self._pool.stamp(name) for name in names)
+
     def _check(self, name: str, declared: tuple[str, ...]) -> None:
         if name not in declared:
-            raise GraphError(f"pass {self._bound.name!r} touches {name!r}", "frame graph",
-                             "expected one of its declared reads and writes: " + ", ".join(declared))
+            raise GraphError(f"the pass touches {name!r}, which it does not declare", f"pass {self._bound.name!r}",
+                             f"expected one of: {', '.join(declared)}")

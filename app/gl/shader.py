@@ -1,7 +1,5 @@
 """Shader files to programs: includes, defines, error logs with file names, checked uniforms."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,7 +14,7 @@ from app.paths import shader_dir
 VERSION = "#version 450 core"
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 _UNIFORM = re.compile(r"\buniform\s+\w+\s+(\w+)")
-_LOG_PLACE = re.compile(r"\b(\d+)([:(])(\d+)")
+_LOG_POSITION = re.compile(r"\b(\d+)([:(])(\d+)")
 _STAGES = {".vert": "vertex_shader", ".frag": "fragment_shader", ".comp": "compute_shader"}
 
 
@@ -50,16 +48,11 @@ class Program:
                 if key not in self._declared:
                     raise ShaderError(f"no uniform {key!r}", self.name,
                                       "expected one of " + ", ".join(sorted(self._declared)))
-                continue  # declared, but this variant has no use for it
+                continue  # declared, but unused in this variant
             if isinstance(value, np.ndarray) and value.ndim == 2:
                 member.write(np.ascontiguousarray(value.T, np.float32))
             else:
                 member.value = value
-
-    def bind_block(self, name: str, binding: int) -> None:
-        """Connect uniform block ``name``, if this variant uses it."""
-        if name in self._active:
-            self._active[name].binding = binding
 
 
 def compile_program(ctx: Any, stages: Sequence[str], defines: Mapping[str, object]) -> Program:
@@ -68,21 +61,19 @@ def compile_program(ctx: Any, stages: Sequence[str], defines: Mapping[str, objec
     Raises
     ------
     ShaderError
-        With the driver's log, its places turned back into file and line.
+        With the driver's log, in which source positions are file names and lines.
     """
-    sources: dict[str, str] = {}
     files: list[Path] = []
-    for stage in stages:
-        sources[_STAGES[Path(stage).suffix]] = resolve(shader_dir() / stage, defines, files)
+    sources = {_STAGES[Path(stage).suffix]: resolve(shader_dir() / stage, defines, files) for stage in stages}
     try:
         raw = ctx.compute_shader(*sources.values()) if "compute_shader" in sources else ctx.program(**sources)
     except moderngl.Error as error:
         raise ShaderError(_map_log(str(error), files), " + ".join(stages), "expected a shader that compiles") from None
     declared = frozenset(name for text in sources.values() for name in _UNIFORM.findall(text))
-    program = Program(raw, " + ".join(stages), declared)
     for binding, block in enumerate(("CameraBlock", "LightBlock")):
-        program.bind_block(block, binding)
-    return program
+        if block in raw:  # otherwise this variant does not use it
+            raw[block].binding = binding
+    return Program(raw, " + ".join(stages), declared)
 
 
 def resolve(path: Path, defines: Mapping[str, object], files: list[Path]) -> str:
@@ -94,14 +85,15 @@ def resolve(path: Path, defines: Mapping[str, object], files: list[Path]) -> str
 def _lines(path: Path, files: list[Path], stack: list[Path], seen: set[Path]) -> list[str]:
     if path in stack:
         chain = " -> ".join(p.name for p in [*stack, path])
-        raise ShaderError("shader includes run in a circle", chain, "expected includes without cycles")
+        raise ShaderError("shader includes form a cycle", chain, "expected includes without cycles")
     if path in seen:
         return []
     seen.add(path)
     try:
         text = path.read_text()
     except OSError:
-        raise ShaderError("no such shader file", stack[-1] if stack else path, f"expected {path}") from None
+        where = stack[-1] if stack else "shaders"
+        raise ShaderError(f"no shader file {path}", where, "expected an existing file") from None
     number = len(files)
     files.append(path)
     out = [f"#line 1 {number}"]
@@ -116,10 +108,10 @@ def _lines(path: Path, files: list[Path], stack: list[Path], seen: set[Path]) ->
 
 
 def _map_log(log: str, files: Sequence[Path]) -> str:
-    def place(match: re.Match[str]) -> str:
+    def position(match: re.Match[str]) -> str:
         index = int(match[1])
         name = files[index].name if index < len(files) else match[1]
         return f"{name}{match[2]}{match[3]}"
 
     lines = [line.strip() for line in log.splitlines() if line.strip() and set(line.strip()) != {"="}]
-    return "; ".join(_LOG_PLACE.sub(place, line) for line in lines)
+    return "; ".join(_LOG_POSITION.sub(position, line) for line in lines)

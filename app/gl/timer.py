@@ -1,10 +1,8 @@
-"""CPU and GPU time of each pass, taken by the renderer around it."""
-
-from __future__ import annotations
+"""CPU and GPU time of each pass, taken by the renderer around it, and a copy as their yardstick."""
 
 import time
 from collections import defaultdict, deque
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
@@ -12,7 +10,7 @@ import numpy as np
 from app.gl.context import Device
 
 MILLI, NANO_PER_MILLI = 1e3, 1e6
-NEWEST = 4096  # frames that are kept, so that memory stays flat
+MAX_FRAMES = 4096  # that are kept, so that memory stays flat
 
 
 class Timer:
@@ -25,8 +23,8 @@ class Timer:
     def __init__(self, device: Device, wait: bool) -> None:
         self._device = device
         self._query = device.ctx.query(time=True) if wait else None  # one for all: moderngl can't give one back
-        self._cpu: dict[str, deque[float]] = defaultdict(lambda: deque(maxlen=NEWEST))
-        self._gpu: dict[str, deque[float]] = defaultdict(lambda: deque(maxlen=NEWEST))
+        self._cpu: dict[str, deque[float]] = defaultdict(lambda: deque(maxlen=MAX_FRAMES))
+        self._gpu: dict[str, deque[float]] = defaultdict(lambda: deque(maxlen=MAX_FRAMES))
         self._gpu_sum = 0.0
         self._measured: list[str] = []  # in this frame
 
@@ -39,7 +37,7 @@ class Timer:
                 yield
             self._device.ctx.finish()
             wall = (time.perf_counter() - start) * MILLI
-            # A context's first query counts from nowhere on llvmpipe, and no block can take longer than the clock says.
+            # The first query of a context is wrong on llvmpipe; no block can take longer than the wall clock says.
             self._gpu[name].append(min(self._query.elapsed / NANO_PER_MILLI, wall))
             self._gpu_sum += self._gpu[name][-1]
         else:
@@ -49,7 +47,7 @@ class Timer:
 
     @contextmanager
     def frame(self) -> Iterator[None]:
-        """Time a whole frame; its GPU time is the sum of the blocks measured inside. One that raises never was."""
+        """Time a whole frame, whose GPU time is the sum of the blocks inside; a frame that raises is not counted."""
         start, self._gpu_sum = time.perf_counter(), 0.0
         self._measured.clear()
         try:
@@ -68,7 +66,7 @@ class Timer:
         if self._cpu.get(name):
             self._cpu[name][-1] += cpu_ms
 
-    def report(self, newest: int = NEWEST) -> dict[str, dict[str, dict[str, float]]]:
+    def report(self, newest: int = MAX_FRAMES) -> dict[str, dict[str, dict[str, float]]]:
         """``{name: {"cpu_ms": {"median", "p95"}, "gpu_ms": {…}}}`` over the ``newest`` frames."""
         return {name: {"cpu_ms": _summary([*values][-newest:]), "gpu_ms": _summary([*self._gpu[name]][-newest:])}
                 for name, values in self._cpu.items()}
@@ -78,7 +76,23 @@ class Timer:
         self._gpu.clear()
 
 
-def _summary(values: Collection[float]) -> dict[str, float]:
+class Yardstick:
+    """The yardstick of pass times: copies an RGBA16F texture of ``size``, width and height."""
+
+    def __init__(self, device: Device, size: tuple[int, int]) -> None:
+        self._device = device
+        self._source = device.ctx.texture(size, 4, dtype="f2")
+        self._target = device.ctx.framebuffer([device.ctx.texture(size, 4, dtype="f2")])
+        self._program = device.fullscreen("copy.frag")
+
+    def run(self) -> None:
+        self._target.use()
+        self._source.use(0)
+        self._program.set(source=0)
+        self._device.draw_fullscreen(self._program)
+
+
+def _summary(values: list[float]) -> dict[str, float]:
     if not values:
         return {"median": 0.0, "p95": 0.0}
-    return {"median": float(np.median(list(values))), "p95": float(np.percentile(list(values), 95))}
+    return {"median": float(np.median(values)), "p95": float(np.percentile(values, 95))}

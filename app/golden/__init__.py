@@ -1,4 +1,4 @@
-"""Golden images: what every pass writes for a catalogue of scenes, kept and compared."""
+"""Golden images: the output of every pass for a catalogue of scenes, stored and compared."""
 
 from app.golden.case import Case, Picture
 from app.golden.catalogue import catalogue

@@ -1,22 +1,22 @@
-"""What a case of the catalogue is, and what it gives."""
+"""A case of the catalogue, and the pictures it draws."""
 
-from __future__ import annotations
-
+from contextlib import closing
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from app.arrays import F32
+from app.gl.context import Device
 from app.network.channels import HALF_MAX
-
-F32 = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
 class Picture:
-    """What stage ``stage`` wrote into ``resource``, by frame; [H, W, 1 to 4], top row first."""
+    """What ``stage`` wrote into ``resource`` by frame number; images of shape (H, W, 1 to 4), top row first."""
 
     stage: str
     resource: str
@@ -24,20 +24,27 @@ class Picture:
 
 
 class Case(Protocol):
-    """One entry of the catalogue: something that can be drawn again and again."""
+    """One entry of the catalogue."""
 
     @property
     def name(self) -> str: ...
 
     def origin(self) -> str:
-        """What draws it, with its version; goldens of another origin are compared more loosely."""
+        """What draws it, with versions; goldens of another origin are compared with a wider tolerance."""
         ...
 
     def draw(self, saved: Path) -> list[Picture]:
-        """Draw it anew, in the order of its stages; ``saved`` is the folder of its goldens, which may not exist."""
+        """Draw its pictures in stage order; ``saved`` is the folder of its goldens, which may not exist."""
         ...
 
 
 def half(pixels: F32) -> NDArray[np.float16]:
-    """Pixels as a golden holds them; infinities become the largest halves."""
+    """Pixels as stored in a golden; infinities become the largest finite half."""
     return np.clip(pixels, -HALF_MAX, HALF_MAX).astype(np.float16)
+
+
+@cache
+def gl_origin() -> str:
+    """GL renderer and version, which includes Mesa's."""
+    with closing(Device()) as device:
+        return f"{device.renderer}, OpenGL {device.version}"

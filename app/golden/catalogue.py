@@ -1,6 +1,4 @@
-"""The catalogue: which scenes are drawn, with which model, and which frames of them are kept."""
-
-from __future__ import annotations
+"""The catalogue: which scenes are drawn with which model, and which of their frames become goldens."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -11,71 +9,73 @@ from app.golden.case import Case
 from app.golden.copy_case import CopyCase
 from app.golden.network_case import NetworkCase
 from app.golden.scene_case import SceneCase, Shot
-from app.network.contract import SSGI, Model, bundled_models, find_model, read_contract
+from app.network.contract_json import read_contract
+from app.network.selection import SSGI, Model, bundled_models, find_model
 from app.scene import Scene
 
-PROBE = Path(__file__).with_name("probe.onnx")  # reads every channel, with a cube that turns with the camera
-PROBE_ENVIRONMENT = PROBE.with_name("probe_environment.onnx")  # the same of what shades an environment
-NOON_STAGES = ("environment_lowres_gbuffer", "unshadowed_environment", "environment_pack_globals", "environment_pack_screen", "environment_network",
-               "push_pull_diffuse", "upsample_specular", "direct")
+PROBE = Path(__file__).with_name("probe.onnx")  # reads every channel, with a cube in camera axes
+PROBE_ENVIRONMENT = PROBE.with_name("probe_environment.onnx")  # the same for networks that shade an environment
+NOON_STAGES = ("environment_lowres_gbuffer", "unshadowed_environment", "environment_pack_globals",
+               "environment_pack_screen", "environment_network", "push_pull_diffuse", "upsample_specular", "direct")
 SKY_STAGES = ("cube_background", "background", "pack_globals", "pack_screen", "composite", "taa")
-SSGI_STAGES = ("lowres_gbuffer", "ssgi_radiance", "ssgi", "ssgi_filter_near", "ssgi_filter_far", "accumulate", "push_pull", "upsample")
-SETTLING = 3                                     # frames after which accumulation and TAA have a history to show
+SSGI_STAGES = ("lowres_gbuffer", "ssgi_radiance", "ssgi", "ssgi_filter_near", "ssgi_filter_far", "accumulate",
+               "push_pull", "upsample")
+SETTLING_FRAMES = 3  # after which accumulation and TAA have a history
 
 
 def catalogue() -> dict[str, Case]:
-    """All cases by name, in the order in which they are checked; bundled networks of no case are checked alone."""
+    """All cases by name in checking order; bundled networks that no scene case uses are checked alone."""
     ember, radiosity, gather = find_model("ember"), find_model("radiosity"), find_model("gather")
     # The sequence ends a few frames after its cut, while histories are still short.
     sequence = (Shot("path", scenes.SEQUENCE), Shot("corner", 4))
     cases: list[SceneCase] = [
-        SceneCase("room", scenes.room(), radiosity, sequence, kept=(1, 16, 64)),
+        SceneCase("room", scenes.room(), radiosity, sequence, golden_frames=(1, 16, 64)),
         _settled("outdoor", scenes.outdoor(), gather),
         _single("hard", scenes.hard(), PROBE),
-        replace(_settled("lamps", scenes.lamps(), None), seed=5),
-        _single("stage", scenes.stage(), None),
+        replace(_settled("area_lights", scenes.area_lights(), None), seed=5),
+        _single("spotlights", scenes.spotlights(), None),
         _single("terrace", scenes.terrace(), PROBE),
-        _single("glow", scenes.glow(), radiosity),
+        _single("emissive", scenes.emissive(), radiosity),
         SceneCase("dusk", scenes.dusk(), PROBE, (Shot("path", 5),), (2, 5), stages=SKY_STAGES),
         replace(_under_sky("noon", PROBE_ENVIRONMENT), stages=NOON_STAGES),
         replace(_settled("ssgi", scenes.room(), SSGI), stages=SSGI_STAGES),
         replace(_settled("ember", scenes.room(), ember), stages=("surfel_light", "pack_surfels")),
     ]
-    drawn = {case.model for case in cases}
-    others = [NetworkCase(_alone(name, file), file) for name, file in bundled_models().items() if file not in drawn]
+    used = {case.model for case in cases}
+    others = [NetworkCase(_alone(name, file), file) for name, file in bundled_models().items() if file not in used]
     every = (*with_networks(cases), *others, CopyCase())
-    found = {case.name: case for case in every}
-    assert len(found) == len(every), "two cases of one name"
-    return found
+    by_name = {case.name: case for case in every}
+    assert len(by_name) == len(every), "two cases have the same name"
+    return by_name
 
 
 def with_networks(cases: Iterable[SceneCase]) -> list[Case]:
-    """Each case, and after it the case of its network alone, if it has one."""
-    found: list[Case] = []
+    """Each case, followed by the case of its network alone if it has one."""
+    every: list[Case] = []
     for case in cases:
-        found.append(case)
+        every.append(case)
         if isinstance(case.model, Path):
-            found.append(NetworkCase(case, case.model))
-    return found
+            every.append(NetworkCase(case, case.model))
+    return every
 
 
 def _settled(name: str, scene: Scene, model: Model | None) -> SceneCase:
-    """The last of a few frames, with temporal anti-aliasing."""
-    return SceneCase(name, scene, model, (Shot(scene.default_camera, SETTLING),), (SETTLING,))
+    """A case of the last of a few frames, with temporal anti-aliasing."""
+    return SceneCase(name, scene, model, (Shot(scene.default_camera, SETTLING_FRAMES),), (SETTLING_FRAMES,))
 
 
 def _alone(name: str, file: Path) -> SceneCase:
-    """What a network of no other case is shown."""
+    """The scene case whose tensors a network of no other case runs on."""
     if read_contract(file).shades_environment:
         return _under_sky(name, file)
     return _single(name, scenes.room(), file)
 
 
 def _under_sky(name: str, model: Path) -> SceneCase:
-    """One small frame of a scene that an environment lights."""
+    """A case of one small frame lit by an environment."""
     return replace(_single(name, scenes.noon(), model), size=(128, 96))
 
 
 def _single(name: str, scene: Scene, model: Model | None) -> SceneCase:
-    """One frame, without temporal anti-aliasing."""
+    """A case of one frame without temporal anti-aliasing."""
     return SceneCase(name, scene, model, (Shot(scene.default_camera, 1),), (1,), taa=False)

@@ -1,13 +1,11 @@
 """Draws cases and compares them with a folder of goldens."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 from app.golden.case import Case
-from app.golden.comparison import Finding, judge
+from app.golden.comparison import Finding, compare
 from app.golden.store import ORIGIN, file_name, names, read_origin, read_picture
 from app.golden.tolerance import tolerance
 
@@ -19,9 +17,9 @@ class Report:
     Attributes
     ----------
     origins : list of str
-        What drew now: GL renderer and version, and onnxruntime's version.
+        What drew the cases now: GL renderer and version, and onnxruntime's version.
     foreign : dict of str to str
-        Cases whose goldens come from another origin, with its name: the wider tolerance holds for them.
+        Cases whose goldens come from another origin, with that origin; the wider tolerance applies to them.
     """
 
     findings: list[Finding]
@@ -34,7 +32,7 @@ class Report:
 
 
 def check(cases: Iterable[Case], folder: Path, progress: Callable[[str], None] = lambda _: None) -> Report:
-    """Draw each case twice, demand the same bits, and compare with the goldens in ``folder``.
+    """Draw each case twice, require equal bits, and compare with the goldens in ``folder``.
 
     Parameters
     ----------
@@ -62,13 +60,13 @@ def check(cases: Iterable[Case], folder: Path, progress: Callable[[str], None] =
 
 
 def orphan_cases(folder: Path, known: Iterable[str]) -> list[Finding]:
-    """What lies in ``folder`` and belongs to no case of the catalogue."""
+    """Entries of ``folder`` that belong to no case of the catalogue."""
     return [Finding(name, "", name, "orphan") for name in names(folder) if name not in set(known)]
 
 
 def _check_case(case: Case, folder: Path, foreign: bool) -> list[Finding]:
     pictures, again = case.draw(folder), case.draw(folder)
-    findings = [judge(case.name, p, other, read_picture(folder, p.resource), tolerance(p.stage, foreign))
+    findings = [compare(case.name, p, other, read_picture(folder, p.resource), tolerance(p.stage, foreign))
                 for p, other in zip(pictures, again, strict=True)]
     known = {ORIGIN, *(file_name(p.resource) for p in pictures)}
     return findings + [Finding(case.name, "", name, "orphan") for name in names(folder) if name not in known]

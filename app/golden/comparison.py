@@ -1,34 +1,33 @@
-"""The judgement on one golden: how far it is from what was drawn now, and whether that is too far."""
-
-from __future__ import annotations
+"""Comparison of a picture with its golden."""
 
 import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from app.arrays import F32
 from app.errors import MissingExtraError
 from app.evaluation.metrics import flip
-from app.golden.case import F32, Picture, half
+from app.golden.case import Picture, half
 from app.golden.tolerance import PICTURES, Tolerance
 from app.io.image import srgb_decode
 from app.network.channels import HALF_MAX
 
-EXACT = Tolerance(0.0, 0.0, 0.0)  # of two runs
+EXACT = Tolerance(0.0, 0.0, 0.0)  # between two runs
 
 
 @dataclass(frozen=True)
 class Distance:
-    """How far one frame is from its golden.
+    """Difference of one frame from its golden.
 
     Attributes
     ----------
     difference : float
         Largest difference of a component, relative to 1 + |golden|.
     share : float
-        Share of the texels whose difference is beyond the tolerance.
+        Share of texels whose difference exceeds the tolerance.
     flip : float or None
-        Mean HDR-FLIP; None for what is no picture, and without the package that computes it.
+        Mean HDR-FLIP; None for resources that are not pictures, and without the package that computes it.
     """
 
     difference: float = 0.0
@@ -41,22 +40,23 @@ class Distance:
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """The judgement on one golden.
+    """The result of comparing one picture with its golden.
 
     Attributes
     ----------
     stage : str
-        The pass that wrote it; empty for a file that no pass writes.
+        Pass that wrote it; empty for a file that no pass writes.
     verdict : str
-        ``same``, ``close``, ``differs``, ``missing``, ``orphan``, or ``unsteady`` when two runs were not bit-identical.
+        ``same``, ``close`` (within tolerance), ``differs``, ``missing``, ``orphan`` (no pass writes it), or
+        ``unsteady`` (two runs were not bit-identical).
     tolerance : Tolerance or None
-        What held for it; None for a file that no pass writes.
+        The tolerance that applied; None for a file that no pass writes.
     distance : Distance
-        Of the worst frame.
+        Difference of the worst frame.
     frame : int
-        The worst frame; 0 where none was compared.
+        Number of the worst frame; 0 if none was compared.
     golden, current : ndarray or None
-        That frame, float32 [H, W, 1 to 4], where it is not the same; the two runs of an unsteady one.
+        That frame, float32, shape (H, W, 1 to 4), unless it is the same; for an unsteady one, the two runs.
     """
 
     case: str
@@ -74,20 +74,21 @@ class Finding:
         return self.verdict in ("same", "close")
 
 
-def judge(case: str, picture: Picture, again: Picture, golden: dict[int, F32] | None, tolerance: Tolerance) -> Finding:
-    """Compare two runs with each other, then with the golden."""
+def compare(case: str, picture: Picture, second_run: Picture, golden: dict[int, F32] | None,
+            tolerance: Tolerance) -> Finding:
+    """Compare two runs with each other, then the first with the golden."""
     same = Finding(case, picture.stage, picture.resource, "same", tolerance)
     for frame, image in picture.frames.items():
-        if not np.array_equal(image, again.frames[frame], equal_nan=True):
-            return replace(same, verdict="unsteady", tolerance=EXACT, frame=frame, golden=image,
-                           current=again.frames[frame],
-                           distance=compare(again.frames[frame], image, EXACT, picture.resource))
+        second = second_run.frames[frame]
+        if not np.array_equal(image, second, equal_nan=True):
+            return replace(same, verdict="unsteady", tolerance=EXACT, frame=frame, golden=image, current=second,
+                           distance=measure_distance(second, image, EXACT, picture.resource))
     current = {n: half(image).astype(np.float32) for n, image in picture.frames.items()}
     if golden is None or not current.keys() <= golden.keys():
         return replace(same, verdict="missing", current=next(iter(current.values())))
     if golden.keys() != current.keys():
         return replace(same, verdict="orphan")
-    distances = {n: compare(image, golden[n], tolerance, picture.resource) for n, image in current.items()}
+    distances = {n: measure_distance(image, golden[n], tolerance, picture.resource) for n, image in current.items()}
     frame = max(distances, key=lambda n: (not distances[n].within(tolerance), distances[n].share,
                                           distances[n].difference))
     worst = distances[frame]
@@ -97,29 +98,30 @@ def judge(case: str, picture: Picture, again: Picture, golden: dict[int, F32] | 
                    golden=golden[frame], current=current[frame])
 
 
-def compare(current: F32, golden: F32, tolerance: Tolerance, resource: str) -> Distance:
-    """How far an image is from its golden; what is not a number in both is equal."""
+def measure_distance(current: F32, golden: F32, tolerance: Tolerance, resource: str) -> Distance:
+    """Difference of an image from its golden; NaN equals NaN."""
     if current.shape != golden.shape:
         return Distance(math.inf, 1.0)
-    off = texel_difference(current, golden)
-    if not off.any():
+    difference = texel_difference(current, golden)
+    if not difference.any():
         return Distance()
-    return Distance(float(off.max()), float((off > tolerance.difference).mean()), _flip(current, golden, resource))
+    share = float((difference > tolerance.difference).mean())
+    return Distance(float(difference.max()), share, _flip(current, golden, resource))
 
 
 def texel_difference(current: F32, golden: F32) -> F32:
     """Largest difference of each texel's components, relative to 1 + |golden|; shape (H, W)."""
     with np.errstate(invalid="ignore"):
-        off = np.abs(current - golden) / (1 + np.abs(golden))
+        relative = np.abs(current - golden) / (1 + np.abs(golden))
     same = (current == golden) | (np.isnan(current) & np.isnan(golden))
-    difference: F32 = np.where(same, 0.0, np.nan_to_num(off, nan=math.inf)).max(axis=2).astype(np.float32)
+    difference: F32 = np.where(same, 0.0, np.nan_to_num(relative, nan=math.inf)).max(axis=2).astype(np.float32)
     return difference
 
 
 def radiance(image: F32, resource: str) -> F32:
-    """The linear colours of a picture, finite, shape (H, W, 3)."""
-    colour = np.nan_to_num(image[..., :3], nan=0.0, posinf=HALF_MAX, neginf=0.0)
-    return srgb_decode(colour) if resource == "display" else colour
+    """The linear, finite colours of a picture, shape (H, W, 3)."""
+    color = np.nan_to_num(image[..., :3], nan=0.0, posinf=HALF_MAX, neginf=0.0)
+    return srgb_decode(color) if resource == "display" else color
 
 
 def _flip(current: F32, golden: F32, resource: str) -> float | None:

@@ -1,6 +1,4 @@
-"""The yardstick of pass times, which is in no frame: a full-screen copy of a known image."""
-
-from __future__ import annotations
+"""The yardstick of pass times, a full-screen copy that no frame contains, on a known image."""
 
 from contextlib import closing
 from dataclasses import dataclass
@@ -10,8 +8,7 @@ import moderngl
 import numpy as np
 
 from app.gl.context import Device
-from app.golden.case import Picture
-from app.golden.origin import gl_origin
+from app.golden.case import Picture, gl_origin
 
 SIZE = (64, 48)
 
@@ -27,7 +24,7 @@ class CopyCase:
         return gl_origin()
 
     def draw(self, saved: Path) -> list[Picture]:
-        """What the copy wrote; ``saved`` plays no part."""
+        """The output of the copy; ``saved`` is not used."""
         width, height = SIZE
         image = np.linspace(0, 1, width * height * 4, dtype=np.float16).reshape(height, width, 4)
         with closing(Device()) as device, device.ctx:

@@ -1,16 +1,14 @@
-"""Small scenes made in code, so that no file and no loader stands behind a golden.
+"""Small scenes made in code, so that goldens depend on no file and no loader.
 
-Together they take every branch of every shader; each scene's docstring says which of them are its own.
+Together they take every branch of every shader; the docstring of each says what it contributes.
 """
-
-from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from app.golden.shapes import F64, ball, block, mirrored, quads, turned
+from app.arrays import F64, Bytes
+from app.math3d import affine_matrix
 from app.scene import (
     Camera,
     CameraPath,
@@ -28,20 +26,19 @@ from app.scene import (
     Texture,
     bounds_of,
 )
+from app.simple_meshes import ball, block, quads, rotation_about_y
 
 FRAME_SECONDS = 1 / 30
-SEQUENCE = 60  # frames until the camera of ``room`` has arrived
+SEQUENCE = 60  # frames of the camera path of ``room``
 
 
 def room() -> Scene:
-    """A box with coloured walls, a sphere light, a moving glossy ball, a rough block and a glowing panel."""
-    materials = (
-        Material("white", albedo=(0.75, 0.75, 0.75)),
-        Material("red", albedo=(0.65, 0.06, 0.05)),
-        Material("green", albedo=(0.1, 0.5, 0.12)),
-        Material("glossy", albedo=(0.3, 0.3, 0.35), roughness=0.25, specular=(0.2, 0.2, 0.2)),
-        Material("panel", albedo=(0.1, 0.1, 0.1), emission=(1.5, 2.0, 3.0), double_sided=False),
-    )
+    """A box with coloured walls, a sphere light, a moving glossy ball, a rough block and an emissive panel."""
+    materials = (Material("white", albedo=(0.75, 0.75, 0.75)),
+                 Material("red", albedo=(0.65, 0.06, 0.05)),
+                 Material("green", albedo=(0.1, 0.5, 0.12)),
+                 Material("glossy", albedo=(0.3, 0.3, 0.35), roughness=0.25, specular=(0.2, 0.2, 0.2)),
+                 Material("panel", albedo=(0.1, 0.1, 0.1), emission=(1.5, 2.0, 3.0), double_sided=False))
     meshes = (
         quads("shell", 0, ((-1, -1, -1), (0, 0, 2), (2, 0, 0)), ((-1, 1, -1), (2, 0, 0), (0, 0, 2)),
               ((-1, -1, -1), (2, 0, 0), (0, 2, 0))),
@@ -52,46 +49,45 @@ def room() -> Scene:
         ball("ball", 3, 0.22),
         quads("panel", 4, ((0.05, 0.0, -0.98), (0.6, 0, 0), (0, 0.5, 0))),
     )
-    places = {3: turned(0.35, (-0.45, -0.45, -0.35)), 4: turned(-0.3, (0.4, -0.8, -0.2)),
-              5: turned(0.0, (0.4, -0.38, -0.2))}
-    ways = np.stack([turned(0.0, offset) for offset in ((0, 0, 0), (0.1, 0.5, 0.3), (0, 0, 0))])
-    motions = {5: Motion(FRAME_SECONDS * np.array([0.0, SEQUENCE / 2, SEQUENCE]), ways)}
+    transforms = {3: rotation_about_y(0.35, (-0.45, -0.45, -0.35)), 4: rotation_about_y(-0.3, (0.4, -0.8, -0.2)),
+                  5: rotation_about_y(0.0, (0.4, -0.38, -0.2))}
+    poses = np.stack([rotation_about_y(0.0, at) for at in ((0, 0, 0), (0.1, 0.5, 0.3), (0, 0, 0))])
+    motions = {5: Motion(FRAME_SECONDS * np.array([0.0, SEQUENCE / 2, SEQUENCE]), poses)}
     lights = (PointLight((0.1, 0.75, 0.1), (1.4, 1.3, 1.1), radius=0.12),)
     first = Camera((0.0, 0.05, 0.98), (0.0, -0.2, -0.5), fov_y_deg=75.0)
-    path = _move(first, replace(first, eye=(0.35, 0.2, 0.75)), SEQUENCE)
+    path = CameraPath((0.0, SEQUENCE * FRAME_SECONDS), (first, replace(first, eye=(0.35, 0.2, 0.75))))
     corner = CameraPath.still(Camera((-0.85, 0.6, 0.8), (0.3, -0.5, -0.4), fov_y_deg=70.0))
-    return _scene("room", meshes, places, materials, lights, {"path": path, "corner": corner}, motions)
+    return _scene("room", meshes, transforms, materials, lights, {"path": path, "corner": corner}, motions)
 
 
 def outdoor() -> Scene:
-    """Soft sun, hard spot and a rectangle that shows, over coloured ground, with a masked card and a moving block."""
-    materials = (
-        Material("ground"),
-        Material("card", albedo=(0.9, 0.9, 0.9), albedo_map=Texture(_chequers()), alpha_cutoff=0.5),
-        Material("block", albedo=(0.2, 0.35, 0.7), roughness=0.4, specular=(0.04, 0.04, 0.04)),
-        Material("lamp", emission=(4.0, 3.0, 2.0), is_light_proxy=True),
-    )
+    """Soft sun, hard spot and a visible rectangle light over coloured ground; a masked card and a moving block."""
+    materials = (Material("ground"),
+                 Material("card", albedo=(0.9, 0.9, 0.9), albedo_map=Texture(_chequers()), alpha_cutoff=0.5),
+                 Material("block", albedo=(0.2, 0.35, 0.7), roughness=0.4, specular=(0.04, 0.04, 0.04)),
+                 Material("light panel", emission=(4.0, 3.0, 2.0), is_light_proxy=True))
     edge_u, edge_v = (0.0, 0.6, 0.0), (0.0, 0.0, 0.8)
     meshes = (
         _coloured(quads("ground", 0, ((-4, 0, 4), (8, 0, 0), (0, 0, -8)))),
         quads("card", 1, ((-0.9, 0.0, -0.6), (1.4, 0, 0), (0, 1.4, 0))),
         block("block", 2, (0.5, 0.5, 0.5)),
-        quads("lamp", 3, ((-1.9, 0.5, -0.4), edge_u, edge_v)),
+        quads("light panel", 3, ((-1.9, 0.5, -0.4), edge_u, edge_v)),
     )
-    ways = np.stack([np.eye(4), turned(0.4, (0.3, 0.1, 0.2))])
-    motions = {2: Motion(np.array([0.0, 4 * FRAME_SECONDS]), ways)}
+    poses = np.stack([np.eye(4), rotation_about_y(0.4, (0.3, 0.1, 0.2))])
+    motions = {2: Motion(np.array([0.0, 4 * FRAME_SECONDS]), poses)}
     lights = (
         DirectionalLight((-0.5, -1.0, 0.4), (1.5, 1.4, 1.2), angular_radius_deg=1.5),
         SpotLight((1.6, 2.0, 1.0), (-0.6, -1.0, -0.5), (5.0, 1.0, 4.0), inner_deg=14.0, outer_deg=24.0),
         RectLight((-1.9, 0.8, 0.0), edge_u, edge_v, (4.0, 3.0, 2.0)),
     )
     first = Camera((0.5, 1.1, 3.4), (0.0, 0.45, 0.0), fov_y_deg=45.0)
-    path = _move(first, replace(first, eye=(0.45, 1.12, 3.4)), 4)
-    return _scene("outdoor", meshes, {2: turned(0.2, (0.9, 0.3, 0.5))}, materials, lights, {"path": path}, motions)
+    path = CameraPath((0.0, 4 * FRAME_SECONDS), (first, replace(first, eye=(0.45, 1.12, 3.4))))
+    transforms = {2: rotation_about_y(0.2, (0.9, 0.3, 0.5))}
+    return _scene("outdoor", meshes, transforms, materials, lights, {"path": path}, motions)
 
 
 def dusk() -> Scene:
-    """Two blocks under a sky of bands, chequers and a small bright patch; a camera that turns, quickly at first."""
+    """A block under a sky of bands, chequers and a small bright patch; the camera turns, quickly at first."""
     rows, columns = 24, 48
     y, x = np.mgrid[:rows, :columns]
     bands = np.linspace([0.2, 0.4, 1.0], [1.0, 0.7, 0.4], rows)[:, None]
@@ -102,32 +98,30 @@ def dusk() -> Scene:
     first = Camera((0.2, 0.9, 3.2), (-0.4, 1.0, 0.0), fov_y_deg=55.0)
     path = CameraPath((0.0, 2 * FRAME_SECONDS, 6 * FRAME_SECONDS),
                       (first, replace(first, target=(0.1, 1.1, 0.0)), replace(first, target=(0.12, 1.1, 0.0))))
-    scene = _scene("dusk", meshes, {1: turned(0.4, (0.4, 0.7, -0.3))}, materials, (), {"path": path}, {})
+    scene = _scene("dusk", meshes, {1: rotation_about_y(0.4, (0.4, 0.7, -0.3))}, materials, (), {"path": path})
     return replace(scene, environment=Environment(radiance.astype(np.float32), 25.0))
 
 
 def noon() -> Scene:
-    """The same, with highlights on the ground and a metal block, a lamp, and a mast thinner than a texel."""
+    """``dusk`` with specular ground, a metal block, a point light, and a mast thinner than a texel."""
     scene = dusk()
     mast = block("mast", 1, (0.02, 2.2, 0.02))
-    ground, metal = (replace(m, **specular_roughness) for m, specular_roughness in zip(scene.materials, (  # type: ignore[arg-type]
-        {"roughness": 0.5, "specular": (0.04, 0.04, 0.04)},
-        {"roughness": 0.25, "specular": (0.9, 0.6, 0.3), "albedo": (0.1, 0.1, 0.1)}), strict=True))
-    lamp = PointLight((-1.0, 1.2, 0.8), (0.6, 0.5, 0.4))
+    ground, metal = scene.materials
+    ground = replace(ground, roughness=0.5, specular=(0.04, 0.04, 0.04))
+    metal = replace(metal, roughness=0.25, specular=(0.9, 0.6, 0.3), albedo=(0.1, 0.1, 0.1))
+    light = PointLight((-1.0, 1.2, 0.8), (0.6, 0.5, 0.4))
     meshes = (*scene.meshes, mast)
-    instances = (*scene.instances, Instance("mast", 2, turned(0.0, (-0.8, 1.1, 0.2))))
-    return replace(scene, name="noon", materials=(ground, metal), lights=(lamp,), meshes=meshes, instances=instances)
+    instances = (*scene.instances, Instance("mast", 2, rotation_about_y(0.0, (-0.8, 1.1, 0.2))))
+    return replace(scene, name="noon", materials=(ground, metal), lights=(light,), meshes=meshes, instances=instances)
 
 
 def hard() -> Scene:
-    """Lights without a size: point, sun, narrow and wide spot; masks by texture and by vertices; face normals."""
+    """Lights without extent (point, sun, narrow and wide spot), masks by texture and by vertices, face normals."""
     flipped = np.array([[0.0, 1.0, 0.0], [1.5, 0.0, -0.2], [0.0, 0.0, 1.0]])
-    materials = (
-        Material("ground", albedo=(0.7, 0.7, 0.7)),
-        Material("card", albedo_map=Texture(_chequers(), flipped, (False, False)), alpha_cutoff=0.5),
-        Material("veil", albedo=(0.9, 0.8, 0.3), alpha=0.9, alpha_cutoff=0.4),
-        Material("plain", albedo=(0.3, 0.5, 0.7), alpha=0.8, alpha_cutoff=0.7),
-    )
+    materials = (Material("ground", albedo=(0.7, 0.7, 0.7)),
+                 Material("card", albedo_map=Texture(_chequers(), flipped, (False, False)), alpha_cutoff=0.5),
+                 Material("veil", albedo=(0.9, 0.8, 0.3), alpha=0.9, alpha_cutoff=0.4),
+                 Material("plain", albedo=(0.3, 0.5, 0.7), alpha=0.8, alpha_cutoff=0.7))
     pebble = ball("pebble", 3, 0.35, rows=5)
     meshes = (
         quads("ground", 0, ((-3, 0, 3), (6, 0, 0), (0, 0, -6))),
@@ -142,47 +136,45 @@ def hard() -> Scene:
         SpotLight((0.2, 1.8, 1.6), (0.0, -1.0, -0.3), (0.5, 1.5, 0.8), inner_deg=30.0, outer_deg=70.0),
     )
     still = CameraPath.still(Camera((0.3, 1.4, 3.2), (0.0, 0.4, 0.0), fov_y_deg=48.0))
-    return _scene("hard", meshes, {3: turned(0.0, (0.1, 0.35, 0.8))}, materials, lights, {"main": still})
+    return _scene("hard", meshes, {3: rotation_about_y(0.0, (0.1, 0.35, 0.8))}, materials, lights, {"main": still})
 
 
-def lamps() -> Scene:
-    """A two-sided rectangle whose back shines through bars on a glossy floor; a sphere and a wide spot with a size.
+def area_lights() -> Scene:
+    """A two-sided rectangle light whose back shines through bars onto a glossy floor, a sphere, and a soft wide spot.
 
-    And an emission map, mirrored.
+    Also an emission map, on an instance and on its mirror image.
     """
-    glow = np.zeros((8, 8, 4), np.float32)
-    glow[..., :3] = np.linspace(0.0, 2.0, 8)[:, None, None] * (1.0, 0.6, 0.2)
-    glow[..., 3] = 1.0
-    materials = (
-        Material("floor", albedo=(0.4, 0.4, 0.45), roughness=0.3, specular=(0.3, 0.3, 0.3)),
-        Material("post", albedo=(0.6, 0.3, 0.2)),
-        Material("sign", emission=(1.0, 1.0, 1.0), emission_map=Texture(glow), double_sided=False),
-        Material("lamp", emission=(2.0, 2.5, 3.0), is_light_proxy=True),
-    )
+    emission = np.zeros((8, 8, 4), np.float32)
+    emission[..., :3] = np.linspace(0.0, 2.0, 8)[:, None, None] * (1.0, 0.6, 0.2)
+    emission[..., 3] = 1.0
+    materials = (Material("floor", albedo=(0.4, 0.4, 0.45), roughness=0.3, specular=(0.3, 0.3, 0.3)),
+                 Material("post", albedo=(0.6, 0.3, 0.2)),
+                 Material("sign", emission=(1.0, 1.0, 1.0), emission_map=Texture(emission), double_sided=False),
+                 Material("light panel", emission=(2.0, 2.5, 3.0), is_light_proxy=True))
     edge_u, edge_v = (-0.7, 0.0, 0.0), (0.0, 0.5, 0.3)
     bars = (((-1.2, 0.4, -0.9 + 0.13 * i), (1.4, 0.0, 0.0), (0.0, 0.0, -0.02)) for i in range(8))
     sign = quads("sign", 2, ((0.0, 0.0, 0.0), (0.6, 0, 0), (0, 0.5, 0)))
     meshes = (
         quads("floor", 0, ((-3, 0, 3), (6, 0, 0), (0, 0, -6))),
         block("post", 1, (0.15, 1.2, 0.15)),
-        sign,
-        replace(sign, name="mirrored sign"),
-        quads("lamp", 3, ((-0.2, 0.6, -1.0), edge_u, edge_v)),
+        sign, replace(sign, name="mirrored sign"),
+        quads("light panel", 3, ((-0.2, 0.6, -1.0), edge_u, edge_v)),
         quads("bars", 1, *bars),
     )
-    places = {1: turned(0.5, (0.1, 0.6, 0.3)), 2: turned(0.3, (0.7, 0.1, -0.3)), 3: mirrored((-0.7, 0.1, 0.7))}
+    mirrored = affine_matrix(np.diag([-1.0, 1.0, 1.0]), (-0.7, 0.1, 0.7))
+    transforms = {1: rotation_about_y(0.5, (0.1, 0.6, 0.3)), 2: rotation_about_y(0.3, (0.7, 0.1, -0.3)), 3: mirrored}
     lights = (
         RectLight((-0.55, 0.85, -0.85), edge_u, edge_v, (2.0, 2.5, 3.0), two_sided=True),
         PointLight((1.2, 1.0, 0.6), (0.8, 0.5, 0.3), radius=0.1),
         SpotLight((-1.3, 1.5, 1.1), (0.8, -1.0, -0.6), (1.2, 0.3, 0.9), inner_deg=20.0, outer_deg=60.0, radius=0.08),
     )
     first = Camera((0.0, 1.1, 3.0), (0.0, 0.35, 0.0), fov_y_deg=50.0)
-    path = _move(first, replace(first, eye=(0.1, 1.1, 3.0)), 4)
-    return _scene("lamps", meshes, places, materials, lights, {"path": path})
+    path = CameraPath((0.0, 4 * FRAME_SECONDS), (first, replace(first, eye=(0.1, 1.1, 3.0))))
+    return _scene("area_lights", meshes, transforms, materials, lights, {"path": path})
 
 
-def stage() -> Scene:
-    """Narrow spots alone, one with a size and one without, on a glossy ball and the ground."""
+def spotlights() -> Scene:
+    """Only narrow spots, one with a radius and one without, on a glossy ball and the ground."""
     materials = (Material("ground", albedo=(0.6, 0.6, 0.6)),
                  Material("ball", albedo=(0.5, 0.1, 0.1), roughness=0.35, specular=(0.5, 0.5, 0.5)))
     meshes = (quads("ground", 0, ((-2, 0, 2), (4, 0, 0), (0, 0, -4))), ball("ball", 1, 0.4))
@@ -191,20 +183,18 @@ def stage() -> Scene:
         SpotLight((1.3, 1.6, 1.0), (-1.3, -1.3, -1.0), (0.6, 1.2, 3.0), inner_deg=10.0, outer_deg=25.0),
     )
     still = CameraPath.still(Camera((0.2, 1.2, 2.6), (0.0, 0.3, 0.0), fov_y_deg=45.0))
-    return _scene("stage", meshes, {1: turned(0.0, (0.0, 0.4, 0.0))}, materials, lights, {"main": still})
+    return _scene("spotlights", meshes, {1: rotation_about_y(0.0, (0.0, 0.4, 0.0))}, materials, lights, {"main": still})
 
 
 def terrace() -> Scene:
-    """Soft sun alone, on rough and glossy steps, beside one emitter that lights others and one that doesn't.
+    """Only a soft sun, on rough and glossy steps, beside an emitter that lights others and one that does not.
 
-    And a wire before the sky, too thin for the network's grid.
+    Also a wire in front of the sky that is too thin for the network's grid.
     """
-    materials = (
-        Material("stone", albedo=(0.7, 0.65, 0.55)),
-        Material("tile", albedo=(0.1, 0.3, 0.3), roughness=0.5, specular=(0.1, 0.1, 0.1)),
-        Material("window", albedo=(0.2, 0.2, 0.2), emission=(0.6, 0.5, 0.2)),
-        Material("screen", albedo=(0.2, 0.2, 0.2), emission=(0.2, 0.3, 0.8), is_light_proxy=True),
-    )
+    materials = (Material("stone", albedo=(0.7, 0.65, 0.55)),
+                 Material("tile", albedo=(0.1, 0.3, 0.3), roughness=0.5, specular=(0.1, 0.1, 0.1)),
+                 Material("window", albedo=(0.2, 0.2, 0.2), emission=(0.6, 0.5, 0.2)),
+                 Material("screen", albedo=(0.2, 0.2, 0.2), emission=(0.2, 0.3, 0.8), is_light_proxy=True))
     meshes = (
         quads("ground", 0, ((-2, 0, 2), (4, 0, 0), (0, 0, -4)), ((-1.2, 0, -1), (2.4, 0, 0), (0, 1.6, 0))),
         block("step", 1, (1.4, 0.4, 0.8)),
@@ -214,11 +204,11 @@ def terrace() -> Scene:
     )
     lights = (DirectionalLight((0.7, -1.0, -0.5), (2.0, 1.9, 1.6), angular_radius_deg=3.0),)
     still = CameraPath.still(Camera((0.5, 1.5, 1.7), (0.0, 0.4, -0.6), (0.2, 1.0, 0.0), fov_y_deg=60.0))
-    return _scene("terrace", meshes, {1: turned(0.3, (0.0, 0.2, -0.2))}, materials, lights, {"main": still})
+    return _scene("terrace", meshes, {1: rotation_about_y(0.3, (0.0, 0.2, -0.2))}, materials, lights, {"main": still})
 
 
-def glow() -> Scene:
-    """No light but two glowing panels in a closed, matt box."""
+def emissive() -> Scene:
+    """No lights but two emissive panels in a closed, diffuse box."""
     materials = (Material("wall", albedo=(0.6, 0.6, 0.6)), Material("warm", emission=(3.0, 1.5, 0.6)),
                  Material("cold", emission=(0.3, 0.8, 2.0)))
     meshes = (
@@ -228,11 +218,11 @@ def glow() -> Scene:
         block("crate", 0, (0.5, 0.5, 0.5)),
     )
     still = CameraPath.still(Camera((0.2, 0.1, 1.1), (0.0, -0.2, -0.5), fov_y_deg=70.0))
-    return _scene("glow", meshes, {3: turned(0.6, (0.1, -0.55, -0.2))}, materials, (), {"main": still})
+    return _scene("emissive", meshes, {3: rotation_about_y(0.6, (0.1, -0.55, -0.2))}, materials, (), {"main": still})
 
 
-def _chequers() -> NDArray[np.uint8]:
-    """A texture with a gradient in green and blue, every other square of it clear."""
+def _chequers() -> Bytes:
+    """A texture with gradients in green and blue, transparent in every second square."""
     pixels = np.full((16, 16, 4), 255, np.uint8)
     pixels[..., 1] = np.arange(16)[:, None] * 16
     pixels[..., 2] = np.arange(16) * 16
@@ -241,20 +231,16 @@ def _chequers() -> NDArray[np.uint8]:
 
 
 def _coloured(mesh: Mesh, alpha: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)) -> Mesh:
-    """One parallelogram with a colour and an opacity at each corner."""
+    """A parallelogram with a colour and an opacity at each corner."""
     corners = np.array([[0.8, 0.3, 0.2], [0.3, 0.8, 0.2], [0.3, 0.3, 0.9], [0.8, 0.8, 0.8]])
     return replace(mesh, colors=np.column_stack([corners, alpha]).astype(np.float32))
 
 
-def _move(first: Camera, last: Camera, frames: int) -> CameraPath:
-    return CameraPath((0.0, frames * FRAME_SECONDS), (first, last))
-
-
-def _scene(name: str, meshes: tuple[Mesh, ...], places: dict[int, F64], materials: tuple[Material, ...],
+def _scene(name: str, meshes: tuple[Mesh, ...], transforms: dict[int, F64], materials: tuple[Material, ...],
            lights: tuple[Light, ...], cameras: dict[str, CameraPath],
            motions: dict[int, Motion] | None = None) -> Scene:
-    """One instance of each mesh; the first camera is the default one."""
-    instances = tuple(Instance(m.name, i, places.get(i, np.eye(4)), (motions or {}).get(i))
+    """A scene with one instance of each mesh; its first camera is the default."""
+    instances = tuple(Instance(m.name, i, transforms.get(i, np.eye(4)), (motions or {}).get(i))
                       for i, m in enumerate(meshes))
     return Scene(name, meshes, instances, materials, lights, cameras, next(iter(cameras)),
                  bounds_of(meshes, instances))

@@ -1,6 +1,4 @@
-"""Files that appear whole: written beside their place, then renamed into it."""
-
-from __future__ import annotations
+"""Atomic writes: files and folders are written beside their destination and then renamed, so no reader sees a part."""
 
 import contextlib
 import os
@@ -12,7 +10,7 @@ from app.errors import OutputError
 
 
 @contextlib.contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replace_file(path: Path) -> Iterator[Path]:
     """Give a temporary path beside ``path`` and rename it to ``path`` when the block succeeds.
 
     Raises
@@ -25,77 +23,77 @@ def replacing(path: Path) -> Iterator[Path]:
         yield temporary
         temporary.replace(path)
     except OSError as error:
-        raise OutputError(f"can't write the file ({error.strerror or error})", path,
-                          "expected a writable place with room for it") from error
+        raise OutputError(f"can't write the file: {error.strerror or error}", path,
+                          "expected a writable folder with enough space") from error
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager
-def replacing_folder(folder: Path) -> Iterator[Path]:
-    """Give a new, empty folder beside ``folder`` and let it take the place of ``folder`` when the block succeeds.
+def replace_folder(folder: Path) -> Iterator[Path]:
+    """Give a new, empty folder beside ``folder`` that takes its place when the block succeeds.
 
-    Where ``folder`` is a symbolic link, what it points to is replaced.
+    If ``folder`` is a symbolic link, its target is replaced.
 
     Raises
     ------
     OutputError
-        When the block or the renaming fails with an ``OSError``; ``folder`` is then as it was before, or what it held
-        lies where the message says.
+        When the block or the renaming fails with an ``OSError``. The old content is then still in ``folder``, or in the
+        folder that the message names.
     """
     folder = folder.resolve()
-    fresh, old = (folder.with_name(f".{os.getpid()}-{kind}-{folder.name}") for kind in ("new", "old"))
+    new, old = (folder.with_name(f".{os.getpid()}-{kind}-{folder.name}") for kind in ("new", "old"))
     try:
-        fresh.mkdir(parents=True)
-        yield fresh
-        _take_place(fresh, folder, old)
+        new.mkdir(parents=True)
+        yield new
+        _swap(new, folder, old)
     except OSError as error:
-        rescued = "" if folder.exists() or not old.exists() else f"; what it held is in {old}"
-        raise OutputError(f"can't write the folder ({error.strerror or error})", folder,
-                          f"expected a writable place with room for it{rescued}") from error
+        rescued = "" if folder.exists() or not old.exists() else f"; its old content is in {old}"
+        raise OutputError(f"can't write the folder: {error.strerror or error}", folder,
+                          f"expected a writable folder with enough space{rescued}") from error
     finally:
-        shutil.rmtree(fresh, ignore_errors=True)
-
-
-def _take_place(fresh: Path, folder: Path, old: Path) -> None:
-    """Rename ``fresh`` to ``folder``; what was there is ``old`` meanwhile, and comes back when that fails."""
-    try:
-        if folder.exists():
-            folder.rename(old)
-        fresh.rename(folder)
-    except BaseException:
-        if old.exists() and not folder.exists():
-            old.rename(folder)
-        raise
-    shutil.rmtree(old, ignore_errors=True)
+        shutil.rmtree(new, ignore_errors=True)
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write ``text`` as UTF-8 in one step."""
-    with replacing(path) as temporary:
+    """Write ``text`` as UTF-8, atomically."""
+    with replace_file(path) as temporary:
         temporary.write_text(text, "utf-8")
 
 
 def prepare_folders(*folders: Path) -> None:
-    """Make ``folders`` and check that files can be written in them; when one fails, none is made.
+    """Create ``folders`` where missing and check that they are writable; if one is not, none is created.
 
     Raises
     ------
     OutputError
-        When one can't be made or does not take a file.
+        When a folder can't be created or written to.
     """
-    made: list[Path] = []
+    created: list[Path] = []
     for folder in folders:
         probe = folder / f".{os.getpid()}-probe"
         try:
             for missing in reversed([f for f in (folder, *folder.parents) if not f.exists()]):
                 missing.mkdir()
-                made.append(missing)
+                created.append(missing)
             probe.touch()
             probe.unlink()
         except OSError as error:
-            for new in reversed(made):
+            for new in reversed(created):
                 new.rmdir()
-            raise OutputError(f"can't write in the folder ({error.strerror or error})", folder,
-                              "expected a folder that can be made and written in") from error
+            raise OutputError(f"is not a writable folder: {error.strerror or error}", folder,
+                              "expected a folder that exists or can be created") from error
+
+
+def _swap(new: Path, folder: Path, old: Path) -> None:
+    """Rename ``folder`` to ``old`` and ``new`` to ``folder``; if that fails, rename ``old`` back."""
+    try:
+        if folder.exists():
+            folder.rename(old)
+        new.rename(folder)
+    except BaseException:
+        if old.exists() and not folder.exists():
+            old.rename(folder)
+        raise
+    shutil.rmtree(old, ignore_errors=True)

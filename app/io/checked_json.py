@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
-from collections.abc import Sequence
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from jsonschema import Draft202012Validator
-from jsonschema.exceptions import ValidationError
+from app.errors import AfterglowError, SceneError, did_you_mean
 
-from app.errors import SceneError
+if TYPE_CHECKING:
+    from jsonschema import Draft202012Validator
+    from jsonschema.exceptions import ValidationError
 
 SCHEMA = "scene.schema.json"
 _KINDS = {"object": "an object", "array": "a list", "number": "a number", "integer": "a whole number",
-          "string": "a text", "boolean": "true or false"}
+          "string": "a string", "boolean": "true or false"}
+_BOUNDS = {"minItems": "at least", "minProperties": "at least", "maxItems": "at most", "minimum": "at least",
+           "maximum": "at most", "exclusiveMinimum": "more than", "exclusiveMaximum": "less than"}
 
 
 def read_checked(path: Path, definition: str = "", schema: str = SCHEMA) -> Any:
@@ -52,34 +53,39 @@ def parse(text: str) -> Any:
     return json.loads(text, parse_float=_finite, parse_int=_finite, parse_constant=_finite)
 
 
-def check(content: Any, path: Path, definition: str = "", schema: str = SCHEMA) -> None:
-    """See to it that a JSON value follows a schema of ``app/data``, or one of its definitions.
+def check(content: Any, where: object, definition: str = "", schema: str = SCHEMA,
+          error: type[AfterglowError] = SceneError) -> None:
+    """Check that a JSON value follows a schema of ``app/data``, or one of its definitions.
+
+    Parameters
+    ----------
+    where : object
+        The file to name in errors.
+    error : type
+        Raised instead of ``SceneError``.
 
     Raises
     ------
     SceneError
-        When it does not; it names the key, and ``path`` as its file.
+        When it does not; it names the file and the key.
     """
-    errors = list(_validator(schema, definition).iter_errors(content))
-    if errors:
-        raise _explain(next((e for e in errors if e.validator == "additionalProperties"), errors[0]), path)
+    violations = list(_validator(schema, definition).iter_errors(content))
+    if violations:
+        first = next((v for v in violations if v.validator == "additionalProperties"), violations[0])
+        what, keys, expected = _explain(first)
+        raise error(what, at(where, *keys), expected)
 
 
-def at(path: Path, *keys: object) -> str:
+def at(where: object, *keys: object) -> str:
     """``file: key.path`` for a message; list indices are written in brackets."""
     joined = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys).lstrip(".")
-    return f"{path}: {joined}" if joined else str(path)
-
-
-def did_you_mean(word: str, known: Sequence[str]) -> str:
-    """What was expected in place of an unknown word."""
-    near = difflib.get_close_matches(word, known, 1, 0.5)
-    choices = ", ".join(known) if known else "none at all"
-    return f"did you mean {near[0]!r}? (expected one of: {choices})" if near else f"expected one of: {choices}"
+    return f"{where}: {joined}" if joined else str(where)
 
 
 @cache
 def _validator(name: str, definition: str) -> Draft202012Validator:
+    from jsonschema import Draft202012Validator  # slow to import, and help and version need none of it
+
     schema = json.loads(resources.files("app.data").joinpath(name).read_text("utf-8"))
     if definition:
         schema = {"$ref": f"#/$defs/{definition}", "$defs": schema["$defs"]}
@@ -93,30 +99,27 @@ def _finite(text: str) -> float:
     return value
 
 
-def _explain(error: ValidationError, path: Path) -> SceneError:
-    keys, rule, value = list(error.absolute_path), error.validator_value, error.instance
-    if error.validator == "additionalProperties":
-        known = sorted(error.schema["properties"])
-        stray = sorted(set(value) - set(known))[0]
-        return SceneError(f"unknown key {stray!r}", at(path, *keys, stray), did_you_mean(stray, known))
-    if error.validator == "required":
-        missing = next(k for k in rule if k not in value)
-        return SceneError(f"missing key {missing!r}", at(path, *keys), f"expected {', '.join(rule)}")
-    if error.validator == "enum":
-        return SceneError(f"unknown value {value!r}", at(path, *keys), did_you_mean(str(value), rule))
-    if error.validator == "type":
-        return SceneError(f"wrong kind of value {_short(value)}", at(path, *keys), f"expected {_KINDS[rule]}")
-    if error.validator == "minLength":
-        return SceneError("an empty text", at(path, *keys), "expected a name")
-    if error.validator in ("minItems", "maxItems", "minProperties"):
-        return SceneError(f"{len(value)} values", at(path, *keys), f"expected {_amount(error)} {rule}")
-    return SceneError(f"{_short(value)} is out of range", at(path, *keys), f"expected {_amount(error)} {rule:g}")
-
-
-def _amount(error: ValidationError) -> str:
-    return {"minItems": "at least", "minProperties": "at least", "maxItems": "at most",
-            "minimum": "at least", "maximum": "at most",
-            "exclusiveMinimum": "more than", "exclusiveMaximum": "less than"}[str(error.validator)]
+def _explain(violation: ValidationError) -> tuple[str, list[object], str]:
+    """What is wrong, the key, and what was expected."""
+    keys, rule, value = list(violation.absolute_path), violation.validator_value, violation.instance
+    kind = str(violation.validator)
+    match kind:
+        case "additionalProperties":
+            known = sorted(violation.schema["properties"])
+            stray = sorted(set(value) - set(known))[0]
+            return f"unknown key {stray!r}", [*keys, stray], did_you_mean(stray, known)
+        case "required":
+            missing = next(k for k in rule if k not in value)
+            return f"missing key {missing!r}", keys, f"expected {', '.join(rule)}"
+        case "enum":
+            return f"unknown value {value!r}", keys, did_you_mean(str(value), rule)
+        case "type":
+            return f"wrong kind of value {_short(value)}", keys, f"expected {_KINDS[rule]}"
+        case "minLength":
+            return "an empty string", keys, "expected a name"
+        case "minItems" | "maxItems" | "minProperties":
+            return f"{len(value)} values", keys, f"expected {_BOUNDS[kind]} {rule}"
+    return f"{_short(value)} is out of range", keys, f"expected {_BOUNDS[kind]} {rule:g}"
 
 
 def _short(value: object) -> str:

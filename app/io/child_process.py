@@ -1,26 +1,71 @@
-"""``python -m export`` in a process of its own, so that ``app`` stays free of it."""
+"""Python modules run in child processes, among them ``python -m export``, which ``app`` never imports."""
 
-from __future__ import annotations
-
+import asyncio
+import contextlib
+import os
+import shlex
+import signal
 import subprocess
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
-from app.bench.cold_start import environment
-from app.errors import PathTracerError
+from app.errors import ProcessError
+
+ROOT = Path(__file__).resolve().parents[2]  # contains the packages ``app`` and ``export``
+NICENESS = 5  # of children that must not slow this process down
 
 
-def run_export(arguments: Sequence[str], expected: str) -> None:
-    """Run one command of it.
+def run_module(module: str, arguments: Sequence[str] = (), *, stdin: str = "") -> str:
+    """Run ``python -m module`` with a text as its standard input and return what it printed.
 
     Raises
     ------
-    PathTracerError
-        With the command's own error line and what was ``expected`` when it fails.
+    ProcessError
+        When it fails; contains its own error line.
     """
-    done = subprocess.run([sys.executable, "-m", "export", *arguments], capture_output=True, text=True, check=False,
-                          env=environment())
+    done = subprocess.run(_command(module, arguments), input=stdin, capture_output=True, text=True, check=False,
+                          env=_environment())
     if done.returncode:
-        lines = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
-        reason = next((line for line in lines if line.startswith("error: ")), lines[-1]).removeprefix("error: ")
-        raise PathTracerError(f"it failed ({reason})", f"python -m export {' '.join(arguments[:2])}", f"expected {expected}")
+        raise _error(module, arguments, done.returncode, done.stderr)
+    return done.stdout
+
+
+async def run_module_async(module: str, arguments: Sequence[str] = (), *, nice: bool = False) -> str:
+    """``run_module`` without input; the child is killed when the waiting task is cancelled.
+
+    Parameters
+    ----------
+    nice : bool
+        Run it at a lower priority than this process.
+    """
+    prefix = ("nice", "-n", str(NICENESS)) if nice else ()
+    process = await asyncio.create_subprocess_exec(
+        *prefix, *_command(module, arguments), env=_environment(), start_new_session=True,
+        stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE)
+    try:
+        out, err = await process.communicate()
+    finally:
+        if process.returncode is None:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            await process.wait()
+    if process.returncode:
+        raise _error(module, arguments, process.returncode, err.decode(errors="replace"))
+    return out.decode(errors="replace")
+
+
+def _command(module: str, arguments: Sequence[str]) -> list[str]:
+    return [sys.executable, "-P", "-m", module, *arguments]  # -P: a file in the working directory can't hide a module
+
+
+def _environment() -> dict[str, str]:
+    """Environment variables with which a child process imports these packages, whatever its working directory."""
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+
+
+def _error(module: str, arguments: Sequence[str], code: int, stderr: str) -> ProcessError:
+    lines = stderr.strip().splitlines() or [f"exit code {code}"]
+    reason = next((line for line in lines if line.startswith("error: ")), lines[-1]).removeprefix("error: ")
+    command = shlex.join(["python", "-m", module, *arguments[:1]])
+    return ProcessError(f"failed: {reason}", command, "expected it to succeed")

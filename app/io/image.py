@@ -1,55 +1,54 @@
-"""EXR and PNG files through OpenImageIO, and the sRGB transfer. Arrays have their top row first."""
-
-from __future__ import annotations
+"""EXR, HDR and PNG files through OpenImageIO, and the sRGB transfer function. Arrays have their top row first."""
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import OpenImageIO as oiio
 from numpy.typing import NDArray
 
+from app.arrays import F32, Bytes, Floats
 from app.errors import OutputError, SceneError
-from app.io.atomic_files import replacing
+from app.io.atomic_files import replace_file
 
-F32 = NDArray[np.float32]
 Image = NDArray[np.float16] | F32
+Real = TypeVar("Real", np.float32, np.float64)
 
 COMPONENTS = "RGBA"
 COLORS = COMPONENTS[:3]
-RADIANCE_FILES = (".exr", ".hdr")  # that hold linear values
+RADIANCE_SUFFIXES = (".exr", ".hdr")
 
 
-def srgb_encode(linear: NDArray[np.floating[Any]]) -> F32:
-    """Clamp linear values to 0..1 and apply the sRGB transfer of IEC 61966-2-1."""
+def srgb_encode(linear: Floats) -> F32:
+    """Clamp linear values to 0..1 and apply the sRGB transfer function of IEC 61966-2-1."""
     x = np.clip(linear, 0.0, 1.0).astype(np.float32)
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** np.float32(1 / 2.4) - 0.055).astype(np.float32)
 
 
-def srgb_decode(encoded: NDArray[np.floating[Any]]) -> F32:
-    """The linear values that ``srgb_encode`` maps to 0..1."""
-    x = np.clip(encoded, 0.0, 1.0).astype(np.float32)
-    return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** np.float32(2.4)).astype(np.float32)
+def srgb_decode(encoded: NDArray[Real]) -> NDArray[Real]:
+    """Clamp sRGB-encoded values to 0..1 and make them linear; the inverse of ``srgb_encode``."""
+    x = np.clip(encoded, 0.0, 1.0)
+    return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4).astype(encoded.dtype)
 
 
-def to_8bit(values: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
+def to_8bit(values: Floats) -> Bytes:
     """Round 0..1 to the nearest of 256 levels."""
     return (np.clip(values, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
 
 
 def write_exr(path: Path, layers: Mapping[str, Image], compression: str = "zip") -> None:
-    """Write named layers into one EXR; the same layers give the same bytes.
+    """Write named layers into one EXR file; the same layers give the same bytes.
 
     Parameters
     ----------
     path : Path
         Ends in ``.exr``.
     layers : mapping of str to ndarray, float16 or float32, shape (H, W, 1 to 4)
-        The layer ``""`` goes to the channels ``R, G, B``, any other to ``name.R, name.G, name.B``; a layer of
-        fewer components takes the first of these, a fourth one is ``A``. float16 is stored as half, float32 as float.
+        The layer ``""`` is stored in the channels ``R, G, B, A``, any other in ``name.R`` and so on; a layer of fewer
+        components uses the first of them. float16 is stored as half, float32 as float.
     compression : str
-        One of OpenEXR's, such as ``zip``, which loses nothing, or ``dwaa:45``, which does, but not in ``A``.
+        A method of OpenEXR, such as the lossless ``zip``, or ``dwaa:45``, which is lossy except for ``A``.
 
     Raises
     ------
@@ -61,13 +60,13 @@ def write_exr(path: Path, layers: Mapping[str, Image], compression: str = "zip")
     pixels = np.concatenate([a.astype(np.float32) for a in layers.values()], axis=2)
     spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], len(names), oiio.FLOAT)
     spec.channelnames, spec.channelformats = tuple(names), tuple(formats)
-    # Without this the writer stores the time of day.
+    # Otherwise the writer stores the current time.
     spec.attribute("DateTime", "")
     spec.attribute("compression", compression)
     _write(path, spec, pixels)
 
 
-def write_png(path: Path, display: NDArray[np.uint8]) -> None:
+def write_png(path: Path, display: Bytes) -> None:
     """Write an sRGB-encoded image, shape (H, W, 3), as PNG.
 
     Raises
@@ -81,7 +80,7 @@ def write_png(path: Path, display: NDArray[np.uint8]) -> None:
 
 
 def read_exr(path: Path) -> dict[str, F32]:
-    """Layers of an EXR by name, as ``write_exr`` takes them, in float32.
+    """Read the layers of an EXR file by name, as ``write_exr`` takes them, in float32.
 
     Raises
     ------
@@ -89,31 +88,32 @@ def read_exr(path: Path) -> dict[str, F32]:
         When the file can't be read.
     """
     pixels, names = _read(path, oiio.FLOAT)
-    found: dict[str, dict[str, int]] = {}
+    layers: dict[str, dict[str, int]] = {}
     for index, name in enumerate(names):
         layer, _, component = name.rpartition(".")
-        found.setdefault(layer, {})[component] = index
-    return {layer: pixels[..., [parts[c] for c in sorted(parts, key=_component_order)]]
-            for layer, parts in found.items()}
+        layers.setdefault(layer, {})[component] = index
+    return {layer: pixels[..., [channels[c] for c in sorted(channels, key=_component_order)]]
+            for layer, channels in layers.items()}
 
 
 def read_radiance(path: Path) -> F32:
-    """The picture in an HDR or EXR file, float32, shape (H, W, 3); a grey one in all three colours, without alpha.
+    """Read the linear RGB values of an HDR or EXR file, float32, shape (H, W, 3); grey is repeated, alpha dropped.
 
     Raises
     ------
     SceneError
-        When the file can't be read or is of another kind.
+        When the file can't be read or has another format.
     """
-    if path.suffix.lower() not in RADIANCE_FILES:
-        raise SceneError(f"an image of the kind {path.suffix!r}", path, f"expected one of {', '.join(RADIANCE_FILES)}")
+    if path.suffix.lower() not in RADIANCE_SUFFIXES:
+        raise SceneError(f"unsupported image format {path.suffix!r}", path,
+                         f"expected one of {', '.join(RADIANCE_SUFFIXES)}")
     pixels, names = _read(path, oiio.FLOAT, "HDR or EXR")
-    of = {name: index for index, name in reversed(list(enumerate(names)))}
-    rgb = [of.get(name, 0 if len(names) < len(COLORS) else index) for index, name in enumerate(COLORS)]
+    channel = {name: index for index, name in reversed(list(enumerate(names)))}
+    rgb = [channel.get(name, 0 if len(names) < len(COLORS) else index) for index, name in enumerate(COLORS)]
     return np.ascontiguousarray(pixels[..., rgb])
 
 
-def read_png(path: Path) -> NDArray[np.uint8]:
+def read_png(path: Path) -> Bytes:
     """Read the stored 8-bit values, shape (H, W, C).
 
     Raises
@@ -121,7 +121,7 @@ def read_png(path: Path) -> NDArray[np.uint8]:
     SceneError
         When the file can't be read.
     """
-    pixels: NDArray[np.uint8] = _read(path, oiio.UINT8)[0]
+    pixels: Bytes = _read(path, oiio.UINT8)[0]
     return pixels
 
 
@@ -130,13 +130,13 @@ def _component_order(component: str) -> tuple[int, str]:
 
 
 def _write(path: Path, spec: Any, pixels: NDArray[Any]) -> None:
-    with replacing(path) as temporary:
+    with replace_file(path) as temporary:
         output = oiio.ImageOutput.create(str(temporary))
         assert output is not None, oiio.geterror()
         if not (output.open(str(temporary), spec) and output.write_image(np.ascontiguousarray(pixels))
                 and output.close()):
-            raise OutputError(f"can't write the image ({output.geterror()})", path,
-                              "expected a writable place with room for it")
+            raise OutputError(f"can't write the image: {output.geterror()}", path,
+                              "expected a writable folder with enough space")
 
 
 def _read(path: Path, kind: Any, expected: str = "EXR or PNG") -> tuple[Any, tuple[str, ...]]:
@@ -147,12 +147,12 @@ def _read(path: Path, kind: Any, expected: str = "EXR or PNG") -> tuple[Any, tup
         pixels, names = source.read_image(0, 0, 0, source.spec().nchannels, kind), source.spec().channelnames
         reason = source.geterror()
         source.close()
-    except (UnicodeDecodeError, TypeError):  # of what the file says, or of its name
-        raise _unreadable("its text is no UTF-8", path, expected) from None
+    except (UnicodeDecodeError, TypeError):  # from text in the file, or from its name
+        raise _unreadable("its text is not UTF-8", path, expected) from None
     if pixels is None or reason:
         raise _unreadable(reason, path, expected)
     return pixels, names
 
 
 def _unreadable(reason: str, path: Path, expected: str) -> SceneError:
-    return SceneError(f"can't read the image ({' '.join(reason.split())})", path, f"expected a whole {expected} file")
+    return SceneError(f"can't read the image: {' '.join(reason.split())}", path, f"expected a complete {expected} file")

@@ -1,6 +1,4 @@
-"""Frames as a video file, encoded while they are drawn, by the FFmpeg libraries that the package ``av`` carries."""
-
-from __future__ import annotations
+"""Video files, encoded frame by frame by the FFmpeg libraries in the package ``av``."""
 
 import contextlib
 from collections.abc import Callable, Iterable, Iterator
@@ -9,25 +7,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from app.arrays import Bytes
 from app.errors import OutputError, SettingsError
 from app.extras import extra_module
-from app.io.atomic_files import replacing
+from app.io.atomic_files import replace_file
 
-RATE = 30  # frames a second
+RATE = 30  # frames per second
 EXTRA = "video"
-BT709, SRGB, LIMITED = 1, 13, 1  # as in ITU-T H.273
-# A palette of its own for each frame, so that nothing waits for the last one.
+BT709, SRGB, LIMITED = 1, 13, 1  # code points of ITU-T H.273
+# Each frame has its own palette, so that encoding need not wait for the last frame.
 PALETTES = (("split", None), ("palettegen", "stats_mode=single"), ("paletteuse", "new=1:dither=sierra2_4a"))
 
-Picture = NDArray[np.uint8]
-Write = Callable[[Picture], None]
+WriteFrame = Callable[[Bytes], None]
 
 
 @dataclass(frozen=True)
 class Codec:
-    """How one kind of file is encoded; ``multiple_of`` is what its sides must be."""
+    """How a file format is encoded; width and height are divisible by ``multiple_of``."""
 
     name: str
     pixels: str
@@ -42,31 +39,31 @@ CODECS = {
 }
 
 
-def check_video(kinds: Iterable[str], size: tuple[int, int]) -> None:
-    """See to it, before the first frame is drawn, that videos of these ``kinds`` and ``size`` can be written.
+def check_video(formats: Iterable[str], size: tuple[int, int]) -> None:
+    """Check, before the first frame is drawn, that videos in these ``formats`` can have this ``size``.
 
     Raises
     ------
     MissingExtraError
         When PyAV is not installed.
     SettingsError
-        When it has no encoder for a kind, or one can't take this width and height.
+        When it has no encoder for a format, or the encoder does not support this width and height.
     """
-    for kind in kinds:
-        av, codec = extra_module("av", EXTRA), CODECS[kind]
+    for name in formats:
+        av, codec = extra_module("av", EXTRA), CODECS[name]
         try:
             av.codec.Codec(codec.name, "w")
         except ValueError:
-            raise SettingsError(f"no encoder {codec.name} for {kind}", "--format", "expected a kind that this build of "
-                                f"PyAV can write: the one of pip install 'afterglow[{EXTRA}]' can") from None
-        n = codec.multiple_of
-        if any(side % n for side in size):
-            raise SettingsError(f"{kind} can't be {size[0]}x{size[1]}", "--size", f"expected sides divisible by {n}")
+            raise SettingsError(f"this build of PyAV has no encoder {codec.name} for {name}", "--format",
+                                f"expected the build of pip install 'afterglow[{EXTRA}]'") from None
+        if any(side % codec.multiple_of for side in size):
+            raise SettingsError(f"{name} does not support {size[0]}x{size[1]}", "--size",
+                                f"expected sides divisible by {codec.multiple_of}")
 
 
 @contextlib.contextmanager
-def video(path: Path, size: tuple[int, int]) -> Iterator[Write]:
-    """Give a function that appends one frame, uint8 [H, W, 3], top row first, sRGB; ``RATE`` of them make a second.
+def open_video(path: Path, size: tuple[int, int]) -> Iterator[WriteFrame]:
+    """Give a function that appends one frame, sRGB uint8 [H, W, 3], top row first, at ``RATE`` frames per second.
 
     The file appears when the block succeeds.
 
@@ -83,27 +80,26 @@ def video(path: Path, size: tuple[int, int]) -> Iterator[Write]:
         When encoding or writing fails; nothing is left behind.
     """
     av = extra_module("av", EXTRA)
-    kind = path.suffix.removeprefix(".")
+    name = path.suffix.removeprefix(".")
+    # Without bitexact, muxers store random numbers.
+    options = {"container_options": {"fflags": "+bitexact"}}
     try:
-        with replacing(path) as temporary, _opened(av, temporary, kind) as container:
-            stream = _stream(container, CODECS[kind], size)
-            prepared = _palettes(av, size) if kind == "gif" else _bt709
+        with replace_file(path) as temporary, av.open(str(temporary), "w", format=name, **options) as container:
+            stream = _add_stream(container, CODECS[name], size)
+            convert = _make_palette_filter(av, size) if name == "gif" else _to_bt709
 
-            def write(picture: Picture) -> None:
-                frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
-                container.mux(stream.encode(prepared(frame)))
+            def write(pixels: Bytes) -> None:
+                frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels), format="rgb24")
+                container.mux(stream.encode(convert(frame)))
 
             yield write
             container.mux(stream.encode(None))
     except av.error.FFmpegError as error:
-        raise OutputError(f"can't write the video ({error})", path, "expected a writable place with room") from error
+        raise OutputError(f"can't write the video: {error}", path,
+                          "expected a writable folder with enough space") from error
 
 
-def _opened(av: Any, path: Path, kind: str) -> Any:
-    return av.open(str(path), "w", format=kind, container_options={"fflags": "+bitexact"})  # no random numbers
-
-
-def _stream(container: Any, codec: Codec, size: tuple[int, int]) -> Any:
+def _add_stream(container: Any, codec: Codec, size: tuple[int, int]) -> Any:
     stream = container.add_stream(codec.name, rate=RATE, options=codec.options)
     stream.width, stream.height = size
     stream.pix_fmt = codec.pixels
@@ -114,12 +110,12 @@ def _stream(container: Any, codec: Codec, size: tuple[int, int]) -> Any:
     return stream
 
 
-def _bt709(frame: Any) -> Any:
+def _to_bt709(frame: Any) -> Any:
     return frame.reformat(format="yuv420p", dst_colorspace="itu709", dst_color_range=LIMITED)
 
 
-def _palettes(av: Any, size: tuple[int, int]) -> Callable[[Any], Any]:
-    """What turns a frame into one of 256 colours, by FFmpeg's filters."""
+def _make_palette_filter(av: Any, size: tuple[int, int]) -> Callable[[Any], Any]:
+    """A function that reduces a frame to 256 colours, through FFmpeg's filters."""
     graph = av.filter.Graph()
     source = graph.add_buffer(width=size[0], height=size[1], format="rgb24", time_base="1/30")
     split, generate, use = (graph.add(name, args) for name, args in PALETTES)
@@ -132,10 +128,10 @@ def _palettes(av: Any, size: tuple[int, int]) -> Callable[[Any], Any]:
     graph.configure()
     count = 0
 
-    def prepared(frame: Any) -> Any:
+    def convert(frame: Any) -> Any:
         nonlocal count
         frame.pts, count = count, count + 1
         graph.push(frame)
         return graph.pull()
 
-    return prepared
+    return convert

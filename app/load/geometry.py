@@ -1,21 +1,19 @@
-"""Triangles made safe to draw: no broken corners, no zero areas, unit normals or none."""
-
-from __future__ import annotations
+"""Cleaning of meshes: finite corners, triangles with an area, and normals that are unit length or zero."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.scene import F64
+from app.arrays import F64, Bools, Ints
 
-_MIN_NORMAL = 1e-6
-_MAX_FLOAT = float(np.finfo(np.float32).max)  # what the GPU takes for infinite is broken too
+_MIN_NORMAL_LENGTH = 1e-6
+_MAX_COORDINATE = float(np.finfo(np.float32).max)  # larger float64 values would become infinite on the GPU
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
-    """Raw triangles as a file gives them.
+class RawMesh:
+    """Triangles as a file gives them.
 
     Attributes
     ----------
@@ -26,44 +24,51 @@ class Surface:
     """
 
     positions: F64
-    triangles: NDArray[np.int64]
+    triangles: Ints
     normals: F64 | None = None
     uvs: F64 | None = None
     colors: F64 | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class Cleaned:
-    """A surface without flaws, and how many triangles and normals were lost on the way."""
+class CleanMesh:
+    """A cleaned mesh, and the number of triangles and normals that were removed from it.
 
-    surface: Surface
-    dropped: int
-    flattened: int
+    Attributes
+    ----------
+    normals : ndarray, float64, shape (V, 3)
+        Unit length, or zero where the file's are broken or missing.
+    """
+
+    positions: F64
+    triangles: Ints
+    normals: F64
+    uvs: F64 | None
+    colors: F64 | None
+    dropped_triangles: int
+    dropped_normals: int
 
 
-def clean(surface: Surface) -> Cleaned:
-    """Drop triangles that can't be drawn and vertices that nobody uses; make normals unit length or zero."""
-    if surface.positions.shape[1:] != (3,):
+def clean(mesh: RawMesh) -> CleanMesh:
+    """Drop triangles that can't be drawn and vertices that none uses, and normalise the normals."""
+    if mesh.positions.shape[1:] != (3,):
         raise ValueError("a vertex needs three coordinates")
-    triangles = surface.triangles
-    finite = np.asarray((np.abs(surface.positions) < _MAX_FLOAT).all(axis=1))
-    kept = triangles[finite[triangles].all(axis=1)]
-    kept = kept[face_vectors(surface.positions, kept).any(axis=1)]
+    finite = np.asarray((np.abs(mesh.positions) < _MAX_COORDINATE).all(axis=1))
+    triangles = mesh.triangles[finite[mesh.triangles].all(axis=1)]
+    triangles = triangles[face_vectors(mesh.positions, triangles).any(axis=1)]
 
-    used = np.zeros(len(surface.positions), bool)
-    used[kept] = True
+    used = np.zeros(len(mesh.positions), bool)
+    used[triangles] = True
     renumber = np.cumsum(used) - 1
-    normals, flattened = _unit(surface.normals[used] if surface.normals is not None else None, int(used.sum()))
-    return Cleaned(
-        Surface(
-            positions=surface.positions[used],
-            triangles=renumber[kept],
-            normals=normals,
-            uvs=None if surface.uvs is None else np.nan_to_num(surface.uvs[used], posinf=0.0, neginf=0.0),
-            colors=None if surface.colors is None else np.clip(np.nan_to_num(surface.colors[used]), 0.0, 1.0),
-        ),
-        dropped=len(triangles) - len(kept),
-        flattened=flattened,
+    normals, dropped_normals = _normalize(mesh.normals[used] if mesh.normals is not None else None, int(used.sum()))
+    return CleanMesh(
+        positions=mesh.positions[used],
+        triangles=renumber[triangles],
+        normals=normals,
+        uvs=None if mesh.uvs is None else np.nan_to_num(mesh.uvs[used], posinf=0.0, neginf=0.0),
+        colors=None if mesh.colors is None else np.clip(np.nan_to_num(mesh.colors[used]), 0.0, 1.0),
+        dropped_triangles=len(mesh.triangles) - len(triangles),
+        dropped_normals=dropped_normals,
     )
 
 
@@ -81,13 +86,20 @@ def smooth_normals(positions: F64, triangles: NDArray[np.integer]) -> F64:
     return np.stack(sums, axis=1)
 
 
-def _unit(normals: F64 | None, count: int) -> tuple[F64, int]:
+def add_alpha(colors: F64 | None) -> F64 | None:
+    """RGB colours, shape (V, 3), as opaque RGBA, shape (V, 4); RGBA and None are unchanged."""
+    if colors is None or colors.shape[1] == 4:
+        return colors
+    return np.concatenate([colors, np.ones((len(colors), 1))], axis=1)
+
+
+def _normalize(normals: F64 | None, count: int) -> tuple[F64, int]:
     """Unit normals and the number of broken ones; broken or missing normals are zero vectors."""
     if normals is None:
         return np.zeros((count, 3)), 0
     with np.errstate(invalid="ignore", over="ignore"):
         length = np.linalg.norm(normals, axis=1)
-    fine: NDArray[np.bool_] = np.isfinite(length) & (length > _MIN_NORMAL)
+    valid: Bools = np.isfinite(length) & (length > _MIN_NORMAL_LENGTH)
     unit = np.zeros((count, 3))
-    unit[fine] = normals[fine] / length[fine, None]
-    return unit, int((~fine).sum())
+    unit[valid] = normals[valid] / length[valid, None]
+    return unit, int((~valid).sum())

@@ -1,10 +1,8 @@
 """The container of a glTF file: its JSON, its buffers and its accessors.
 
-trimesh 5.2 reads the common accessors only (it takes sparse ones for zeros and normalised ones for
-integers) and hands over neither instancing nor a second uv set, so accessors are read here.
+trimesh 5.2 reads common accessors only (sparse ones become zeros, normalised ones integers) and supports neither
+instancing nor a second uv set, so accessors are read here.
 """
-
-from __future__ import annotations
 
 import base64
 import binascii
@@ -35,7 +33,7 @@ class GltfFile:
     buffers: tuple[bytes, ...]
 
     def items(self, key: str) -> list[dict[str, Any]]:
-        """A top-level array of the JSON, empty when it is not there."""
+        """A top-level array of the JSON, empty if missing."""
         return list(self.json.get(key, []))
 
     def view(self, index: int) -> bytes:
@@ -63,11 +61,11 @@ class GltfFile:
                               view.get("byteStride", dtype.itemsize * width))
         else:
             if count * width > _MAX_ZEROS:
-                raise ValueError(f"accessor {index} claims {count} elements without any data")
+                raise ValueError(f"accessor {index} has {count} elements but no data")
             values = np.zeros((count, width), dtype)
         if "sparse" in spec:
             values = self._overwrite(values.copy(), spec["sparse"])
-        return _normalised(values) if spec.get("normalized") else values
+        return np.maximum(values / np.iinfo(values.dtype).max, -1.0) if spec.get("normalized") else values
 
     def _overwrite(self, values: NDArray[Any], sparse: dict[str, Any]) -> NDArray[Any]:
         where, what, count = sparse["indices"], sparse["values"], sparse["count"]
@@ -79,14 +77,14 @@ class GltfFile:
 
 
 def open_gltf(path: Path) -> GltfFile:
-    """Read a ``.gltf`` or ``.glb`` file and every buffer that it names.
+    """Read a ``.gltf`` or ``.glb`` file and all its buffers.
 
     Raises
     ------
     SceneError
-        When a file that it names is missing.
+        When a buffer's file can't be read.
     ValueError, KeyError, struct.error
-        When the content is not glTF 2.
+        When the content is not valid glTF 2.
     """
     data = path.read_bytes()
     binary = b""
@@ -94,10 +92,10 @@ def open_gltf(path: Path) -> GltfFile:
         data, binary = _split_glb(data)
     document = json.loads(data.decode("utf-8-sig"))
     if not isinstance(document, dict) or "asset" not in document:
-        raise ValueError("no glTF asset in it")
+        raise ValueError("it has no glTF asset")
     version = str(document["asset"].get("version", ""))
     if not version.startswith("2"):
-        raise ValueError(f"glTF version {version}; only version 2 can be read")
+        raise ValueError(f"glTF version {version}; only version 2 is supported")
     buffers = tuple(_fetch(b["uri"], path) if "uri" in b else binary for b in document.get("buffers", []))
     return GltfFile(path, document, buffers)
 
@@ -106,7 +104,7 @@ def _split_glb(data: bytes) -> tuple[bytes, bytes]:
     """The JSON chunk and the binary chunk of a GLB file."""
     version, length = struct.unpack_from("<II", data, 4)
     if version != 2:
-        raise ValueError(f"GLB version {version}; only version 2 can be read")
+        raise ValueError(f"GLB version {version}; only version 2 is supported")
     if length > len(data):
         raise ValueError(f"truncated: {len(data)} of {length} bytes")
     chunks: dict[int, bytes] = {}
@@ -128,7 +126,8 @@ def _fetch(uri: str, beside: Path) -> bytes:
     try:
         return file.read_bytes()
     except OSError as error:
-        raise SceneError(f"can't read a file that {beside.name} names", file, "expected it beside the scene") from error
+        raise SceneError(f"can't read this file, which {beside.name} refers to", file,
+                         "expected it beside the scene") from error
 
 
 def _strided(data: bytes, dtype: np.dtype[Any], count: int, width: int, offset: int, stride: int) -> NDArray[Any]:
@@ -138,8 +137,3 @@ def _strided(data: bytes, dtype: np.dtype[Any], count: int, width: int, offset: 
     if not count:
         return np.zeros((0, width), dtype)
     return np.ndarray((count, width), dtype, data, offset, (stride, dtype.itemsize))
-
-
-def _normalised(values: NDArray[Any]) -> NDArray[np.float64]:
-    largest = np.iinfo(values.dtype).max
-    return np.asarray(np.maximum(values / largest, -1.0))

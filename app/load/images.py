@@ -1,24 +1,20 @@
 """Image files and bytes -> RGBA pixels."""
 
-from __future__ import annotations
-
 import io
 import warnings
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
+from app.arrays import F32, F64, Bytes
 from app.errors import SceneError
-from app.scene import F64
+from app.io.image import srgb_decode
 
-_SRGB_TO_LINEAR = np.where(
-    np.arange(256) / 255 <= 0.04045, np.arange(256) / 255 / 12.92, ((np.arange(256) / 255 + 0.055) / 1.055) ** 2.4
-)
+_SRGB_TO_LINEAR: F64 = srgb_decode(np.arange(256) / 255)
 
 
-def read_image(path: Path) -> NDArray[np.uint8]:
+def read_image(path: Path) -> Bytes:
     """Pixels of an image file, uint8, shape (H, W, 4), top row first.
 
     Raises
@@ -33,13 +29,13 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     return decode_image(data, path)
 
 
-def decode_image(data: bytes, where: object) -> NDArray[np.uint8]:
+def decode_image(data: bytes, where: object) -> Bytes:
     """Pixels of an encoded image, uint8, shape (H, W, 4), top row first; 16-bit images are rounded.
 
     Raises
     ------
     SceneError
-        When the bytes are no image that Pillow decodes.
+        When Pillow can't decode the image; it names ``where``.
     """
     try:
         with warnings.catch_warnings():
@@ -48,17 +44,17 @@ def decode_image(data: bytes, where: object) -> NDArray[np.uint8]:
             if image.mode.startswith("I"):
                 image = Image.fromarray((np.asarray(image, np.float64) / 257).round().clip(0, 255).astype(np.uint8))
             return np.asarray(image.convert("RGBA"))
-    except Exception as error:
-        raise SceneError("the texture is corrupt or of an unknown kind", where, "expected a PNG, JPEG or other image "
-                         "that Pillow can decode") from error
+    except Exception as error:  # Pillow's decoders raise many kinds
+        raise SceneError("the texture is corrupt or in an unknown format", where,
+                         "expected a PNG, JPEG or other image that Pillow can decode") from error
 
 
-def to_linear(pixels: NDArray[np.uint8]) -> F64:
+def to_linear(pixels: Bytes) -> F64:
     """sRGB-encoded bytes to linear values."""
     return np.asarray(_SRGB_TO_LINEAR[pixels])
 
 
-def mean_color(pixels: NDArray[np.uint8] | NDArray[np.float32]) -> F64:
+def mean_color(pixels: Bytes | F32) -> F64:
     """Mean linear colour of a texture, shape (3,)."""
     if pixels.dtype != np.uint8:
         return pixels[..., :3].mean(axis=(0, 1), dtype=np.float64)

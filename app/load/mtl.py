@@ -1,47 +1,39 @@
-"""MTL files -> Material. Colours are linear, textures sRGB; bump and reflection maps are left out."""
+"""MTL files -> ``Material``. Colours are linear, textures sRGB-encoded; bump and reflection maps are ignored."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
+from app.arrays import F64, Bytes
 from app.load.images import read_image
 from app.load.scene_builder import SceneBuilder, color
 from app.scene import Material, Texture
 
-_GLASS = {4, 6, 7, 9}
-_TRANSPARENT_BELOW = 0.5
+_GLASS_MODELS = {4, 6, 7, 9}  # of ``illum``
+_MIN_OPAQUE_ALPHA = 0.5
 _OPTION_WORDS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-bm": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1, "-mm": 2,
                  "-texres": 1, "-type": 1}
 _OPTION_VECTORS = ("-o", "-s", "-t")
 
-
-@dataclass
-class _Entry:
-    name: str
-    values: dict[str, list[str]] = field(default_factory=dict)
-
+Values = dict[str, list[str]]
 
 def read_mtl(folder: Path, names: str, builder: SceneBuilder) -> dict[str, Material]:
-    """Materials by name from the MTL file, or the files, of one ``mtllib`` line."""
-    found: dict[str, Material] = {}
-    images: dict[Path, NDArray[np.uint8]] = {}
-    for name in [names] if locate(folder, names) else names.split():
-        path = locate(folder, name)
+    """Materials by name from the MTL file, or files, of one ``mtllib`` line."""
+    materials: dict[str, Material] = {}
+    images: dict[Path, Bytes] = {}
+    for name in [names] if find_file(folder, names) else names.split():
+        path = find_file(folder, name)
         if path is None:
-            builder.notice(f"the material file {name!r} is missing: default materials are used")
+            builder.notice(f"the material file {name!r} is missing, so default materials are used")
             continue
-        for entry in _entries(path.read_bytes().decode("utf-8", errors="replace")):
-            found[entry.name] = _Builder(path.parent, images, builder).build(entry)
-    return found
+        for material, values in _parse(path.read_bytes().decode("utf-8", errors="replace")):
+            materials[material] = _MaterialBuilder(path.parent, images, builder).build(material, values)
+    return materials
 
 
-def locate(folder: Path, name: str) -> Path | None:
-    """A file named in an OBJ or MTL file; upper and lower case and kinds of slash don't matter."""
+def find_file(folder: Path, name: str) -> Path | None:
+    """Find a file named in an OBJ or MTL file, ignoring case and the kind of slash."""
     path = folder
     for part in Path(name.strip().strip('"').replace("\\", "/")).parts:
         exact = path / part
@@ -51,71 +43,66 @@ def locate(folder: Path, name: str) -> Path | None:
     return path if path.is_file() else None
 
 
-def _entries(text: str) -> list[_Entry]:
-    entries: list[_Entry] = []
+def _parse(text: str) -> list[tuple[str, Values]]:
+    """The name of each material, and the words after each of its keywords."""
+    entries: list[tuple[str, Values]] = []
     for line in text.splitlines():
         words = line.split("#")[0].split() if not line.lstrip().lower().startswith("map_") else line.split()
         if len(words) < 2:
             continue
         if words[0].lower() == "newmtl":
-            entries.append(_Entry(" ".join(words[1:])))
+            entries.append((" ".join(words[1:]), {}))
         elif entries:
-            entries[-1].values[words[0].lower()] = words[1:]
+            entries[-1][1][words[0].lower()] = words[1:]
     return entries
 
 
-class _Builder:
-    def __init__(self, folder: Path, images: dict[Path, NDArray[np.uint8]], builder: SceneBuilder) -> None:
+class _MaterialBuilder:
+    def __init__(self, folder: Path, images: dict[Path, Bytes], builder: SceneBuilder) -> None:
         self._folder, self._images, self._builder = folder, images, builder
 
-    def build(self, entry: _Entry) -> Material:
-        values = entry.values
+    def build(self, name: str, values: Values) -> Material:
         albedo, emission, specular = (_color(values.get(k)) for k in ("kd", "ke", "ks"))
-        albedo_map, emission_map = self._texture(entry, "map_kd"), self._texture(entry, "map_ke")
+        albedo_map, emission_map, mask = (self._texture(name, values.get(k)) for k in ("map_kd", "map_ke", "map_d"))
         if albedo is None or (albedo_map is not None and max(albedo) == 0):
             albedo = (1.0, 1.0, 1.0) if albedo_map is not None else (0.8, 0.8, 0.8)
         if emission_map is not None and (emission is None or max(emission) == 0):
             emission = (1.0, 1.0, 1.0)
         alpha = _opacity(values)
-        mask = self._texture(entry, "map_d")
         if mask is not None:
-            albedo_map = _with_mask(albedo_map, mask)
+            albedo_map = _merge_mask(albedo_map, mask)
         masked = mask is not None or (albedo_map is not None and albedo_map.pixels[..., 3].min() < 128)
-        self._tell_about_glass(entry, alpha)
+        is_glass = _number(values.get("illum"), 0.0) in _GLASS_MODELS or alpha < 1.0
+        if is_glass and alpha >= _MIN_OPAQUE_ALPHA:
+            self._builder.notice(f"material {name!r} is transparent but is drawn opaque")
         exponent = max(_number(values.get("ns"), 0.0), 0.0)
         return Material(
-            name=entry.name,
-            albedo=_at_most_one(albedo),
+            name=name,
+            albedo=_clamp(albedo),
             albedo_map=albedo_map,
             alpha=alpha,
-            alpha_cutoff=0.5 if masked or alpha < _TRANSPARENT_BELOW else None,
+            alpha_cutoff=0.5 if masked or alpha < _MIN_OPAQUE_ALPHA else None,
             emission=emission or (0.0, 0.0, 0.0),
             emission_map=emission_map,
             roughness=(2.0 / (exponent + 2.0)) ** 0.25,
-            specular=_at_most_one(specular or (0.0, 0.0, 0.0)),
+            specular=_clamp(specular or (0.0, 0.0, 0.0)),
             double_sided=False,
         )
 
-    def _tell_about_glass(self, entry: _Entry, alpha: float) -> None:
-        glass = _number(entry.values.get("illum"), 0.0) in _GLASS or alpha < 1.0
-        if glass and alpha >= _TRANSPARENT_BELOW:
-            self._builder.notice(f"material {entry.name!r} lets light through: it is drawn opaque")
-
-    def _texture(self, entry: _Entry, key: str) -> Texture | None:
-        words = entry.values.get(key)
+    def _texture(self, material: str, words: list[str] | None) -> Texture | None:
         if words is None:
             return None
-        name, transform, clamped = _map_options(words)
-        path = locate(self._folder, name)
+        name, transform, clamped = _parse_map(words)
+        path = find_file(self._folder, name)
         if path is None:
-            self._builder.notice(f"material {entry.name!r}: the texture {name!r} is missing, its plain colour is used")
+            self._builder.notice(f"material {material!r} is drawn without its texture {name!r}, which is missing")
             return None
         if path not in self._images:
             self._images[path] = read_image(path)
         return Texture(self._images[path], transform, (not clamped, not clamped))
 
 
-def _map_options(words: list[str]) -> tuple[str, NDArray[np.float64], bool]:
+def _parse_map(words: list[str]) -> tuple[str, F64, bool]:
     """File name, uv transform (scale, then offset) and clamping of a ``map_`` line."""
     at, clamped, vectors = 0, False, {"-s": [1.0, 1.0], "-o": [0.0, 0.0]}
     while at < len(words) - 1 and words[at].startswith("-"):
@@ -135,8 +122,8 @@ def _map_options(words: list[str]) -> tuple[str, NDArray[np.float64], bool]:
     return " ".join(words[at:]), np.array([[su, 0.0, ou], [0.0, sv, ov], [0.0, 0.0, 1.0]]), clamped
 
 
-def _with_mask(colors: Texture | None, mask: Texture) -> Texture:
-    """The colour texture with the mask's alpha, or with its brightness where it has no alpha, in the alpha channel."""
+def _merge_mask(colors: Texture | None, mask: Texture) -> Texture:
+    """The colour texture with the mask in its alpha channel: the mask's alpha or, if it has none, its brightness."""
     alpha = mask.pixels[..., 3]
     if alpha.min() == 255:
         alpha = mask.pixels[..., :3].max(axis=2)
@@ -151,7 +138,7 @@ def _with_mask(colors: Texture | None, mask: Texture) -> Texture:
 
 
 def _opacity(values: dict[str, list[str]]) -> float:
-    """``d``, or else 1 − ``Tr``: files that give both contradict themselves, and ``d`` is the standard one."""
+    """``d``, or else 1 − ``Tr``; files with both are often inconsistent, and ``d`` is the standard one."""
     opacity = _number(values["d"], 1.0) if "d" in values else 1.0 - _number(values.get("tr"), 0.0)
     return min(max(opacity, 0.0), 1.0)
 
@@ -163,7 +150,7 @@ def _color(words: list[str] | None) -> tuple[float, float, float] | None:
     return color(numbers if len(numbers) == 3 else [numbers[0]] * 3)
 
 
-def _at_most_one(values: tuple[float, float, float]) -> tuple[float, float, float]:
+def _clamp(values: tuple[float, float, float]) -> tuple[float, float, float]:
     return min(values[0], 1.0), min(values[1], 1.0), min(values[2], 1.0)
 
 

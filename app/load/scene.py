@@ -1,6 +1,4 @@
-"""Chooses the reader for a file, then adds what the scene JSON says and what is still missing."""
-
-from __future__ import annotations
+"""Loads a scene: reads its file, applies the scene JSON, and adds a camera and a light where they are missing."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -9,19 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
-from app.errors import SceneError
-from app.io.checked_json import at, did_you_mean
-from app.load.cameras import AUTO, automatic_camera, automatic_light
+from app.errors import SceneError, did_you_mean
+from app.io.checked_json import at
+from app.load.cameras import AUTO, place_camera, place_light
 from app.load.emitters import find_emitters
-from app.load.environment import environment
+from app.load.environment import build_environment
+from app.load.free_space import FreeSpace
 from app.load.gltf import read_gltf
 from app.load.motion import build_motion
 from app.load.obj import read_obj
 from app.load.ply import read_ply
-from app.load.scene_builder import LARGEST, SceneBuilder
+from app.load.scene_builder import MAX_COORDINATE, SceneBuilder
 from app.load.sidecar import Lighting, Sidecar, read_sidecar
-from app.load.survey import Survey
-from app.scene import CameraPath, Environment, Scene, bounds_of
+from app.scene import CameraPath, Scene, bounds_of
 
 READERS: dict[str, Callable[[Path, SceneBuilder], None]] = {
     ".obj": read_obj, ".gltf": read_gltf, ".glb": read_gltf, ".ply": read_ply,
@@ -29,17 +27,17 @@ READERS: dict[str, Callable[[Path, SceneBuilder], None]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
-    """A scene, and what an editor needs to know of it.
+class LoadedScene:
+    """A scene with what an editor needs besides.
 
     Attributes
     ----------
     own_lights : int
-        How many of the scene's lights, the first ones, stand for no emissive surface.
+        Number of lights that are no emissive surfaces; they come first in ``scene.lights``.
     objects : dict of str to tuple of int
-        Instances that each name of the file moves.
+        Indices of the instances that each name in the file moves.
     sidecar : Sidecar
-        What the scene JSON says.
+        The content of the scene JSON.
     """
 
     scene: Scene
@@ -49,7 +47,7 @@ class Parts:
 
     @property
     def lighting(self) -> Lighting | None:
-        """What the scene JSON says of the chosen lighting; None where the file's own lights shine."""
+        """The chosen lighting of the scene JSON; None if the lights of the scene file are used."""
         return self.sidecar.lightings.get(self.scene.lighting)
 
 
@@ -61,42 +59,46 @@ def load_scene(path: str | Path, *, lighting: str | None = None, scene_json: str
     path : str or Path
         An ``.obj``, ``.gltf``, ``.glb`` or ``.ply`` file.
     lighting : str, optional
-        A name under ``lightings`` in the scene JSON; its default when not given.
+        A name under ``lightings`` in the scene JSON, whose default it is otherwise.
     scene_json : str or Path, optional
-        The scene JSON; the file of the same stem beside the scene, if there is one, when not given.
+        The scene JSON; default is the file of the same stem beside the scene, if it exists.
 
     Raises
     ------
     SceneError
-        When a file is missing, corrupt or of an unknown kind, when nothing in it can be drawn, when the
-        scene JSON has a mistake, or when there is no lighting of that name.
+        When a file is missing, corrupt or of an unknown kind, when it has no triangle to draw, when the scene JSON is
+        invalid, or when there is no lighting of that name.
     """
-    return load_parts(path, lighting=lighting, scene_json=scene_json).scene
+    return load_for_editing(path, lighting=lighting, scene_json=scene_json).scene
 
 
-def load_parts(path: str | Path, *, lighting: str | None = None, scene_json: str | Path | None = None) -> Parts:
-    """The same as ``load_scene``, with what an editor needs to know besides."""
+def load_for_editing(path: str | Path, *, lighting: str | None = None,
+                     scene_json: str | Path | None = None) -> LoadedScene:
+    """Load a scene file as ``load_scene`` does, with what an editor needs besides."""
     path = Path(path)
     builder = _read(path)
-    sidecar = _sidecar(path, scene_json)
+    sidecar = _read_sidecar(path, scene_json)
     builder.cameras = sidecar.cameras | builder.cameras | sidecar.cameras
     name = _choose(lighting, sidecar.default_lighting, list(sidecar.lightings), "lighting", sidecar.path or path)
     _add_motions(builder, sidecar)
     if name is not None:
-        builder.lights = list(sidecar.lightings[name].lights)
-        builder.scale_emission(sidecar.lightings[name].emission)
-        builder.environment = _environment(sidecar, name, builder.notice)
+        chosen = sidecar.lightings[name]
+        builder.lights = list(chosen.lights)
+        builder.scale_emission(chosen.emission)
+        if chosen.environment is not None:
+            folder = (sidecar.path or Path()).parent
+            builder.environment = build_environment(chosen.environment, folder, builder.notice)
     before = len(builder.lights)
     find_emitters(builder)
     emitters = len(builder.lights) - before
     builder.drop_unused()
     scene = _finish(builder, path, sidecar, name)
     objects = {group: tuple(members) for group, members in builder.groups.items()}
-    return Parts(scene, len(scene.lights) - emitters, objects, sidecar)
+    return LoadedScene(scene, len(scene.lights) - emitters, objects, sidecar)
 
 
 def embedded_scene(*, lighting: str | None = None) -> Scene:
-    """The Cornell box that comes with the program; lightings ``lamp`` (default) and ``emissive``.
+    """Load the bundled Cornell box, whose lightings are ``lamp`` (default) and ``emissive``.
 
     Raises
     ------
@@ -110,7 +112,7 @@ def embedded_scene(*, lighting: str | None = None) -> Scene:
 def _read(path: Path) -> SceneBuilder:
     expected = f"expected one of: {', '.join(READERS)}"
     if path.is_dir():
-        raise SceneError("a folder, not a scene file", path, expected)
+        raise SceneError("is a folder, not a scene file", path, expected)
     if not path.is_file():
         raise SceneError("no such scene file", path, "expected the path of an existing file")
     reader = READERS.get(path.suffix.lower())
@@ -123,70 +125,64 @@ def _read(path: Path) -> SceneBuilder:
     except SceneError:
         raise
     except MemoryError as error:
-        raise SceneError("the scene does not fit into memory", path, "expected a smaller or a sound file") from error
+        raise SceneError("the scene does not fit into memory", path, "expected a smaller or undamaged file") from error
     except Exception as error:
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:120]
-        raise SceneError(f"the scene file is corrupt ({reason})", path,
+        raise SceneError(f"the scene file is corrupt: {reason}", path,
                          f"expected a valid {path.suffix} file") from error
     builder.notice_repairs()
     if not builder.instances:
-        hints = f" ({'; '.join(builder.notices)})" if builder.notices else ""
+        hints = f": {'; '.join(builder.notices)}" if builder.notices else ""
         raise SceneError(f"no triangle to draw{hints}", path, "expected at least one triangle with an area")
     return builder
 
 
-def _sidecar(path: Path, scene_json: str | Path | None) -> Sidecar:
+def _read_sidecar(path: Path, scene_json: str | Path | None) -> Sidecar:
     if scene_json is not None:
         return read_sidecar(Path(scene_json))
     beside = path.with_suffix(".json")
     return read_sidecar(beside) if beside.is_file() else Sidecar()
 
 
-def _choose(asked: str | None, default: str | None, known: list[str], what: str, where: Path) -> str | None:
-    """The name to use: the one asked for, the default, the first, or none."""
-    if asked is not None and asked not in known:
-        raise SceneError(f"no {what} {asked!r}", where, did_you_mean(asked, known))
+def _choose(requested: str | None, default: str | None, known: list[str], what: str, where: Path) -> str | None:
+    """The name to use: the requested one, the default, the first, or none."""
+    if requested is not None and requested not in known:
+        raise SceneError(f"no {what} {requested!r}", where, did_you_mean(requested, known))
     if default is not None and default not in known:
         raise SceneError(f"no {what} {default!r}", at(where, "default", what), did_you_mean(default, known))
-    return asked or default or next(iter(known), None)
-
-
-def _environment(sidecar: Sidecar, lighting: str, notice: Callable[[str], object]) -> Environment | None:
-    spec = sidecar.lightings[lighting].environment
-    return environment(spec, (sidecar.path or Path()).parent, notice) if spec is not None else None
+    return requested or default or next(iter(known), None)
 
 
 def _add_motions(builder: SceneBuilder, sidecar: Sidecar) -> None:
     where = sidecar.path or Path()
     for name, keys in sidecar.objects.items():
         if name not in builder.groups:
-            raise SceneError(f"no object {name!r}", at(where, "objects", name),
-                             did_you_mean(name, list(builder.groups)))
-        moved = tuple(builder.instances[i] for i in builder.groups[name])
-        motion = build_motion(keys, bounds_of(tuple(builder.meshes), moved).mean(axis=0))
+            raise SceneError(f"no object {name!r}", at(where, "objects", name), did_you_mean(name, builder.groups))
+        members = tuple(builder.instances[i] for i in builder.groups[name])
+        motion = build_motion(keys, bounds_of(tuple(builder.meshes), members).mean(axis=0))
         for i in builder.groups[name]:
             if builder.instances[i].motion is not None:
-                raise SceneError(f"{builder.instances[i].name!r} is moved twice", at(where, "objects", name),
-                                 "expected one motion for each object")
+                raise SceneError(f"{builder.instances[i].name!r} has two motions", at(where, "objects", name),
+                                 "expected at most one motion for each object")
             builder.instances[i] = replace(builder.instances[i], motion=motion)
 
 
 def _finish(builder: SceneBuilder, path: Path, sidecar: Sidecar, lighting: str | None) -> Scene:
     meshes, instances = tuple(builder.meshes), tuple(builder.instances)
     bounds = bounds_of(meshes, instances)
-    if not np.abs(bounds).max() < LARGEST:
-        raise SceneError("the scene is too large or not finite", path, f"expected coordinates below {LARGEST:g}")
+    if not np.abs(bounds).max() < MAX_COORDINATE:
+        raise SceneError("the scene is too large or not finite", path, f"expected coordinates below {MAX_COORDINATE:g}")
     default = _choose(None, sidecar.default_camera, list(builder.cameras), "camera", sidecar.path or path)
-    glows = any(m.emits for m in builder.materials)
-    lightless = lighting is None and not builder.lights and not glows
-    if default is None or lightless:
-        survey = Survey(meshes, instances)
+    emissive = any(m.emits for m in builder.materials)
+    is_unlit = lighting is None and not builder.lights and not emissive
+    if default is None or is_unlit:
+        space = FreeSpace(meshes, instances)
         if default is None:
-            camera, notice = automatic_camera(survey)
+            camera, notice = place_camera(space)
             builder.cameras[AUTO], default = CameraPath.still(camera), AUTO
             builder.notice(notice)
-        if lightless:
-            light, notice = automatic_light(survey, builder.cameras[default].at(0.0))
+        if is_unlit:
+            light, notice = place_light(space, builder.cameras[default].at(0.0))
             builder.lights.append(light)
             builder.notice(notice)
     return Scene(

@@ -1,33 +1,31 @@
-"""The scene while it is being read: lists that grow, and geometry that is cleaned on its way in."""
-
-from __future__ import annotations
+"""The scene under construction: growing lists, and meshes that are cleaned as they are added."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from app.arrays import F64, Floats
 from app.errors import SceneError
-from app.load.geometry import Surface, clean
-from app.scene import F64, CameraPath, Environment, Instance, Light, Material, Mesh
+from app.load.geometry import RawMesh, clean
+from app.scene import CameraPath, Environment, Instance, Light, Material, Mesh
 
-LARGEST, BRIGHTEST = 1e15, 1e30  # coordinates and light, as in scene.schema.json
+MAX_COORDINATE, MAX_RADIANCE = 1e15, 1e30  # as in scene.schema.json
 
 
 @dataclass
 class SceneBuilder:
-    """What a reader has found so far.
+    """What a reader has added so far.
 
     Attributes
     ----------
     where : str
         The file, for messages.
     groups : dict of str to list of int
-        Indices into ``instances`` of everything that one name of the file moves: an object, or a
-        node with all that hangs below it.
-    dropped, flattened : int
-        Triangles left out, and normals replaced, because they were broken.
+        Indices into ``instances`` of everything that a name in the file moves: an object, or a node with all its
+        descendants.
+    dropped_triangles, dropped_normals : int
+        How many were broken; face normals replace broken normals.
     """
 
     where: str
@@ -39,53 +37,52 @@ class SceneBuilder:
     groups: dict[str, list[int]] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
     environment: Environment | None = None
-    dropped: int = 0
-    flattened: int = 0
+    dropped_triangles: int = 0
+    dropped_normals: int = 0
     _offsets: dict[int, F64] = field(default_factory=dict)
 
     def notice(self, text: str) -> None:
-        """Tell the user once."""
+        """Add a notice for the user, once."""
         if text not in self.notices:
             self.notices.append(text)
 
-    def add_mesh(self, name: str, surface: Surface, material: int) -> int | None:
-        """Clean a surface and keep it; None when nothing of it can be seen.
+    def add_mesh(self, name: str, raw: RawMesh, material: int) -> int | None:
+        """Clean a mesh and add it; None if nothing of it is visible.
 
         Raises
         ------
         SceneError
-            When a triangle names a vertex that is not there.
+            When a triangle refers to a missing vertex.
         """
-        looks = self.materials[material]
-        if looks.alpha_cutoff is not None and looks.alpha < looks.alpha_cutoff and looks.albedo_map is None:
-            self.notice(f"material {looks.name!r} is more than half transparent: its surfaces are left out")
+        m = self.materials[material]
+        if m.alpha_cutoff is not None and m.alpha < m.alpha_cutoff and m.albedo_map is None:
+            self.notice(f"material {m.name!r} is more than half transparent, so its surfaces are omitted")
             return None
-        if len(surface.triangles) and int(surface.triangles.max()) >= len(surface.positions):
-            raise SceneError(f"a triangle of {name!r} names a vertex that is not there", self.where,
+        if len(raw.triangles) and int(raw.triangles.max()) >= len(raw.positions):
+            raise SceneError(f"a triangle of {name!r} refers to a missing vertex", self.where,
                              "expected indices below the vertex count")
-        cleaned = clean(surface)
-        self.dropped += cleaned.dropped
-        self.flattened += cleaned.flattened
-        if not len(cleaned.surface.triangles):
+        cleaned = clean(raw)
+        self.dropped_triangles += cleaned.dropped_triangles
+        self.dropped_normals += cleaned.dropped_normals
+        if not len(cleaned.triangles):
             return None
-        kept = cleaned.surface
-        positions = kept.positions
+        positions = cleaned.positions
         center = (positions.min(axis=0) + positions.max(axis=0)) / 2
         index = len(self.meshes)
         self.meshes.append(Mesh(
             name=name,
             positions=(positions - center).astype(np.float32),
-            normals=kept.normals.astype(np.float32),  # type: ignore[union-attr]
-            triangles=kept.triangles.astype(np.uint32),
+            normals=cleaned.normals.astype(np.float32),
+            triangles=cleaned.triangles.astype(np.uint32),
             material=material,
-            uvs=None if kept.uvs is None else kept.uvs.astype(np.float32),
-            colors=None if kept.colors is None else kept.colors.astype(np.float32),
+            uvs=None if cleaned.uvs is None else cleaned.uvs.astype(np.float32),
+            colors=None if cleaned.colors is None else cleaned.colors.astype(np.float32),
         ))
         self._offsets[index] = center
         return index
 
-    def place(self, name: str, mesh: int, transform: F64, groups: Sequence[str] = ()) -> None:
-        """Put a mesh into the world; ``transform`` maps the file's own mesh coordinates to the world."""
+    def add_instance(self, name: str, mesh: int, transform: F64, groups: Sequence[str] = ()) -> None:
+        """Place a mesh in the world; ``transform`` maps the mesh coordinates of the file to world space."""
         if not np.isfinite(transform).all():
             raise SceneError(f"the transform of {name!r} is not finite", self.where, "expected finite numbers")
         centered = transform.copy()
@@ -95,18 +92,18 @@ class SceneBuilder:
         self.instances.append(Instance(name, mesh, centered))
 
     def scale_emission(self, factor: float) -> None:
-        """Multiply every material's emission."""
+        """Multiply the emission of all materials."""
         self.materials = [replace(m, emission=color(np.multiply(m.emission, factor))) for m in self.materials]
 
     def notice_repairs(self) -> None:
-        """Say what was broken in the meshes."""
-        if self.dropped:
-            self.notice(f"{self.dropped} triangles without area or with non-finite corners are left out")
-        if self.flattened:
-            self.notice(f"{self.flattened} normals are broken: face normals are used there")
+        """Add notices about broken triangles and normals."""
+        if self.dropped_triangles:
+            self.notice(f"{self.dropped_triangles} triangles without area or with non-finite corners are omitted")
+        if self.dropped_normals:
+            self.notice(f"{self.dropped_normals} normals are broken, so face normals replace them")
 
     def drop_unused(self) -> None:
-        """Forget meshes that are nowhere placed and materials that no mesh has."""
+        """Remove meshes without an instance and materials without a mesh."""
         meshes = sorted({i.mesh for i in self.instances})
         materials = sorted({self.meshes[i].material for i in meshes})
         new_mesh = {old: new for new, old in enumerate(meshes)}
@@ -116,9 +113,9 @@ class SceneBuilder:
         self.instances = [replace(i, mesh=new_mesh[i.mesh]) for i in self.instances]
 
 
-def color(values: Sequence[float] | NDArray[np.floating]) -> tuple[float, float, float]:
-    """Three plain floats from 0 to ``BRIGHTEST``; what is not finite becomes 0."""
-    r, g, b = np.clip(np.nan_to_num(np.asarray(values, np.float64), posinf=0.0), 0.0, BRIGHTEST).tolist()
+def color(values: Sequence[float] | Floats) -> tuple[float, float, float]:
+    """Three plain floats from 0 to ``MAX_RADIANCE``; non-finite values become 0."""
+    r, g, b = np.clip(np.nan_to_num(np.asarray(values, np.float64), posinf=0.0), 0.0, MAX_RADIANCE).tolist()
     return r, g, b
 
 

@@ -1,6 +1,4 @@
-"""The scene JSON: named cameras, named lightings, moving objects."""
-
-from __future__ import annotations
+"""The scene JSON beside a scene file: named cameras, named lightings and moving objects."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,12 +13,12 @@ from app.load.motion import MotionKey, motion_key
 from app.load.scene_builder import vector
 from app.scene import Camera, CameraPath, DirectionalLight, Light, PointLight, RectLight, SpotLight
 
-_SQUARE_WITHIN = 1e-3
+_MAX_EDGE_COSINE = 1e-3  # between the edges of a rectangle
 
 
 @dataclass(frozen=True)
 class Lighting:
-    """One alternative: lights, a factor on the emissive surfaces of the file, and what the JSON says of the sky."""
+    """Lights, a factor on the emission of the file's surfaces, and the environment's JSON."""
 
     lights: tuple[Light, ...]
     emission: float = 1.0
@@ -29,7 +27,7 @@ class Lighting:
 
 @dataclass(frozen=True)
 class Sidecar:
-    """The content of a scene JSON; empty when there is none."""
+    """The content of a scene JSON; empty if there is none."""
 
     path: Path | None = None
     cameras: dict[str, CameraPath] = field(default_factory=dict)
@@ -45,7 +43,7 @@ def read_sidecar(path: Path) -> Sidecar:
     Raises
     ------
     SceneError
-        Names the file and the key, such as ``cameras.main.fov_y``.
+        When the file can't be read or is invalid; the error names the key, such as ``cameras.main.fov_y_deg``.
     """
     content = read_checked(path)
     default = content.get("default", {})
@@ -60,40 +58,26 @@ def read_sidecar(path: Path) -> Sidecar:
 
 
 def load_camera(path: str | Path) -> CameraPath:
-    """Read a JSON file that holds one camera, fixed or key-framed, as under ``cameras`` in a scene JSON.
+    """Read a JSON file with one camera, fixed or key-framed, in the form of ``cameras`` in a scene JSON.
 
     Raises
     ------
     SceneError
-        When the file can't be read or a key is wrong; it names the key.
+        When the file can't be read or is invalid; the error names the key.
     """
     return _camera_path(read_checked(Path(path), "camera"), Path(path))
 
 
-def parse_camera(spec: object, where: str) -> Camera:
-    """A fixed camera, as under ``cameras`` in a scene JSON; ``where`` it comes from is for messages.
-
-    Raises
-    ------
-    SceneError
-        When a key is wrong; it names the key.
-    """
-    check(spec, Path(where), "fixed_camera")
-    assert isinstance(spec, dict)
-    return _camera(spec, Path(where))
+def parse_camera(spec: Any, where: object) -> Camera:
+    """A fixed camera in the form of a scene JSON; a ``SceneError`` names ``where`` and the key."""
+    check(spec, where, "fixed_camera")
+    return _camera(spec, where)
 
 
-def parse_light(spec: object, where: str) -> Light:
-    """A light, as under ``lights`` in a scene JSON; ``where`` it comes from is for messages.
-
-    Raises
-    ------
-    SceneError
-        When a key is wrong; it names the key.
-    """
-    check(spec, Path(where), "light")
-    assert isinstance(spec, dict)
-    return _light(spec, Path(where))
+def parse_light(spec: Any, where: object) -> Light:
+    """A light in the form of a scene JSON; a ``SceneError`` names ``where`` and the key."""
+    check(spec, where, "light")
+    return _light(spec, where)
 
 
 def _camera_path(spec: dict[str, Any], path: Path, *keys: object) -> CameraPath:
@@ -103,7 +87,7 @@ def _camera_path(spec: dict[str, Any], path: Path, *keys: object) -> CameraPath:
     return CameraPath(times, tuple(_camera(k, path, *keys, "keys", i) for i, k in enumerate(spec["keys"])))
 
 
-def _camera(spec: dict[str, Any], path: Path, *keys: object) -> Camera:
+def _camera(spec: dict[str, Any], path: object, *keys: object) -> Camera:
     values: dict[str, Any] = {k: vector(v) if isinstance(v, list) else v for k, v in spec.items() if k != "time"}
     camera = Camera(**values)
     forward = np.subtract(camera.target, camera.eye)
@@ -112,7 +96,7 @@ def _camera(spec: dict[str, Any], path: Path, *keys: object) -> Camera:
     sideways = np.cross(forward, camera.up)
     if np.linalg.norm(sideways) <= 1e-9 * np.linalg.norm(forward) * np.linalg.norm(camera.up):
         raise SceneError("up has no length or points along the view", at(path, *keys, "up"),
-                         "expected a vector across the view")
+                         "expected a vector at an angle to the view")
     return camera
 
 
@@ -121,7 +105,7 @@ def _lighting(spec: dict[str, Any], path: Path, name: str) -> Lighting:
     return Lighting(lights, spec.get("emission", 1.0), spec.get("environment"))
 
 
-def _light(spec: dict[str, Any], path: Path, *keys: object) -> Light:
+def _light(spec: dict[str, Any], path: object, *keys: object) -> Light:
     values: dict[str, Any] = {k: vector(v) if isinstance(v, list) else v for k, v in spec.items()}
     kind = values.pop("type")
     if kind in ("point", "sphere"):
@@ -130,37 +114,38 @@ def _light(spec: dict[str, Any], path: Path, *keys: object) -> Light:
         return DirectionalLight(**values | {"direction": _unit(values["direction"], path, *keys, "direction")})
     if kind == "rectangle":
         u, v = np.array(values["edge_u"]), np.array(values["edge_v"])
-        if abs(u @ v) > _SQUARE_WITHIN * np.linalg.norm(u) * np.linalg.norm(v) or not np.any(np.cross(u, v)):
-            raise SceneError("edge_u and edge_v span no rectangle", at(path, *keys),
-                             "expected two edges with a length, at a right angle")
+        if abs(u @ v) > _MAX_EDGE_COSINE * np.linalg.norm(u) * np.linalg.norm(v) or not np.any(np.cross(u, v)):
+            raise SceneError("edge_u and edge_v do not span a rectangle", at(path, *keys),
+                             "expected two edges at a right angle, neither of length 0")
         return RectLight(**values)
     return _spot(values, path, *keys)
 
 
-def _spot(values: dict[str, Any], path: Path, *keys: object) -> SpotLight:
+def _spot(values: dict[str, Any], path: object, *keys: object) -> SpotLight:
     if ("target" in values) == ("direction" in values):
-        raise SceneError("a spot needs a target or a direction", at(path, *keys), "expected exactly one of the two")
+        raise SceneError("a spot needs a target or a direction", at(path, *keys),
+                         "expected exactly one of target and direction")
     if values["outer_deg"] < values["inner_deg"]:
         raise SceneError(f"outer_deg {values['outer_deg']:g} is below inner_deg {values['inner_deg']:g}",
                          at(path, *keys, "outer_deg"), "expected at least inner_deg")
     key = "target" if "target" in values else "direction"
-    towards = values.pop(key)
+    direction = values.pop(key)
     if key == "target":
-        towards = np.subtract(towards, values["position"])
-    return SpotLight(direction=_unit(towards, path, *keys, key), **values)
+        direction = np.subtract(direction, values["position"])
+    return SpotLight(direction=_unit(direction, path, *keys, key), **values)
 
 
-def _unit(values: Sequence[float], path: Path, *keys: object) -> tuple[float, float, float]:
+def _unit(values: Sequence[float], path: object, *keys: object) -> tuple[float, float, float]:
     length = float(np.linalg.norm(values))
     if length == 0:
-        raise SceneError("a direction without length", at(path, *keys), "expected a vector that is not zero")
+        raise SceneError("the direction has length 0", at(path, *keys), "expected a vector that is not zero")
     return vector(np.asarray(values) / length)
 
 
 def _motion_keys(keys: Sequence[Mapping[str, Any]], path: Path, name: str) -> tuple[MotionKey, ...]:
     _times(keys, path, "objects", name)
     if len({isinstance(k["rotate_deg"], dict) for k in keys if "rotate_deg" in k}) > 1:
-        raise SceneError("rotations in two notations", at(path, "objects", name, "keys"),
+        raise SceneError("rotations have two different forms", at(path, "objects", name, "keys"),
                          "expected three angles in every key, or axis and angle_deg in every key")
     return tuple(motion_key(k) for k in keys)
 

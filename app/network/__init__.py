@@ -1,1 +1,1 @@
-"""Networks as the renderer sees them: channels, contracts, onnxruntime sessions, and which model does what."""
+"""Networks: channels, contracts, onnxruntime sessions, and the selection of models."""

@@ -1,19 +1,16 @@
-"""The table of named channels: what a network may read or write, and how each is to be read.
-
-One ordered table for the renderer, the model contract and the exporter.
-"""
-
-from __future__ import annotations
+"""The table of named channels that networks read and write, shared by renderer, model contract and exporter."""
 
 from dataclasses import dataclass
 
 SCREEN, CUBE, PANORAMA, SURFELS, RAYS, GLOBALS = "screen", "cube", "panorama", "surfels", "rays", "globals"
-SEEN = (SCREEN, CUBE, PANORAMA)  # texels, drawn from the camera; no others have a sky
+SEEN = (SCREEN, CUBE, PANORAMA)  # grids of texels that are drawn from the camera; only these show the sky
 BOUNCES = "bounces"
 INDIRECT, DIFFUSE, SPECULAR = "indirect.rgb", "direct.diffuse.rgb", "direct.specular.rgb"
-ENVIRONMENT = (DIFFUSE, SPECULAR)                             # what shades an environment writes
-UNSHADOWED_CHANNELS = ("unshadowed_environment.diffuse.rgb", "unshadowed_environment.specular.rgb")  # ... and alone may read
-LIT = ("direct.rgb", "radiance.rgb", "surface_and_sky_radiance.rgb")        # ... and may not, since it lights them
+# A network that shades an environment writes ENVIRONMENT. It alone may read UNSHADOWED_CHANNELS, and it may not read
+# LIT, which contains its own output.
+ENVIRONMENT = (DIFFUSE, SPECULAR)
+UNSHADOWED_CHANNELS = ("unshadowed_environment.diffuse.rgb", "unshadowed_environment.specular.rgb")
+LIT = ("direct.rgb", "radiance.rgb", "surface_and_sky_radiance.rgb")
 
 
 @dataclass(frozen=True)
@@ -30,19 +27,19 @@ class Channel:
         Physical unit; ``"1"`` for ratios and directions, ``"extent"`` for lengths in scene units
         times ``scene_extent`` / longest edge of the scene's bounding box.
     range : tuple of float
-        Smallest and largest value after sanitising.
+        Smallest and largest value after clamping.
     background : float
-        Value of every component where no surface is seen.
+        Value of every component where no surface is visible.
     grids : tuple of str
         Grids on which the renderer provides it.
     radiance : bool
-        True where the frame's exposure scalar applies.
+        True if the frame's exposure scalar applies.
     sky : bool
-        True where it has a meaning in directions without a surface, too; otherwise it is masked there.
+        True if it is defined in directions without a surface too; otherwise it is masked there.
     output : bool
-        True for what a network may write; such a channel is an input only if another network wrote it.
+        True for what a network may write.
     meaning : str
-        One line for people.
+        One line of documentation.
     """
 
     name: str
@@ -58,7 +55,7 @@ class Channel:
 
 
 HALF_MAX = 65504.0
-ALL_BOUNCES = HALF_MAX  # a geometric series has ended by then: powers of its ratio are 0, in any precision
+ALL_BOUNCES = HALF_MAX  # as a number of bounces: powers of a geometric series' ratio have become 0, in any precision
 _EVERYWHERE = (*SEEN, SURFELS)
 _RADIANCE = (0.0, HALF_MAX)
 
@@ -66,7 +63,7 @@ CHANNELS: dict[str, Channel] = {
     c.name: c
     for c in (
         Channel("direct.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, SEEN,
-                "diffuse radiance that leaves the surface by direct light alone", radiance=True),
+                "diffuse radiance that leaves the surface due to direct light alone", radiance=True),
         Channel("emission.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, SEEN,
                 "radiance that the surface emits itself", radiance=True),
         Channel("radiance.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, SEEN,
@@ -84,30 +81,31 @@ CHANNELS: dict[str, Channel] = {
                 "distance along the main camera's -z (screen) or along the ray (cube, panorama)"),
         Channel("roughness", 1, "1", (0.0, 1.0), 1.0, SEEN, "perceptual GGX roughness"),
         Channel("solid_angle", 1, "sr", (0.0, 13.0), 0.0, (SCREEN, CUBE),
-                "solid angle of the texel as seen from the camera; 0 where no surface is seen"),
+                "solid angle of the texel as seen from the camera; 0 where no surface is visible"),
         Channel("on_screen", 1, "1", (0.0, 1.0), 0.0, (CUBE,),
                 "1 where the direction of the texel lies inside the main camera's image"),
         Channel("irradiance.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, (SURFELS,),
-                "what a white surface would send by direct light: irradiance / π", radiance=True),
+                "radiance that a white surface would reflect of direct light: irradiance / π", radiance=True),
         Channel("emissive_irradiance.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, (SURFELS,),
-                "the same by surfaces that glow, without emitters that are analytic lights already", radiance=True),
+                "the same of light from emissive surfaces, without emitters that are analytic lights already",
+                radiance=True),
         Channel("surfel.radius", 1, "extent", (0.0, HALF_MAX), 0.0, (SURFELS,),
-                "distance to the neighbours that it shares its surroundings with"),
+                "distance to the eighth-nearest surfel, the radius of the neighbourhood that it represents"),
         Channel("surfel.weight", 1, "1", (0.0, 1.0), 0.0, (SURFELS,),
-                "how well it stands for its surroundings; 0 where there is no surfel"),
+                "how well the surfel represents its neighbourhood; 0 for unused entries"),
         Channel("ray.surfel", 1, "1", (-1.0, HALF_MAX), -1.0, (RAYS,),
-                "number of the surfel that a ray from this one meets; -1 for none"),
+                "index of the surfel that represents what a ray from this one hits; -1 for none"),
         Channel("ray.albedo.rgb", 3, "1", (0.0, 1.0), 0.0, (RAYS,),
-                "diffuse reflectance where the ray ends; 0 where it meets nothing"),
+                "diffuse reflectance where the ray hits; 0 if it hits nothing"),
         Channel("environment.sh", 75, "W/(sr m²)", (-HALF_MAX, HALF_MAX), 0.0, (GLOBALS,),
                 "the environment in real spherical harmonics to order 4, camera space: red's 25, green's, blue's",
                 radiance=True),
         Channel(BOUNCES, 1, "1", (1.0, ALL_BOUNCES), ALL_BOUNCES, (GLOBALS,),
-                f"how many bounces of indirect light are wanted; {ALL_BOUNCES:g} for all"),
+                f"number of bounces of indirect light to compute; {ALL_BOUNCES:g} for all"),
         Channel("unshadowed_environment.diffuse.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, (SCREEN,),
-                "irradiance / π by the environment with nothing in its way, from 64 directions", radiance=True),
+                "irradiance / π of the unoccluded environment, from 64 directions", radiance=True),
         Channel("unshadowed_environment.specular.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, (SCREEN,),
-                "what a GGX lobe gathers of the same, without Fresnel's law", radiance=True),
+                "the unoccluded environment filtered by a GGX lobe, without the Fresnel term", radiance=True),
         Channel(DIFFUSE, 3, "W/(sr m²)", _RADIANCE, 0.0, (SCREEN,),
                 "irradiance / π straight from the environment", radiance=True, output=True),
         Channel(SPECULAR, 3, "W/(sr m²)", _RADIANCE, 0.0, (SCREEN,),

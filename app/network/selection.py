@@ -1,55 +1,160 @@
-"""Which model makes what: the indirect light, and the light that comes straight from an environment."""
+"""The models by name, and what each of the chosen ones does: indirect light, or light straight from an environment."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
-from app.errors import SettingsError
+from app.errors import ModelError, SettingsError, did_you_mean
 from app.network.bounces import with_bounces
-from app.network.contract import SSGI, UNSHADOWED, Model, read_contract
+from app.network.contract_json import read_contract
+from app.paths import nets_dir
 from app.scene import Scene
 from app.settings import Settings
 
 if TYPE_CHECKING:
-    from app.network.bounces import Reapplied
+    from app.network.bounces import RepeatedNetwork
     from app.network.session import Network
 
-_TASKS = {"indirect": "make indirect light", "environment": "shade an environment"}
+NONE: Final = "none"                          # no model
+SSGI: Final = "ssgi"                          # the classical screen-space method
+UNSHADOWED: Final = "unshadowed_environment"  # an environment's light without shadows
+DEFAULT_MODEL = "ember"                       # world-surfel radiosity
+DEFAULT_COMPARISON = (NONE, "radiosity", DEFAULT_MODEL)
+HALF_SUFFIX = "-half"                         # of networks in half precision beside the same in single precision
+SEPARATOR = "+"                               # between two models that are used together
+Model = Path | Literal["ssgi", "unshadowed_environment"]
+
+_TASKS = {"indirect": "compute indirect light", "environment": "shade an environment"}
+_SKY_CHANNELS = {"emissive_irradiance.rgb", "surface_and_sky_radiance.rgb", "environment.sh"}
 
 
 @dataclass(frozen=True)
 class Models:
-    """What draws a frame.
+    """The models of a renderer.
 
     Attributes
     ----------
-    indirect : Network, Reapplied, ``ssgi`` or None
-        Makes the indirect light.
-    environment : Network, ``coarse`` or None
+    indirect : Network, RepeatedNetwork, ``ssgi`` or None
+        Computes the indirect light.
+    environment : Network, ``unshadowed_environment`` or None
         Shades surfaces by the scene's environment.
     """
 
-    indirect: Network | Reapplied | Literal["ssgi"] | None = None
+    indirect: Network | RepeatedNetwork | Literal["ssgi"] | None = None
     environment: Network | Literal["unshadowed_environment"] | None = None
 
     @property
     def provider(self) -> str:
         """Execution provider of the networks, or ``none``."""
-        return next((m.provider for m in (self.indirect, self.environment) if not isinstance(m, str | None)), "none")
+        return next((m.provider for m in (self.indirect, self.environment) if not isinstance(m, str | None)), NONE)
 
 
-def load_models(chosen: Sequence[Model], settings: Settings, has_environment: bool) -> Models:
-    """Load what was ``chosen``, but none for an environment that is not there.
+def bundled_models() -> dict[str, Path]:
+    """The networks that come with the program, name to file, sorted by name."""
+    return {path.stem: path for path in sorted(nets_dir().glob("*.onnx"), key=lambda path: path.stem)}
+
+
+def all_models() -> tuple[str, ...]:
+    """``none``, ``ssgi``, and the bundled networks for indirect light, each in one precision, single if it exists."""
+    return NONE, SSGI, *_bundled(shading=False)
+
+
+def sky_models() -> tuple[str, ...]:
+    """The default model together with each model that shades an environment."""
+    return tuple(SEPARATOR.join((DEFAULT_MODEL, name)) for name in (UNSHADOWED, *_bundled(shading=True)))
+
+
+def find_model(name: str, where: str = "--model") -> Model:
+    """The file of a bundled network's name or of a path; ``ssgi`` and ``unshadowed_environment`` remain names.
+
+    Parameters
+    ----------
+    where : str
+        The option to name in errors.
+
+    Raises
+    ------
+    ModelError
+        When there is no such model.
+    """
+    if name == SSGI:
+        return SSGI
+    if name == UNSHADOWED:
+        return UNSHADOWED
+    bundled = bundled_models()
+    if name in bundled:
+        return bundled[name]
+    if Path(name).is_file():
+        return Path(name)
+    raise ModelError(f"no model {name!r}", where,
+                     f"{did_you_mean(name, (NONE, *bundled, SSGI, UNSHADOWED))}, or an .onnx file")
+
+
+def find_models(text: str, where: str = "--models") -> tuple[Model, ...]:
+    """The models that ``text`` names: ``none``, one, or two joined by ``+`` in either order, such as ``ember+ndr-8``.
+
+    Returns
+    -------
+    tuple
+        The model for indirect light before the one that shades an environment.
 
     Raises
     ------
     AfterglowError
-        When two make the same, or a network can't be loaded.
+        When there is no such model, or both have the same task.
     """
-    roles = by_role(chosen)
+    roles = by_role((find_model(name, where) for name in _split(text) if name != NONE), where)
+    return tuple(roles[role] for role in _TASKS if role in roles)
+
+
+def by_role(models: Iterable[Model], where: str = "--model") -> dict[str, Model]:
+    """The models by the attributes of ``Models``.
+
+    Raises
+    ------
+    AfterglowError
+        When two have the same task; names the option ``where``.
+    """
+    roles: dict[str, Model] = {}
+    for model in models:
+        role = "environment" if shades_environment(model) else "indirect"
+        if role in roles:
+            raise SettingsError(f"two models that {_TASKS[role]}, {roles[role]} and {model}", where,
+                                "expected one model for indirect light and one that shades an environment")
+        roles[role] = model
+    return roles
+
+
+def shades_environment(model: Model) -> bool:
+    """Whether a model computes the direct light of an environment; otherwise it computes indirect light."""
+    return model == UNSHADOWED or (model != SSGI and read_contract(model).shades_environment)
+
+
+def environment_notices(scene: Scene, models: Sequence[Model]) -> Iterator[str]:
+    """Notes for the user when the environment lights surfaces without shadows, or not at all."""
+    shading = [model for model in models if shades_environment(model)]
+    if scene.environment is None:
+        if shading:
+            yield "the scene has no environment to shade"
+    elif UNSHADOWED in shading:
+        yield "the environment casts no shadows: that needs a network, such as ndr-8"
+    elif not shading and not any(_reads_sky(model) for model in models):
+        yield ("the environment is visible but lights nothing: ember computes its light as indirect light, ndr-8 and "
+               f"{UNSHADOWED} shade by it")
+
+
+def load_models(models: Sequence[Model], settings: Settings, has_environment: bool) -> Models:
+    """Load ``models``; one that shades an environment is skipped if the scene has none.
+
+    Raises
+    ------
+    AfterglowError
+        When two have the same task, a network can't be loaded, or a setting does not fit the models.
+    """
+    roles = by_role(models)
     if not has_environment:
         roles.pop("environment", None)
     loaded = {role: _load(model, settings) for role, model in roles.items()}
@@ -58,51 +163,33 @@ def load_models(chosen: Sequence[Model], settings: Settings, has_environment: bo
     return Models(**loaded)
 
 
-def by_role(chosen: Iterable[Model], where: str = "--model") -> dict[str, Model]:
-    """The models as the attributes of ``Models``.
-
-    Raises
-    ------
-    AfterglowError
-        When two make the same, which ``where`` asks for.
-    """
-    roles: dict[str, Model] = {}
-    for model in chosen:
-        role = "environment" if shades_environment(model) else "indirect"
-        if role in roles:
-            raise SettingsError(f"two models that {_TASKS[role]}, {roles[role]} and {model}", where,
-                                "expected one for indirect light and one that shades an environment")
-        roles[role] = model
-    return roles
-
-
-def shades_environment(model: Model) -> bool:
-    """Whether a model makes an environment's direct light, not indirect light."""
-    return model == UNSHADOWED or (model != SSGI and read_contract(model).shades_environment)
-
-
-def about_environment(scene: Scene, models: Sequence[Model]) -> Iterator[str]:
-    """What is to be known of how the environment lights, or does not."""
-    shading = [model for model in models if shades_environment(model)]
-    if scene.environment is None:
-        if shading:
-            yield "the scene has no environment to shade"
-    elif UNSHADOWED in shading:
-        yield "the environment lights without shadows: no network puts them in"
-    elif not shading and not any(_sees_sky(model) for model in models):
-        yield "the environment is shown and lights nothing: ember takes light from it, ndr-8 and coarse shade by it"
-
-
 def _load(model: Model, settings: Settings) -> Any:
     if isinstance(model, str):
         return model
-    from app.network.session import Network  # not before a network is wanted: it imports onnxruntime
+    from app.network.session import Network  # imports onnxruntime, which is slow
 
-    grid = read_contract(model).screen_size(settings.size)
-    return Network(model, grid, settings.provider, settings.strict_device)
+    grid = read_contract(model).with_scale(settings.scale).screen_size(settings.size)
+    return Network(model, grid, settings.provider, settings.strict_device, settings.scale)
 
 
-def _sees_sky(model: Model) -> bool:
-    """Whether a network for indirect light reads what an environment sends."""
+def _bundled(shading: bool) -> list[str]:
+    files = bundled_models()
+    return [name for name, file in files.items() if read_contract(file).shades_environment == shading
+            and (not name.endswith(HALF_SUFFIX) or name.removesuffix(HALF_SUFFIX) not in files)]
+
+
+def _split(text: str) -> list[str]:
+    """The names in ``text``; a file's path may itself contain a ``+``."""
+    known = (NONE, SSGI, UNSHADOWED, *bundled_models())
+    parts = text.split(SEPARATOR)
+    splits = [[SEPARATOR.join(parts[:k]).strip(), SEPARATOR.join(parts[k:]).strip()] for k in range(1, len(parts))]
+    for names in ([text], *splits):
+        if all(name in known or Path(name).is_file() for name in names):
+            return names
+    return [part.strip() for part in parts]
+
+
+def _reads_sky(model: Model) -> bool:
+    """Whether a network for indirect light reads the light of the environment."""
     specs = read_contract(model).inputs.values() if isinstance(model, Path) else ()
-    return any(name in ("emissive_irradiance.rgb", "surface_and_sky_radiance.rgb", "environment.sh") for spec in specs for name in spec.channels)
+    return any(_SKY_CHANNELS.intersection(spec.channels) for spec in specs)

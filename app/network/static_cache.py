@@ -1,11 +1,9 @@
-"""Caches what a network computes from one input alone, for as long as that input stays the same.
+"""Caches what a network computes from one input alone, as long as that input stays the same.
 
-Besides the tensors of its contract, the graph of such a network has a boolean input ``recompute``, and for each output
-``static.N`` an input ``static.N.previous``. Where ``recompute`` is false, the graph takes those inputs as they are and
-computes the rest alone.
+In addition to the tensors of its contract, the graph of such a network has a boolean input ``recompute``, and for each
+output ``static.N`` an input ``static.N.previous``. If ``recompute`` is false, the graph uses these inputs instead of
+computing them again.
 """
-
-from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -25,7 +23,7 @@ class StaticCache:
     Parameters
     ----------
     source : str or None
-        Input tensor that they depend on; None for a network without a cache.
+        Input tensor that they depend on; None for networks without a cache.
 
     Raises
     ------
@@ -48,28 +46,28 @@ class StaticCache:
         self.clear()
 
     def clear(self) -> None:
-        """Recompute everything next time."""
+        """Recompute everything in the next frame."""
         self._source_value: Any = None
         self._values: dict[str, Any] = {}
 
     def feeds(self, tensors: Tensors) -> dict[str, Any]:
-        """What the graph is fed besides ``tensors``."""
+        """The inputs of the graph in addition to ``tensors``."""
         if self._source is None:
             return {}
         recompute = self._source_value is None or not np.array_equal(tensors[self._source], self._source_value)
         return {RECOMPUTE: np.array(recompute), **(self._empty if recompute else self._values)}
 
     def outputs(self, feeds: Tensors) -> list[str]:
-        """Outputs to ask the graph for besides its contract's, when it is given ``feeds``."""
+        """The outputs to request in addition to the contract's when the graph is given ``feeds``."""
         return self._outputs if self._source is not None and feeds[RECOMPUTE] else []
 
     def update(self, tensors: Tensors, values: Sequence[Any]) -> None:
-        """Cache the ``values`` of ``outputs``; nothing when there are none."""
+        """Cache the ``values`` of ``outputs``, if there are any."""
         if values and self._source is not None:
             self._source_value = tensors[self._source].copy()
             self._values = {name + PREVIOUS: value for name, value in zip(self._outputs, values, strict=True)}
 
 
 def is_cache_tensor(name: str) -> bool:
-    """Whether an input or output of a graph belongs to the cache and not to the contract."""
+    """Whether an input or output of a graph belongs to the cache instead of the contract."""
     return name == RECOMPUTE or name.startswith(PREFIX)

@@ -1,12 +1,8 @@
 """Temporal accumulation of the demodulated indirect light, at low resolution."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-
 from app.gl.context import Device
-from app.gl.frame_state import HISTORY, FrameState
-from app.gl.fullscreen import make_fullscreen
+from app.gl.frame_state import MAX_HISTORY, Execute, FrameState
+from app.gl.fullscreen import make_fullscreen, ratio_to
 from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
 
@@ -17,7 +13,7 @@ def declare(grid: tuple[int, int], noisy: bool = False) -> Pass:
     Parameters
     ----------
     noisy : bool
-        Whether texels differ a lot from frame to frame, so that their history is not judged by one of them alone.
+        Whether texels differ strongly from frame to frame, so that a mean of many of them validates the history.
     """
     return Pass("accumulate",
                 reads=("indirect_now", "lowres_gbuffer", "motion", "indirect_low@prev", "lowres_gbuffer@prev"),
@@ -25,11 +21,10 @@ def declare(grid: tuple[int, int], noisy: bool = False) -> Pass:
                 make=lambda device, bound: make(device, bound, grid, noisy))
 
 
-def make(device: Device, bound: BoundPass, grid: tuple[int, int],
-         noisy: bool) -> Callable[[FrameState, Resources], None]:
-    draw = make_fullscreen(device, bound, "accumulate.frag", lambda frame: {
-        "ratio": (frame.size[0] / grid[0], frame.size[1] / grid[1]),
-        "longest": HISTORY[frame.motion], "history_valid": frame.history_valid}, {"NOISY": 1} if noisy else {})
+def make(device: Device, bound: BoundPass, grid: tuple[int, int], noisy: bool) -> Execute:
+    draw = make_fullscreen("accumulate.frag", lambda frame: {
+        "ratio": ratio_to(grid, frame), "max_frames": MAX_HISTORY[frame.motion],
+        "history_valid": frame.history_valid}, {"NOISY": 1} if noisy else {})(device, bound)
 
     def execute(frame: FrameState, resources: Resources) -> None:
         if noisy:

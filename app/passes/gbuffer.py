@@ -1,44 +1,38 @@
-"""The G-buffer: attributes of the nearest surface in every texel of the screen, or of the six views around."""
-
-from __future__ import annotations
-
-from collections.abc import Callable
+"""The G-buffer: attributes of the nearest surface in every texel of the screen, or of the cube around the camera."""
 
 import moderngl
-import numpy as np
-from numpy.typing import NDArray
 
+from app.arrays import F64
 from app.gl.context import Device
-from app.gl.frame_state import FrameState
-from app.gl.fullscreen import CUBE_PREFIX, write_defines
+from app.gl.frame_state import Execute, FrameState
+from app.gl.fullscreen import write_defines
 from app.gl.geometry import Drawable
 from app.gl.pool import Resources
 from app.gl.shader import Program
 from app.graph import BoundPass, Pass, Resource, Tex
-from app.math3d import cube_rotations, perspective_reversed
+from app.math3d import affine_matrix, cube_rotations, perspective_reversed
 from app.scene import Scene
 
 FEATURES = ("ALBEDO_MAP", "EMISSION_MAP", "VERTEX_COLOR", "ALPHA_MASK")
-F64 = NDArray[np.float64]
 
 
-def targets(scene: Scene, size: tuple[int, int] | None = None) -> dict[str, Resource]:
-    """What a G-buffer of ``scene`` can hold; nothing that the scene has no use for."""
-    found: dict[str, Resource] = {"albedo": Tex("f2", 4, size=size), "normal": Tex("f2", 4, size=size),
-                                  "depth": Tex("f4", 1, size=size)}
+def gbuffer_targets(scene: Scene, size: tuple[int, int] | None = None) -> dict[str, Resource]:
+    """What a G-buffer of ``scene`` can hold; nothing that the scene does not need."""
+    color = Tex("f2", 4, size=size)
+    targets: dict[str, Resource] = {"albedo": color, "normal": color, "depth": Tex("f4", 1, size=size)}
     if any(m.emits for m in scene.materials):
-        found["emission"] = Tex("f2", 4, size=size)
+        targets["emission"] = color
     if any(m.has_specular for m in scene.materials):
-        found["specular_roughness"] = Tex("f2", 4, size=size)
-    return found
+        targets["specular_roughness"] = color
+    return targets
 
 
 def declare(scene: Scene) -> Pass:
     """The screen's G-buffer."""
-    return Pass("gbuffer", writes={**targets(scene), "motion": Tex("f2", 4)}, make=make)
+    return Pass("gbuffer", writes={**gbuffer_targets(scene), "motion": Tex("f2", 4)}, make=make)
 
 
-def make(device: Device, bound: BoundPass) -> Callable[[FrameState, Resources], None]:
+def make(device: Device, bound: BoundPass) -> Execute:
     def execute(frame: FrameState, resources: Resources) -> None:
         target = resources.target(with_depth=True)
         target.clear(depth=0.0)
@@ -48,10 +42,10 @@ def make(device: Device, bound: BoundPass) -> Callable[[FrameState, Resources], 
 
 
 def declare_cube(scene: Scene, face: int, camera_axes: bool) -> Pass:
-    """The six views' G-buffer: an atlas row of faces with ``face`` texels a side, in contract order."""
-    writes = {f"cube_{name}": tex for name, tex in targets(scene, (6 * face, face)).items()}
+    """The cube's G-buffer: an atlas row of faces with ``face`` texels a side, in contract order."""
+    writes = {f"cube_{name}": tex for name, tex in gbuffer_targets(scene, (6 * face, face)).items()}
 
-    def make_cube(device: Device, bound: BoundPass) -> Callable[[FrameState, Resources], None]:
+    def make_cube(device: Device, bound: BoundPass) -> Execute:
         rotations = cube_rotations()
 
         def execute(frame: FrameState, resources: Resources) -> None:
@@ -60,10 +54,9 @@ def declare_cube(scene: Scene, face: int, camera_axes: bool) -> Pass:
             target.clear(depth=0.0)
             for index, rotation in enumerate(rotations):
                 target.viewport = (index * face, 0, face, face)
-                clip = np.eye(4)
-                clip[:3, :3] = rotation @ frame.view.rotation if camera_axes else rotation
+                axes = affine_matrix(rotation @ frame.view.rotation if camera_axes else rotation)
                 defines = {**write_defines(bound, "cube_"), "GRID_CUBE": 1}
-                draw_surfaces(device, frame, perspective_reversed(1.0, 1.0, frame.view.near) @ clip, defines)
+                draw_surfaces(device, frame, perspective_reversed(1.0, 1.0, frame.view.near) @ axes, defines)
 
         return execute
 
@@ -86,4 +79,4 @@ def draw_surfaces(device: Device, frame: FrameState, clip: F64, defines: dict[st
         return program
 
     frame.geometry.draw(frame.geometry.visible(clip, frame.view.eye), program_of, frame.view.eye,
-                        frame.previous.eye if moving else None, frame.lights.scale)
+                        frame.previous.eye if moving else None)

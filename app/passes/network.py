@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from app.gl.context import Device
-from app.gl.frame_state import FrameState
+from app.gl.frame_state import Execute, FrameState
 from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
 
 if TYPE_CHECKING:
-    from app.network.bounces import Reapplied
+    from app.network.bounces import RepeatedNetwork
     from app.network.session import Network
 
 
-def declare(network: Network | Reapplied, tensors: dict[str, str], grid: tuple[int, int],
-            targets: dict[str, str], name: str = "network") -> Pass:
-    """The pass that runs ``network``.
+def declare(name: str, network: Network | RepeatedNetwork, tensors: dict[str, str], grid: tuple[int, int],
+            targets: dict[str, str]) -> Pass:
+    """The pass ``name``, which runs ``network``.
 
     Parameters
     ----------
@@ -33,20 +32,18 @@ def declare(network: Network | Reapplied, tensors: dict[str, str], grid: tuple[i
                 make=lambda device, bound: make(device, bound, network, tensors, grid, targets))
 
 
-def make(device: Device, bound: BoundPass, network: Network | Reapplied, tensors: dict[str, str],
-         grid: tuple[int, int], targets: dict[str, str]) -> Callable[[FrameState, Resources], None]:
+def make(device: Device, bound: BoundPass, network: Network | RepeatedNetwork, tensors: dict[str, str],
+         grid: tuple[int, int], targets: dict[str, str]) -> Execute:
     inputs = {t: np.empty(spec.shape(grid), np.float32) for t, spec in network.contract.inputs.items()}
-    wanted = {channel: target for channel, target in targets.items() if target in bound.writes}
+    written = {channel: target for channel, target in targets.items() if target in bound.writes}
 
     def execute(frame: FrameState, resources: Resources) -> None:
         for tensor, name in tensors.items():
             resources.buffer(name).read_into(inputs[tensor])  # waits for the passes before
-        found = network.run(inputs)
-        for channel, target in wanted.items():
-            pixels = np.ones((*found[channel].shape[1:], 4), np.float16)
-            pixels[..., :3] = np.moveaxis(found[channel], 0, -1)[::-1]  # tensors are top-down, GL is bottom-up
+        outputs = network.run(inputs)
+        for channel, target in written.items():
+            pixels = np.ones((*outputs[channel].shape[1:], 4), np.float16)
+            pixels[..., :3] = np.moveaxis(outputs[channel], 0, -1)[::-1]  # tensors are top-down, GL is bottom-up
             resources[target].write(pixels.tobytes())
 
     return execute
-
-

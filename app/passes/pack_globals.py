@@ -1,15 +1,11 @@
-"""Packs the numbers for the whole frame that a network reads as vectors, on the CPU."""
-
-from __future__ import annotations
-
-from collections.abc import Callable
+"""Packs the numbers for the whole frame that a network reads, on the CPU."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from app.arrays import F32
 from app.environment import harmonics
 from app.gl.context import Device
-from app.gl.frame_state import FrameState
+from app.gl.frame_state import Execute, FrameState
 from app.gl.pool import Resources
 from app.graph import BoundPass, Buf, Pass
 from app.network.channels import ALL_BOUNCES, CHANNELS, GLOBALS
@@ -17,25 +13,30 @@ from app.network.contract import ModelContract
 from app.scene import Environment
 
 
-def declare(contract: ModelContract, names: dict[str, str], environment: Environment | None, scale: float,
-            bounces: int | None, name: str = "pack_globals") -> Pass:
-    """``names`` gives the graph's name of each tensor; radiance is multiplied by ``scale``, the scene's.
+def declare(name: str, contract: ModelContract, tensors: dict[str, str], environment: Environment | None,
+            bounces: int | None) -> Pass:
+    """The pass ``name``.
 
-    Without a number of ``bounces`` all of them are asked for.
+    Parameters
+    ----------
+    tensors : dict of str to str
+        The graph's name of each tensor.
+    bounces : int or None
+        Of indirect light; None requests all of them.
     """
-    specs = {names[t]: spec for t, spec in contract.inputs.items() if spec.grid == GLOBALS}
+    specs = {tensors[t]: spec for t, spec in contract.inputs.items() if spec.grid == GLOBALS}
 
-    def values(channel: str, frame: FrameState) -> NDArray[np.float32]:
+    def values(channel: str, frame: FrameState) -> F32:
         match channel:
             case "environment.sh" if environment is not None:
-                return np.float32(scale) * harmonics(environment, frame.view.rotation)
+                return harmonics(environment, frame.view.rotation)
             case "environment.sh":
                 return np.zeros(CHANNELS[channel].components, np.float32)
             case "bounces":
                 return np.array([bounces or ALL_BOUNCES], np.float32)
         raise AssertionError(channel)
 
-    def make(device: Device, bound: BoundPass) -> Callable[[FrameState, Resources], None]:
+    def make(device: Device, bound: BoundPass) -> Execute:
         def execute(frame: FrameState, resources: Resources) -> None:
             for tensor, spec in specs.items():
                 resources.buffer(tensor).write(np.concatenate([values(channel, frame) for channel in spec.channels]))

@@ -1,18 +1,14 @@
-"""Packs a network's input tensors of what is seen on the GPU, from the texels that stand for each grid's texels."""
-
-from __future__ import annotations
-
-from collections.abc import Callable
+"""Packs a network's input tensors on screen, cube and panorama, on the GPU, from the texels nearest to each grid's."""
 
 from app.gl.context import Device
-from app.gl.frame_state import FrameState
-from app.gl.fullscreen import CUBE_PREFIX, cube_defines
+from app.gl.frame_state import Execute, FrameState
+from app.gl.fullscreen import CUBE_PREFIX, cube_defines, ratio_to
 from app.gl.pool import Resources
 from app.graph import BoundPass, Buf, Pass
 from app.network.channels import CHANNELS, PANORAMA, SCREEN, SEEN
 from app.network.contract import ModelContract, TensorSpec
 
-# Which G-buffer targets each channel is made from; those with a question mark may be missing.
+# The targets that each channel is made from; those with a question mark may be missing.
 SOURCES: dict[str, tuple[str, ...]] = {
     "direct.rgb": ("direct",),
     "emission.rgb": ("emission?",),
@@ -38,8 +34,8 @@ def tensor_names(contract: ModelContract) -> dict[str, str]:
     return {t: f"{kind}_{t}" for t in contract.inputs}
 
 
-def declare(contract: ModelContract, size: tuple[int, int], extent: float, name: str = "pack_screen") -> Pass:
-    """Packs a network's inputs on screen, cube and panorama; ``extent`` is the scene's longest edge in scene units."""
+def declare(name: str, contract: ModelContract, size: tuple[int, int], extent: float) -> Pass:
+    """The pass ``name``; ``extent`` is the scene's longest edge in scene units."""
     grid = contract.screen_size(size)
     specs = {t: spec for t, spec in contract.inputs.items() if spec.grid in SEEN}
     names = dict.fromkeys(name for spec in specs.values() for name in _sources(spec))
@@ -50,8 +46,7 @@ def declare(contract: ModelContract, size: tuple[int, int], extent: float, name:
                 make=lambda device, bound: make(device, bound, contract, grid, extent))
 
 
-def make(device: Device, bound: BoundPass, contract: ModelContract, grid: tuple[int, int],
-         extent: float) -> Callable[[FrameState, Resources], None]:
+def make(device: Device, bound: BoundPass, contract: ModelContract, grid: tuple[int, int], extent: float) -> Execute:
     packers = [_packer(device, bound, contract, t, grid, extent)
                for t, spec in contract.inputs.items() if spec.grid in SEEN]
 
@@ -64,9 +59,8 @@ def make(device: Device, bound: BoundPass, contract: ModelContract, grid: tuple[
 
 
 def _packer(device: Device, bound: BoundPass, contract: ModelContract, tensor: str, grid: tuple[int, int],
-            extent: float) -> Callable[[FrameState, Resources], None]:
+            extent: float) -> Execute:
     spec = contract.inputs[tensor]
-    around = spec.grid != SCREEN
     sources = [name.removesuffix("?") for name in _sources(spec)]
     reads = tuple(r for r in bound.reads if r in sources)
     defines: dict[str, object] = {"HAS_" + r.removeprefix(CUBE_PREFIX).upper(): 1 for r in reads}
@@ -83,7 +77,7 @@ def _packer(device: Device, bound: BoundPass, contract: ModelContract, tensor: s
     def pack(frame: FrameState, resources: Resources) -> None:
         resources.bind(program, strip=CUBE_PREFIX, reads=reads)
         resources.buffer(buffer).bind_to_storage_buffer(0)
-        span = (1.0, 1.0) if around else (frame.size[0] / grid[0], frame.size[1] / grid[1])
+        span = ratio_to(grid, frame) if spec.grid == SCREEN else (1.0, 1.0)
         program.set(extent=contract.scene_extent / extent, texel_span=span, grid=(width, height))
         program.raw.run(*groups)
 

@@ -1,25 +1,23 @@
-"""Packs what a network reads of world surfels: on the CPU, since there are few and they are there already."""
+"""Packs what a network reads of world surfels; on the CPU, where they are already."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.gl.frame_state import FrameState
+from app.arrays import F32
+from app.gl.frame_state import Execute, FrameState
 from app.gl.pool import Resources
 from app.graph import Buf, Pass
 from app.network.channels import RAYS, SURFELS
 from app.network.contract import ModelContract
 from app.surfels.tracked import TrackedSurfels
-from app.surfels.world import F32, WorldSurfels
+from app.surfels.world import WorldSurfels
 
 
 def declare(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, str], extent: float,
             sky_is_direct: bool) -> Pass:
-    """Packs surfels and rays.
+    """Packs the tensors on the grids ``surfels`` and ``rays``.
 
     Parameters
     ----------
@@ -28,7 +26,8 @@ def declare(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, s
     extent : float
         The scene's longest edge in scene units.
     sky_is_direct : bool
-        Whether what comes straight from the environment is direct light, as where pixels are shaded by it, or glow.
+        Whether light straight from the environment counts as direct light, as where pixels are shaded by it, or as
+        emission.
     """
     specs = {t: spec for t, spec in contract.inputs.items() if spec.grid in (SURFELS, RAYS)}
     return Pass("pack_surfels", reads=("surfel_light",),
@@ -37,49 +36,48 @@ def declare(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, s
                                                 sky_is_direct))
 
 
-def make(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, str],
-         extent: float, sky_is_direct: bool) -> Callable[[FrameState, Resources], None]:
-    written: dict[str, object] = {}  # what a tensor on the rays holds
-    light: list[tuple[object, F32]] = []
+def make(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, str], extent: float,
+         sky_is_direct: bool) -> Execute:
+    direct: F32 = np.zeros((0, 3), np.float32)
+    direct_stamps: tuple[int, ...] | None = None
 
     def execute(frame: FrameState, resources: Resources) -> None:
+        nonlocal direct, direct_stamps
         world = surfels.world
-        state = surfels.version, frame.lighting
-        if not light or light[0][0] != state:
-            light[:] = [(state, _mean_light(resources, world))]
+        if direct_stamps != resources.read_stamps():
+            direct, direct_stamps = _mean_light(resources, world), resources.read_stamps()
         for tensor, spec in contract.inputs.items():
             if spec.grid == SURFELS:
-                sky, none = world.sky * np.float32(frame.lights.scale), np.float32(0)
-                direct, glow = (sky, none) if sky_is_direct else (none, sky)
-                lit = light[0][1] + direct, world.glow * np.float32(frame.lights.scale) + glow
-                values = {name: _on_surfels(name, world, frame, extent, *lit) for name in spec.channels}
-            elif spec.grid == RAYS and written.get(tensor) != (surfels.version, frame.overrides):
+                irradiance, emissive = ((direct + world.sky_irradiance, world.emissive_irradiance) if sky_is_direct
+                                        else (direct, world.emissive_irradiance + world.sky_irradiance))
+                values = {name: _on_surfels(name, world, frame, extent, irradiance, emissive) for name in spec.channels}
+            elif spec.grid == RAYS and not resources.is_current(surfels.version, names[tensor]):
                 values = {"ray.surfel": world.index[None], "ray.albedo.rgb": np.moveaxis(world.albedo, -1, 0)}
-                written[tensor] = surfels.version, frame.overrides
             else:
                 continue
             planes = np.empty(spec.shape((0, 0)), np.float32)
             for name, rows in spec.rows():
                 planes[rows] = values[name]
             resources.buffer(names[tensor]).write(planes)
+            resources.set_current(surfels.version, names[tensor])
 
     return execute
 
 
 def _mean_light(resources: Resources, world: WorldSurfels) -> F32:
-    """Irradiance / π of each surfel, shape (S, 3): the mean over its places."""
+    """Irradiance / π of each surfel, shape (S, 3): the mean over its light samples."""
     texture = resources["surfel_light"]
     texels = np.frombuffer(texture.read(alignment=1), np.float16).astype(np.float32)
     texels = texels.reshape(texture.height, texture.width, 4)
     quads = (texels[::2, ::2] + texels[::2, 1::2] + texels[1::2, ::2] + texels[1::2, 1::2]) / 4
-    places = quads.reshape(-1, 4)[:len(world.light_sample_surfel)]
-    number = np.maximum(np.bincount(world.light_sample_surfel, minlength=world.count), 1)
-    return np.stack([np.bincount(world.light_sample_surfel, places[:, c], world.count) / number for c in range(3)],
+    samples = quads.reshape(-1, 4)[:len(world.light_sample_surfel)]
+    count = np.maximum(np.bincount(world.light_sample_surfel, minlength=world.count), 1)
+    return np.stack([np.bincount(world.light_sample_surfel, samples[:, c], world.count) / count for c in range(3)],
                     axis=1).astype(np.float32)
 
 
-def _on_surfels(name: str, world: WorldSurfels, frame: FrameState, extent: float, light: F32,
-                glow: F32) -> NDArray[Any]:
+def _on_surfels(name: str, world: WorldSurfels, frame: FrameState, extent: float, irradiance: F32,
+                emissive: F32) -> NDArray[Any]:
     """A channel, shape (components, S)."""
     match name:
         case "position.view.xyz":
@@ -89,12 +87,11 @@ def _on_surfels(name: str, world: WorldSurfels, frame: FrameState, extent: float
         case "normal.view.xyz":
             return (world.normal @ frame.view.rotation.T).T
         case "irradiance.rgb":
-            return light.T
+            return irradiance.T
         case "emissive_irradiance.rgb":
-            return glow.T
+            return emissive.T
         case "surfel.radius":
             return world.radius[None] * np.float32(extent)
         case "surfel.weight":
             return world.weight[None]
     raise AssertionError(name)
-

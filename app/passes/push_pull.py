@@ -1,28 +1,25 @@
-"""Fills the sky of low-resolution light, so that surfaces too thin for its texels find some."""
+"""Fills the sky of low-resolution light from the surfaces around it, for surfaces too thin for its texels."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import moderngl
 
 from app.gl.context import Device
-from app.gl.frame_state import FrameState
+from app.gl.frame_state import Execute, FrameState
 from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
 
 
-def declare(grid: tuple[int, int], light: str, surface: str, name: str) -> Pass:
-    """Over a low-resolution ``grid`` of width and height: ``light_low``, on ``surface``, into ``light_filled``."""
-    reads = {f"{light}_low": "light_low", surface: "lowres_gbuffer"}
-    return Pass(name, reads=tuple(reads), writes={f"{light}_filled": Tex("f4", 4, size=grid)},
-                make=lambda device, bound: make(device, bound, grid, reads))
+def declare(name: str, grid: tuple[int, int], light: str, surface: str, target: str) -> Pass:
+    """Over a low-resolution ``grid`` of width and height: ``light`` on the G-buffer ``surface`` becomes ``target``."""
+    samplers = {light: "light_low", surface: "lowres_gbuffer"}
+    return Pass(name, reads=(light, surface), writes={target: Tex("f4", 4, size=grid)},
+                make=lambda device, bound: make(device, bound, grid, samplers))
 
 
-def make(device: Device, bound: BoundPass, grid: tuple[int, int],
-         samplers: Mapping[str, str]) -> Callable[[FrameState, Resources], None]:
+def make(device: Device, bound: BoundPass, grid: tuple[int, int], samplers: Mapping[str, str]) -> Execute:
     mask, fill = device.fullscreen("push_pull_mask.frag"), device.fullscreen("push_pull.frag")
-    size = _power_of_two(grid[0]), _power_of_two(grid[1])  # levels of other sizes leave texels out
+    size = _power_of_two(grid[0]), _power_of_two(grid[1])  # mipmaps of other sizes leave texels out
     pyramid = device.ctx.texture(size, 4, dtype="f4")
     pyramid.repeat_x = pyramid.repeat_y = False
     finest = device.ctx.framebuffer([pyramid])
@@ -44,5 +41,5 @@ def make(device: Device, bound: BoundPass, grid: tuple[int, int],
 
 
 def _power_of_two(n: int) -> int:
-    """The smallest that is at least ``n``."""
+    """The smallest power of two that is at least ``n``."""
     return 1 << (n - 1).bit_length()

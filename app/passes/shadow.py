@@ -1,13 +1,9 @@
 """Shadow maps: linear distance from each light, in one atlas, redrawn only when a caster or a light moved."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-
 import moderngl
 
 from app.gl.context import Device
-from app.gl.frame_state import FrameState
+from app.gl.frame_state import Execute, FrameState
 from app.gl.fullscreen import write_defines
 from app.gl.geometry import Drawable
 from app.gl.lights import LightSet, ShadowFace
@@ -16,8 +12,8 @@ from app.gl.shader import Program
 from app.graph import BoundPass, Pass, Tex
 
 TILE = 8      # texels along the edge of one texel of the nearest map, as in shadow_tile.glsl
-EMPTY = 1e30  # distance where nothing casts
-RELEVANT = ("ALPHA_MASK", "ALBEDO_MAP", "VERTEX_COLOR")
+EMPTY = 1e30  # distance where nothing casts a shadow
+MASK_FEATURES = ("ALPHA_MASK", "ALBEDO_MAP", "VERTEX_COLOR")
 
 
 def declare(lights: LightSet) -> Pass:
@@ -34,13 +30,12 @@ def declare(lights: LightSet) -> Pass:
     }, make=make)
 
 
-def make(device: Device, bound: BoundPass) -> Callable[[FrameState, Resources], None]:
+def make(device: Device, bound: BoundPass) -> Execute:
     nearest = device.fullscreen("shadow_nearest.frag") if "shadow_nearest" in bound.writes else None
     maps = tuple(w for w in bound.writes if w != "shadow_nearest")
-    drawn: list[object] = []  # the lighting that the atlas shows
 
     def execute(frame: FrameState, resources: Resources) -> None:
-        if drawn == [frame.lighting]:
+        if resources.is_current(frame.lighting):
             return
         target = resources.target(*maps, with_depth=True)
         target.viewport = (0, 0, *target.size)
@@ -56,14 +51,14 @@ def make(device: Device, bound: BoundPass) -> Callable[[FrameState, Resources], 
             resources["shadow"].use(0)
             nearest.set(shadow=0)
             device.draw_fullscreen(nearest)
-        drawn[:] = [frame.lighting]
+        resources.set_current(frame.lighting)
 
     return execute
 
 
 def _draw_face(device: Device, frame: FrameState, face: ShadowFace, writes: dict[str, object]) -> None:
     def program_of(d: Drawable) -> Program:
-        defines = {**writes, **{f: 1 for f in d.features if f in RELEVANT and d.masked}}
+        defines = {**writes, **{f: 1 for f in d.features if f in MASK_FEATURES and d.masked}}
         if face.axis is not None:
             defines["PARALLEL"] = 1
         program = device.program("shadow.vert", "shadow.frag", defines=defines)

@@ -1,32 +1,28 @@
 """Joint bilateral upsampling of low-resolution light to full resolution."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping
-from typing import Any
-
-from app.gl.frame_state import HISTORY, FrameState, MotionKind
-from app.gl.fullscreen import make_fullscreen
+from app.gl.frame_state import MAX_HISTORY, FrameState, MotionKind
+from app.gl.fullscreen import make_fullscreen, ratio_to
 from app.graph import Pass, Tex
 
-BEFORE = ("motion", "indirect@prev", "normal@prev")
-LONGEST = HISTORY[MotionKind.CAMERA]  # frames; nothing tells how old kept light is, so it must not outlive a change
+HISTORY_READS = ("motion", "indirect@prev", "normal@prev")
+# The history's age is not stored, so it must not outlive a change of light.
+MAX_FRAMES = MAX_HISTORY[MotionKind.CAMERA]
 
 
-def declare(grid: tuple[int, int], light: str, surface: str, name: str, gathered: bool) -> Pass:
-    """From a low-resolution ``grid`` of width and height: ``light_filled``, on ``surface``, into ``light``.
+def declare(name: str, grid: tuple[int, int], light: str, surface: str, target: str, has_history: bool = False) -> Pass:
+    """From a low-resolution ``grid`` of width and height: ``light`` on the G-buffer ``surface`` becomes ``target``.
 
     Parameters
     ----------
-    gathered : bool
-        Whether pixels that no low-resolution texel shows keep the indirect light that they had.
+    has_history : bool
+        Whether pixels whose surface no low-resolution texel shows keep the indirect light of earlier frames.
     """
-    def uniforms(frame: FrameState) -> Mapping[str, Any]:
-        ratio = {"ratio": (frame.size[0] / grid[0], frame.size[1] / grid[1])}
-        history = {"longest": min(HISTORY[frame.motion], LONGEST), "history_valid": frame.history_valid}
-        return {**ratio, **history} if gathered else ratio
+    def uniforms(frame: FrameState) -> dict[str, object]:
+        ratio: dict[str, object] = {"ratio": ratio_to(grid, frame)}
+        if not has_history:
+            return ratio
+        return {**ratio, "max_frames": min(MAX_HISTORY[frame.motion], MAX_FRAMES), "history_valid": frame.history_valid}
 
-    samplers = {f"{light}_filled": "light_filled", surface: "lowres_gbuffer"}
-    return Pass(name, reads=(*samplers, "normal", "depth", *(BEFORE if gathered else ())),
-                writes={light: Tex("f2", 4)}, make=lambda device, bound: make_fullscreen(
-                    device, bound, "upsample.frag", uniforms, samplers=samplers))
+    samplers = {light: "light_filled", surface: "lowres_gbuffer"}
+    return Pass(name, reads=(*samplers, "normal", "depth", *(HISTORY_READS if has_history else ())),
+                writes={target: Tex("f2", 4)}, make=make_fullscreen("upsample.frag", uniforms, samplers=samplers))

@@ -1,42 +1,41 @@
-"""Rays through a scene at a moment: all that stands still in one Embree scene, each moving instance in its own."""
+"""Rays through a scene at one time: all static instances form one Embree scene, each moving instance its own.
+
+Points can be attached to these bodies.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from app.arrays import F32, F64, Bools, Ints
 from app.math3d import affine_inverse, normal_matrix, translation
 from app.raycast.body import Body
-from app.raycast.prefiltered_textures import Prefiltered
+from app.raycast.prefiltered_textures import PrefilteredTextures
 from app.scene import Scene
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
-STATIC = 0  # the body of all that never moves
-MASKS = 16  # alpha-masked surfaces that a ray passes at most
-RAY_EPSILON = 1e-4  # of the scene's longest edge: how far rays start off their surface
+STATIC = 0            # index of the body of all instances that never move
+MAX_CUT_OUTS = 16     # alpha-tested surfaces that a ray can pass through
+RAY_EPSILON = 1e-4    # offset of ray origins from their surface, relative to the scene's longest edge
 
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """Where rays ended, in local space (world axes, the scene's centre as origin, scene units).
+    """Where rays end, in local space (world axes, the scene's centre as origin, scene units).
 
     Attributes
     ----------
     position, normal : ndarray, float32, shape (N, 3)
-        The shading normal is of unit length, on the side of the ray's origin.
+        The shading normal has unit length and lies on the side of the ray's origin.
     albedo, emission : ndarray, float32, shape (N, 3)
     distance : ndarray, float32, shape (N,)
         In lengths of the ray's direction; infinite for the sky.
     body : ndarray of int, shape (N,)
         Index into ``Caster.bodies``; -1 for the sky.
-    lamp : ndarray of bool, shape (N,)
-        Whether it is the mesh of an analytic light.
+    is_light_proxy : ndarray of bool, shape (N,)
+        Whether the surface is the mesh of an analytic light.
     """
 
     position: F32
@@ -45,122 +44,148 @@ class Hits:
     emission: F32
     distance: F32
     body: Ints
-    lamp: NDArray[np.bool_]
+    is_light_proxy: Bools
 
-    def arrays(self) -> tuple[NDArray[Any], ...]:
-        """All attributes, in order."""
-        return self.position, self.normal, self.albedo, self.emission, self.distance, self.body, self.lamp
-
-    def rows(self, which: NDArray[np.bool_] | Ints) -> Hits:
-        """Some of them."""
-        return Hits(*(a[which] for a in self.arrays()))
+    def select(self, rows: Bools | Ints) -> Hits:
+        """The hits at an index or mask."""
+        return Hits(*(values[rows] for values in vars(self).values()))
 
 
-def joined(parts: list[Hits]) -> Hits:
-    """All of them, one after the other."""
-    return Hits(*(np.concatenate(arrays) for arrays in zip(*(p.arrays() for p in parts), strict=True)))
+def concatenate(parts: Sequence[Hits]) -> Hits:
+    """The hits of all parts, in order."""
+    return Hits(*(np.concatenate(values) for values in zip(*(vars(p).values() for p in parts), strict=True)))
 
 
 class Caster:
-    """Casts rays at ``scene`` as it stands at the newest ``place``.
+    """Casts rays at ``scene`` as it is at the time of the last ``move_to``, 0 at first.
 
     Attributes
     ----------
     origin : ndarray, float64, shape (3,)
         Local space's origin in world space.
     bodies : list of Body
-        The still one first.
+        The static body, then one for each moving instance.
     matrices : list of ndarray, float64, shape (4, 4)
         From each body's space to local space.
     dynamic_instances : tuple of int
-        The instance of every body but the first.
+        The scene's instance that each body but the first stands for.
     """
 
     def __init__(self, scene: Scene) -> None:
         self.origin = scene.bounds.mean(axis=0)
         self.ray_epsilon = np.float32(RAY_EPSILON * scene.longest_edge)
-        to_local, textures = translation(-self.origin), Prefiltered()
+        to_local, textures = translation(-self.origin), PrefilteredTextures()
         self._instances = scene.instances
         self.dynamic_instances = tuple(k for k, i in enumerate(scene.instances) if i.motion is not None)
-        still = Body(scene, [(i, to_local @ i.transform) for i in scene.instances if i.motion is None], textures)
-        self.bodies = [still, *(Body(scene, [(scene.instances[k], np.eye(4))], textures) for k in self.dynamic_instances)]
-        self.place(0.0)
+        static = Body(scene, [(i, to_local @ i.transform) for i in scene.instances if i.motion is None], textures)
+        self.bodies = [static, *(Body(scene, [(scene.instances[k], np.eye(4))], textures)
+                                 for k in self.dynamic_instances)]
+        self.move_to(0.0)
 
-    def place(self, time: float) -> None:
+    def move_to(self, time: float) -> None:
         """Move the bodies to where they are at ``time`` seconds."""
         to_local = translation(-self.origin)
         self.matrices = [np.eye(4), *(to_local @ self._instances[k].transform_at(time) for k in self.dynamic_instances)]
 
-    def cast(self, origins: F32, directions: F32, bodies: tuple[int, ...] | None = None,
-             most: F32 | None = None) -> Hits:
-        """The nearest surface along rays in local space.
+    def cast(self, origins: F32, directions: F32, bodies: Sequence[int] | None = None,
+             t_max: F32 | None = None) -> Hits:
+        """Find the nearest surface along rays in local space.
 
         Parameters
         ----------
         origins, directions : ndarray, float32, shape (N, 3)
-        bodies : tuple of int, optional
-            Those to look at; all without.
-        most : ndarray, float32, shape (N,), optional
-            Farthest distance to look at.
+        bodies : sequence of int, optional
+            The bodies that rays can meet; default all.
+        t_max : ndarray, float32, shape (N,), optional
+            Distance at which each ray ends, in lengths of its direction; default infinite.
         """
         count = len(origins)
         position, normal, albedo, emission = np.zeros((4, count, 3), np.float32)
-        distance = np.full(count, np.inf, np.float32) if most is None else most.copy()
-        nothing, no_lamp = np.full(count, -1, np.int64), np.zeros(count, np.bool_)
-        hits = Hits(position, normal, albedo, emission, distance, nothing, no_lamp)
+        distance = np.full(count, np.inf, np.float32) if t_max is None else t_max.copy()
+        hits = Hits(position, normal, albedo, emission, distance, np.full(count, -1, np.int64),
+                    np.zeros(count, np.bool_))
         for index in range(len(self.bodies)) if bodies is None else bodies:
             self._cast_at(index, origins, directions, hits)
-        seen = hits.body >= 0
-        hits.distance[~seen] = np.inf
-        hits.position[seen] = origins[seen] + directions[seen] * hits.distance[seen, None]
+        met = hits.body >= 0
+        hits.distance[~met] = np.inf
+        hits.position[met] = origins[met] + directions[met] * hits.distance[met, None]
         return hits
 
-    def ball(self, index: int) -> tuple[F32, float]:
-        """Centre in local space, shape (3,), and radius of a ball around body ``index``."""
+    def bounding_sphere(self, index: int) -> tuple[F32, float]:
+        """Centre in local space, shape (3,), and radius of a sphere around body ``index``."""
         body, matrix = self.bodies[index], self.matrices[index]
         scale = float(np.linalg.norm(matrix[:3, :3], 2))
-        return (matrix[:3, :3] @ body.centre + matrix[:3, 3]).astype(np.float32), 1.001 * scale * body.radius
+        return (matrix[:3, :3] @ body.center + matrix[:3, 3]).astype(np.float32), 1.001 * scale * body.radius
 
     def _cast_at(self, index: int, origins: F32, directions: F32, hits: Hits) -> None:
-        """Note in ``hits`` where body ``index`` is nearer than what is noted there."""
+        """Update ``hits`` where body ``index`` is nearer than its distance."""
         body, matrix = self.bodies[index], self.matrices[index]
         inverse = affine_inverse(matrix)
         if inverse is None:
             return  # scaled to nothing
-        rows = _towards(*self.ball(index), origins, directions, hits.distance)
+        rows = _rays_towards(*self.bounding_sphere(index), origins, directions, hits.distance)
         start, along = origins[rows], directions[rows]
         if index != STATIC:
             start = (start @ inverse[:3, :3].T + inverse[:3, 3]).astype(np.float32)
             along = (along @ inverse[:3, :3].T).astype(np.float32)
         passed = np.zeros(len(rows), np.float32)
         step = self.ray_epsilon / np.maximum(np.linalg.norm(directions[rows], axis=1), 1e-30)
-        for _ in range(MASKS):
-            left = hits.distance[rows] - passed
-            distance, triangle, uv, face = body.cast(start + along * passed[:, None], along, left)
-            masked = body.transparent(triangle, uv)
-            met = (triangle >= 0) & ~masked
-            surface = body.surface(triangle[met], uv[met], face[met], along[met])
+        for _ in range(MAX_CUT_OUTS):
+            distance, triangle, uv, face = body.cast(start + along * passed[:, None], along,
+                                                     hits.distance[rows] - passed)
+            cut_out = body.is_cut_out(triangle, uv)
+            met = (triangle >= 0) & ~cut_out
+            surface = body.interact(triangle[met], uv[met], face[met], along[met])
             to = rows[met]
-            hits.normal[to] = turned(surface.normal, matrix) if index != STATIC else surface.normal
+            hits.normal[to] = transform_normals(surface.normal, matrix) if index != STATIC else surface.normal
             hits.albedo[to], hits.emission[to], hits.body[to] = surface.albedo, surface.emission, index
-            hits.distance[to], hits.lamp[to] = passed[met] + distance[met], body.lamp(triangle[met])
-            if not masked.any():
+            hits.distance[to] = passed[met] + distance[met]
+            hits.is_light_proxy[to] = body.is_light_proxy(triangle[met])
+            if not cut_out.any():
                 return
-            passed = (passed + distance + step)[masked]
-            rows, start, along, step = rows[masked], start[masked], along[masked], step[masked]
+            passed = (passed + distance + step)[cut_out]
+            rows, start, along, step = rows[cut_out], start[cut_out], along[cut_out], step[cut_out]
 
 
-def _towards(centre: F32, radius: float, origins: F32, directions: F32, most: F32) -> Ints:
-    """Rays that may meet a ball before ``most``."""
-    to = centre - origins
+class AttachedPoints:
+    """Points stored in the space of their body.
+
+    Parameters
+    ----------
+    position, normal : ndarray, float32, shape (N, 3)
+        In local space, for the bodies' current matrices in ``caster``.
+    body : ndarray of int, shape (N,)
+    """
+
+    def __init__(self, caster: Caster, position: F32, normal: F32, body: Ints) -> None:
+        self._caster, self.body = caster, body
+        self._stored = self._transform(position, normal, [affine_inverse(m) for m in caster.matrices])
+
+    def current(self) -> tuple[F32, F32]:
+        """Positions and normals in local space, for the bodies' current matrices."""
+        return self._transform(*self._stored, self._caster.matrices)
+
+    def _transform(self, position: F32, normal: F32, matrices: Sequence[F64 | None]) -> tuple[F32, F32]:
+        position, normal = position.copy(), normal.copy()
+        for index, matrix in enumerate(matrices):
+            rows = self.body == index
+            if index != STATIC and matrix is not None and rows.any():
+                position[rows] = position[rows] @ matrix[:3, :3].T + matrix[:3, 3]
+                normal[rows] = transform_normals(normal[rows], matrix)
+        return position, normal
+
+
+def transform_normals(normals: F32, matrix: F64) -> F32:
+    """Unit normals, shape (N, 3), in the space that ``matrix`` leads to."""
+    normals = normals @ normal_matrix(matrix).T * np.sign(np.linalg.det(matrix[:3, :3]))
+    return (normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)).astype(np.float32)
+
+
+def _rays_towards(center: F32, radius: float, origins: F32, directions: F32, t_max: F32) -> Ints:
+    """Indices of rays that may meet a sphere before ``t_max``."""
+    to = center - origins
     along = (to * directions).sum(axis=1) / np.maximum((directions**2).sum(axis=1), 1e-30)
     off = ((to - directions * along[:, None])**2).sum(axis=1)
     inside = (to**2).sum(axis=1) <= radius**2
-    near = along - radius / np.maximum(np.linalg.norm(directions, axis=1), 1e-30) <= most
+    near = along - radius / np.maximum(np.linalg.norm(directions, axis=1), 1e-30) <= t_max
     return np.flatnonzero(inside | ((off <= radius**2) & (along > 0) & near))
-
-
-def turned(normals: F32, matrix: F64) -> F32:
-    """Normals, shape (N, 3), in the space that ``matrix`` leads to; unit length."""
-    turned = normals @ normal_matrix(matrix).T * np.sign(np.linalg.det(matrix[:3, :3]))
-    return (turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-30)).astype(np.float32)

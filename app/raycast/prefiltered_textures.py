@@ -1,51 +1,51 @@
-"""Textures as scattered rays see them: their colour blurred, their alpha as sharp as it is drawn."""
-
-from __future__ import annotations
+"""Textures for scattered rays: blurred colour, sharp alpha."""
 
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from app.arrays import F32, Bytes
 from app.io.image import srgb_decode
 from app.network.channels import HALF_MAX
 from app.scene import Texture
 
-F32 = NDArray[np.float32]
-
-SIDE = 64  # texels along the longer edge; a ray of many stands for a cone, which sees no finer detail
+MAX_SIDE = 64  # texels; one of many rays stands for a cone, which resolves no finer detail
 
 
-def texels(texture: Texture, uv: F32) -> F32:
-    """The nearest texels as they are, shape (N, 4); alpha linear in [0, 1], colour as it is stored."""
-    found = _nearest(texture.pixels, texture, uv)
-    return found.astype(np.float32) / np.float32(255) if found.dtype == np.uint8 else found
+def sample_nearest(texture: Texture, uv: F32) -> F32:
+    """The nearest texels, shape (N, 4), unfiltered; alpha linear in [0, 1], colour as it is stored."""
+    texels = _nearest(texture.pixels, texture, uv)
+    return texels.astype(np.float32) / np.float32(255) if texels.dtype == np.uint8 else texels
 
 
-class Prefiltered:
-    """Keeps a blurred copy of each texture that it is asked for."""
+class PrefilteredTextures:
+    """Blurred copies of textures, each made when it is first sampled."""
 
     def __init__(self) -> None:
         self._copies: dict[tuple[int, bool], F32] = {}
 
-    def color(self, texture: Texture, uv: F32, masked: bool = False) -> F32:
-        """Linear colour, shape (N, 3), at mesh coordinates ``uv``, shape (N, 2); of what shows, when ``masked``."""
-        key = id(texture.pixels), masked  # which the scene keeps
+    def sample(self, texture: Texture, uv: F32, alpha_tested: bool = False) -> F32:
+        """Linear colour, shape (N, 3), at mesh coordinates ``uv``, shape (N, 2).
+
+        When ``alpha_tested``, texels count by their alpha, so that cut-out ones do not bleed into the mean.
+        """
+        key = id(texture.pixels), alpha_tested  # the scene keeps the pixels, so the id stays theirs
         if key not in self._copies:
-            self._copies[key] = _blurred(texture.pixels, masked)
-        found: F32 = _nearest(self._copies[key], texture, uv)
-        return found
+            self._copies[key] = _blur(texture.pixels, alpha_tested)
+        color: F32 = _nearest(self._copies[key], texture, uv)
+        return color
 
 
-def _blurred(pixels: NDArray[np.uint8] | F32, masked: bool) -> F32:
-    """Means over blocks, at most ``SIDE`` a side, linear; weighted by alpha when ``masked``."""
+def _blur(pixels: Bytes | F32, alpha_tested: bool) -> F32:
+    """Linear means over blocks, at most ``MAX_SIDE`` a side; weighted by alpha when ``alpha_tested``."""
     color = pixels[..., :3]
-    linear = srgb_decode(color / np.float32(255)) if pixels.dtype == np.uint8 else np.nan_to_num(
+    linear = srgb_decode(color.astype(np.float32) / np.float32(255)) if pixels.dtype == np.uint8 else np.nan_to_num(
         color, posinf=HALF_MAX, neginf=0).clip(0, HALF_MAX)
-    share = np.nan_to_num(pixels[..., 3:].astype(np.float64)).clip(1e-6, 255) if masked else np.ones((1, 1, 1))
-    weighted = np.concatenate([linear * share, np.broadcast_to(share, (*linear.shape[:2], 1))], axis=-1)
+    weight = np.nan_to_num(pixels[..., 3:].astype(np.float64)).clip(1e-6, 255) if alpha_tested else np.ones((1, 1, 1))
+    weighted = np.concatenate([linear * weight, np.broadcast_to(weight, (*linear.shape[:2], 1))], axis=-1)
     for axis in (0, 1):
-        edges = np.linspace(0, weighted.shape[axis], min(SIDE, weighted.shape[axis]) + 1).astype(int)
+        edges = np.linspace(0, weighted.shape[axis], min(MAX_SIDE, weighted.shape[axis]) + 1).astype(int)
         weighted = np.add.reduceat(weighted, edges[:-1], axis=axis)
     mean: F32 = (weighted[..., :3] / weighted[..., 3:]).astype(np.float32)
     return mean

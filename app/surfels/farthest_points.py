@@ -1,22 +1,20 @@
-"""Choose few points that stand for many."""
-
-from __future__ import annotations
+"""Farthest-point sampling, and distances to neighbours."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-F32 = NDArray[np.float32]
-Ints = NDArray[np.int64]
+from app.arrays import F32, Ints
+
+BLOCK = 1024  # rows of the distance matrix computed at once
 
 
-def farthest(points: F32, count: int) -> Ints:
-    """Indices of ``count`` points, each the farthest from those before (Gonzalez 1985); fewer when there are fewer.
+def sample_farthest(points: F32, count: int) -> Ints:
+    """Indices of up to ``count`` points, each the farthest from those before it (Gonzalez 1985).
 
     Parameters
     ----------
     points : ndarray, float32, shape (N, D)
     """
-    points, square = _centred(points)
+    points, square = _center(points)
     distance = np.full(len(points), np.inf, np.float32)
     chosen: list[int] = []
     index = 0
@@ -29,19 +27,19 @@ def farthest(points: F32, count: int) -> Ints:
 
 
 def neighbour_distance(points: F32, rank: int) -> F32:
-    """Distance of each point to its ``rank``-th neighbour (1: the nearest), shape (N,); infinite without one."""
-    found = np.full(len(points), np.inf, np.float32)
+    """Distance of each point to its ``rank``-th nearest neighbour, from 1, shape (N,); infinite if it has fewer."""
+    nearest = np.full(len(points), np.inf, np.float32)
     if len(points) <= rank:
-        return found
-    points, square = _centred(points)
-    for start in range(0, len(points), 1024):
-        rows = slice(start, start + 1024)
+        return nearest
+    points, square = _center(points)
+    for start in range(0, len(points), BLOCK):
+        rows = slice(start, start + BLOCK)
         distance = square[rows, None] + square - 2 * (points[rows] @ points.T)
-        found[rows] = np.sqrt(np.maximum(np.partition(distance, rank, axis=1)[:, rank], 0))
-    return found
+        nearest[rows] = np.sqrt(np.maximum(np.partition(distance, rank, axis=1)[:, rank], 0))
+    return nearest
 
 
-def _centred(points: F32) -> tuple[F32, F32]:
-    """Points around their mean, and squared lengths: differences of those are imprecise far from the origin."""
-    around = points - points.mean(axis=0) if len(points) else points
-    return around, (around**2).sum(axis=1)
+def _center(points: F32) -> tuple[F32, F32]:
+    """Points relative to their mean, and their squared lengths, whose differences are imprecise far from the origin."""
+    centered = points - points.mean(axis=0) if len(points) else points
+    return centered, (centered**2).sum(axis=1)

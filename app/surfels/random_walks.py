@@ -1,76 +1,47 @@
-"""Where light goes that is seen from somewhere: random walks over the surfaces, as in path tracing without a light.
+"""Random walks over the surfaces that a view sees directly or by reflection, as in path tracing without a light.
 
-A diffuse surface sends what it receives to all sides alike, so after a few bounces walks are spread evenly over all
-surfaces that can exchange light with the eye, and never reach the insides of things. Points spread over the meshes by
-area instead put most of a furnished room's into closed cupboards and between double walls (3 to 5 dB worse at equal
-number).
+A diffuse surface scatters light in all directions, so after a few bounces walks are spread evenly over all surfaces
+that can exchange light with the eye, and never reach the insides of objects. Points spread over the meshes by area
+would instead put most of a furnished room's surfels into closed cupboards and between double walls (3 to 5 dB worse
+for the same number of surfels).
 """
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 
+from app.arrays import F32, F64
 from app.math3d import View
-from app.raycast.caster import Caster, Hits, joined
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
+from app.raycast.caster import Caster, Hits, concatenate
 
 BOUNCES = 7
-ROUNDS = 4  # of walks, while too few have hit anything
+MAX_ROUNDS = 4           # of walks, while they have too few hits
+MIN_WALKS = 64           # of a round
+BODY_SHARE = 1 / 16      # rays cast at each moving body, relative to all hits
+SPHERE_SCALE = 1.1       # those rays start on the body's bounding sphere times this
 
 
-def walk(caster: Caster, view: View, count: int, rng: np.random.Generator) -> Hits:
-    """About ``count`` places that walks from the view's eye meet, and some on every moving body.
+def trace_walks(caster: Caster, view: View, count: int, rng: np.random.Generator) -> Hits:
+    """About ``count`` hits of walks from the view's eye, and further ones on every moving body.
 
-    Half of the walks begin in the picture, half in any direction.
+    Half of the walks start through the picture, half in any direction.
     """
-    found: list[Hits] = []
-    for _ in range(ROUNDS):
-        wanted = count - sum(len(h.body) for h in found)
-        if wanted <= 0:
+    rounds: list[Hits] = []
+    for _ in range(MAX_ROUNDS):
+        missing = count - sum(len(hits.body) for hits in rounds)
+        if missing <= 0:
             break
-        found += _round(caster, view, max(wanted // (BOUNCES + 1), 64), rng)
-    found += [_around(caster, body, count // 16, rng) for body in range(1, len(caster.bodies))]
-    return joined(found)
+        rounds += _trace_round(caster, view, max(missing // (BOUNCES + 1), MIN_WALKS), rng)
+    rounds += [_sample_body(caster, body, int(count * BODY_SHARE), rng) for body in range(1, len(caster.bodies))]
+    return concatenate(rounds)
 
 
-def _round(caster: Caster, view: View, walks: int, rng: np.random.Generator) -> list[Hits]:
-    image = (2 * rng.random((walks // 2, 2)) - 1) * view.tan_half
-    seen = np.concatenate([image, -np.ones((len(image), 1))], axis=1) @ view.rotation
-    directions = np.concatenate([seen.astype(np.float32), sphere(rng, walks - len(seen))])
-    origins = np.broadcast_to((view.eye - caster.origin).astype(np.float32), directions.shape)
-    found, alive = [], np.arange(walks)
-    for _ in range(BOUNCES + 1):
-        hits = caster.cast(origins, directions)
-        alive = alive[hits.body >= 0]
-        found.append(hits := hits.rows(hits.body >= 0))
-        origins = hits.position + hits.normal * caster.ray_epsilon
-        # Numbers for all walks, or one that ends would give the others new ones: rounding would change everything.
-        directions = hemisphere(hits.normal, rng.random((walks, 1, 2))[alive])[:, 0]
-    return found
-
-
-def _around(caster: Caster, body: int, count: int, rng: np.random.Generator) -> Hits:
-    """Places on a body, seen from a ball around it."""
-    ball = caster.bodies[body]
-    matrix = caster.matrices[body]
-    outside = ball.centre + 1.1 * ball.radius * sphere(rng, count)
-    across = ball.centre + ball.radius * (rng.random((count, 3)) - 0.5)
-    origins, targets = (x @ matrix[:3, :3].T + matrix[:3, 3] for x in (outside, across))
-    hits = caster.cast(origins.astype(np.float32), (targets - origins).astype(np.float32), (body,))
-    return hits.rows(hits.body >= 0)
-
-
-def sphere(rng: np.random.Generator, count: int) -> F32:
-    """Random directions, shape (count, 3)."""
+def sample_sphere(rng: np.random.Generator, count: int) -> F32:
+    """Uniform random directions, shape (count, 3)."""
     v = rng.normal(size=(count, 3))
     return (v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-30)).astype(np.float32)
 
 
-def hemisphere(normal: F32, u: F64) -> F32:
-    """Directions around normals, as many per angle as their cosine.
+def sample_cosine_hemisphere(normal: F32, u: F64) -> F32:
+    """Map random numbers to directions whose density is proportional to their cosine with the normal.
 
     Parameters
     ----------
@@ -89,3 +60,31 @@ def hemisphere(normal: F32, u: F64) -> F32:
     radius, angle = np.sqrt(u[..., :1]), 2 * np.pi * u[..., 1:]
     return (radius * np.cos(angle) * tangent[:, None] + radius * np.sin(angle) * bitangent[:, None]
             + np.sqrt(1 - u[..., :1]) * normal[:, None]).astype(np.float32)
+
+
+def _trace_round(caster: Caster, view: View, walks: int, rng: np.random.Generator) -> list[Hits]:
+    """Hits of ``walks`` walks, by bounce."""
+    image = (2 * rng.random((walks // 2, 2)) - 1) * view.tan_half
+    through_image = np.concatenate([image, -np.ones((len(image), 1))], axis=1) @ view.rotation
+    directions = np.concatenate([through_image.astype(np.float32), sample_sphere(rng, walks - len(through_image))])
+    origins = np.broadcast_to((view.eye - caster.origin).astype(np.float32), directions.shape)
+    bounces, alive = [], np.arange(walks)
+    for _ in range(BOUNCES + 1):
+        hits = caster.cast(origins, directions)
+        alive = alive[hits.body >= 0]
+        bounces.append(hits := hits.select(hits.body >= 0))
+        origins = hits.position + hits.normal * caster.ray_epsilon
+        # Draw for all walks: otherwise a walk that ends would change the numbers, and so the paths, of the others.
+        u = rng.random((walks, 1, 2))[alive]
+        directions = sample_cosine_hemisphere(hits.normal, u)[:, 0]
+    return bounces
+
+
+def _sample_body(caster: Caster, body: int, count: int, rng: np.random.Generator) -> Hits:
+    """Hits on one body of rays from a sphere around it."""
+    center, radius, matrix = caster.bodies[body].center, caster.bodies[body].radius, caster.matrices[body]
+    outside = center + SPHERE_SCALE * radius * sample_sphere(rng, count)
+    inside = center + radius * (rng.random((count, 3)) - 0.5)
+    origins, targets = (x @ matrix[:3, :3].T + matrix[:3, 3] for x in (outside, inside))
+    hits = caster.cast(origins.astype(np.float32), (targets - origins).astype(np.float32), (body,))
+    return hits.select(hits.body >= 0)

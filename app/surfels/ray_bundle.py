@@ -1,35 +1,29 @@
-"""The rays of all surfels, traced once through what stands still, and each frame only where things move."""
-
-from __future__ import annotations
+"""The rays of all surfels: traced once through the static body, and in each frame only where bodies move."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from app.raycast.caster import STATIC, Caster, Hits, joined
-from app.surfels.attached_points import AttachedPoints
-from app.surfels.random_walks import hemisphere
+from app.arrays import F32, F64, Bools, Ints
+from app.raycast.caster import STATIC, AttachedPoints, Caster, Hits, concatenate
+from app.surfels.random_walks import sample_cosine_hemisphere
 
-F32 = NDArray[np.float32]
-Ints = NDArray[np.int64]
-
-ROUNDING = 1e-5  # of squared distances in single precision, and some
-SHARE = 4  # a surfel that rides traces one in so many of its rays, each of which counts as often
+ROUNDING = 1e-5  # margin for float32 squared distances, relative
+SHARE = 4        # surfels on moving bodies trace 1/SHARE of their rays, each weighted SHARE times
 
 
 @dataclass(frozen=True, eq=False)
-class Moved:
-    """Rays that end elsewhere than on what stands still.
+class ChangedRays:
+    """Rays that do not end where the static body alone would stop them.
 
     Attributes
     ----------
     ray : ndarray of int, shape (M,)
-        Numbers of the rays.
+        Indices of the rays.
     hits : Hits
     hit : ndarray of int, shape (M,)
-        Which of the hits is the end of each ray.
+        Index into ``hits`` of each ray's end.
     """
 
     ray: Ints
@@ -37,87 +31,88 @@ class Moved:
     hit: Ints
 
 
-class Bundle:
-    """As many rays from each surfel.
+class RayBundle:
+    """K rays from each of N surfels.
 
     Parameters
     ----------
     directions : ndarray, float32, shape (N, K, 3)
-        Local space, of unit length.
-    turning : bool
-        Whether a surfel's rays turn with its body.
-    traced : int or None
-        Where a surfel rides on a moving body, so many of its first rays are traced and stand for the others; all of
-        them without.
+        Local space, unit length.
+    rotate_with_body : bool
+        Whether a surfel's rays rotate with its body.
+    traced : int, optional
+        How many rays of a surfel on a moving body are traced, the first ones; each of the others repeats one of them.
+        Default all.
 
     Attributes
     ----------
-    still : Hits
-        Where the rays, N · K sorted by surfel, end on what stands still.
+    static : Hits
+        Where the rays, N · K sorted by surfel, end on the static body.
     """
 
-    def __init__(self, caster: Caster, surfels: AttachedPoints, directions: F32, turning: bool = True,
+    def __init__(self, caster: Caster, surfels: AttachedPoints, directions: F32, rotate_with_body: bool = True,
                  traced: int | None = None) -> None:
         rays = directions.shape[1]
         self._caster, self._surfels, self._rays, self._traced = caster, surfels, rays, traced or rays
-        position, normal = surfels.now()
+        position, normal = surfels.current()
         origins = position + normal * caster.ray_epsilon
         self.static = caster.cast(np.repeat(origins, rays, axis=0), directions.reshape(-1, 3), (STATIC,))
         self._static, self._dynamic = np.flatnonzero(surfels.body == STATIC), np.flatnonzero(surfels.body != STATIC)
         self._origins, self._directions = origins[self._static], directions[self._static]
         dynamic = directions[self._dynamic, :self._traced].reshape(-1, 3)
-        body = np.repeat(surfels.body[self._dynamic] if turning else np.full(len(self._dynamic), STATIC), self._traced)
-        self._carried = AttachedPoints(caster, np.zeros_like(dynamic), dynamic, body)
+        body = surfels.body[self._dynamic] if rotate_with_body else np.full(len(self._dynamic), STATIC)
+        self._dynamic_rays = AttachedPoints(caster, np.zeros_like(dynamic), dynamic, np.repeat(body, self._traced))
 
-    def moved(self) -> Moved:
-        """Rays whose ends depend on what moves, while the bodies are where they are now."""
-        standing, before = self._before()
-        position, normal = self._surfels.now()
+    def trace_changes(self) -> ChangedRays:
+        """Trace the rays whose ends depend on moving bodies, for the bodies' current matrices."""
+        from_static, first = self._trace_from_static()
+        position, normal = self._surfels.current()
         origins = (position + normal * self._caster.ray_epsilon)[self._dynamic]
-        ends = self._caster.cast(np.repeat(origins, self._traced, axis=0), self._carried.now()[1])
+        second = self._caster.cast(np.repeat(origins, self._traced, axis=0), self._dynamic_rays.current()[1])
         ray = np.arange(self._rays)
-        dynamic = (self._dynamic[:, None] * self._rays + ray).ravel()
+        from_dynamic = (self._dynamic[:, None] * self._rays + ray).ravel()
         hit = (np.arange(len(self._dynamic))[:, None] * self._traced + ray % self._traced).ravel()
-        return Moved(np.concatenate([standing, dynamic]), joined([before, ends]),
-                     np.concatenate([np.arange(len(standing)), len(standing) + hit]))
+        return ChangedRays(np.concatenate([from_static, from_dynamic]), concatenate([first, second]),
+                           np.concatenate([np.arange(len(from_static)), len(from_static) + hit]))
 
-    def _before(self) -> tuple[Ints, Hits]:
-        """Rays of standing surfels that meet a moving body before what stands still, and where."""
+    def _trace_from_static(self) -> tuple[Ints, Hits]:
+        """Rays of static surfels that meet a moving body before the static one, and their hits."""
         distance = self.static.distance.reshape(-1, self._rays)[self._static]
-        near = np.zeros(distance.shape, bool)
-        moving = tuple(range(1, len(self._caster.bodies)))
+        candidate = np.zeros(distance.shape, bool)
+        moving = range(1, len(self._caster.bodies))
         for index in moving:
-            near |= self._meets_ball(*self._caster.ball(index), distance)
-        surfel, ray = np.nonzero(near)
-        hits = self._caster.cast(self._origins[surfel], self._directions[surfel, ray], moving, distance[near])
+            candidate |= self._may_meet_sphere(*self._caster.bounding_sphere(index), distance)
+        surfel, ray = np.nonzero(candidate)
+        hits = self._caster.cast(self._origins[surfel], self._directions[surfel, ray], moving, distance[candidate])
         met = hits.body >= 0
-        return (self._static[surfel] * self._rays + ray)[met], hits.rows(met)
+        return (self._static[surfel] * self._rays + ray)[met], hits.select(met)
 
-    def _meets_ball(self, centre: F32, radius: float, distance: F32) -> NDArray[np.bool_]:
-        """Rays of standing surfels, shape (N, K), that may meet a ball before ``distance``."""
-        to = centre - self._origins
+    def _may_meet_sphere(self, center: F32, radius: float, distance: F32) -> Bools:
+        """Whether rays of static surfels may meet a sphere before ``distance``, shape (N, K)."""
+        to = center - self._origins
         along = (self._directions @ to[:, :, None])[..., 0]
         off = (to**2).sum(axis=1, keepdims=True) - along**2
-        least = radius**2 + ROUNDING * (to**2).sum(axis=1, keepdims=True)
-        return np.asarray((off <= least) & (along > -radius) & (along - radius <= distance))
+        max_off = radius**2 + ROUNDING * (to**2).sum(axis=1, keepdims=True)
+        return np.asarray((off <= max_off) & (along > -radius) & (along - radius <= distance))
 
 
-def cosine_rays(caster: Caster, surfels: AttachedPoints, rays: int, rng: np.random.Generator) -> Bundle:
-    """``rays`` of each surfel, a square number, spread as the cosine to its normal."""
-    normal = surfels.now()[1]
-    traced = rays // SHARE if math.isqrt(rays) % SHARE == 0 else rays  # see _squares
-    return Bundle(caster, surfels, hemisphere(normal, _squares(rng, len(normal), rays)), traced=traced)
+def trace_cosine_rays(caster: Caster, surfels: AttachedPoints, rays: int, rng: np.random.Generator) -> RayBundle:
+    """Trace ``rays`` cosine-distributed rays of each surfel, a square number."""
+    normal = surfels.current()[1]
+    traced = rays // SHARE if math.isqrt(rays) % SHARE == 0 else rays  # see _stratify
+    directions = sample_cosine_hemisphere(normal, _stratify(rng, len(normal), rays))
+    return RayBundle(caster, surfels, directions, traced=traced)
 
 
-def _squares(rng: np.random.Generator, count: int, rays: int) -> NDArray[np.float64]:
-    """Random numbers, shape (count, rays, 2), one in each square of a grid on [0, 1)².
+def _stratify(rng: np.random.Generator, count: int, rays: int) -> F64:
+    """Stratified random numbers, shape (count, rays, 2): one in each cell of a square grid on [0, 1)².
 
-    Each quarter of them has one in each square of a grid half as fine where the grid's side is a multiple of 4.
+    Where the grid's side is a multiple of 4, each quarter of them has one in each cell of a grid half as fine.
     """
     side = math.isqrt(rays)
     assert side * side == rays, "rays on a square grid"
     y, x = np.divmod(np.arange(rays), side)
-    # Which of four neighbouring squares a quarter takes alternates, or it would lean to one side.
+    # Which of four neighbouring cells a quarter takes alternates; otherwise its mean would be biased to one side.
     order = np.lexsort((x, y, (x + y // 2) % 2, (y + x // 2) % 2)) if side % 2 == 0 else np.arange(rays)
-    square = np.stack([x, y], axis=-1)[order]
-    return (square + rng.random((count, rays, 2))) / side
+    cell = np.stack([x, y], axis=-1)[order]
+    return (cell + rng.random((count, rays, 2))) / side

@@ -1,6 +1,4 @@
-"""The surfels of a scene: where they are, what their traced rays meet, and where direct light falls on them."""
-
-from __future__ import annotations
+"""The surfels of a scene: where they are, what their rays meet, and where direct light is sampled on them."""
 
 from itertools import product
 from typing import Any
@@ -8,181 +6,189 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.arrays import F32, F64, Ints
 from app.environment import sky_light
 from app.math3d import View
-from app.raycast.caster import Caster, Hits
+from app.raycast.caster import AttachedPoints, Caster, Hits
 from app.scene import Scene
 from app.surfels import kernel
-from app.surfels.attached_points import AttachedPoints
-from app.surfels.farthest_points import farthest, neighbour_distance
-from app.surfels.random_walks import sphere, walk
-from app.surfels.ray_bundle import Bundle, cosine_rays
+from app.surfels.farthest_points import neighbour_distance, sample_farthest
+from app.surfels.random_walks import sample_sphere, trace_walks
+from app.surfels.ray_bundle import RayBundle, trace_cosine_rays
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
-CANDIDATES = 8  # places that walks find, for each surfel
-MAX_LIGHT_SAMPLES = 8      # of a surfel at most, whose mean is its direct light
-TURN = 4.0      # a unit of normal counts like this many distances between surfels when they are spread
-NEIGHBOUR = 8   # a surfel's radius reaches to this neighbour
-COVERAGE_RAYS, FAR, MAX_BARE = 64, 2.0, 0.25  # rays from the eye; in radii; share that may end far from surfels
-GLOW_RAYS = 144  # of a surfel towards what glows, which may be small
-SKY_RAYS = 144   # of a surfel towards the environment, the same for all: most go where its light is
+CANDIDATES = 8             # hits of random walks for each surfel
+MAX_LIGHT_SAMPLES = 8      # of a surfel, whose mean is its direct light
+NORMAL_SPACING = 4.0       # surfel spacings that a unit of difference between normals counts as in the choice
+RADIUS_NEIGHBOUR = 8       # a surfel's radius is the distance to this neighbour
+COVERAGE_RAYS = 64         # rays from an eye; it is covered when few of them
+MAX_COVERED_RADII = 2.0    # end farther than this many radii from a surfel:
+MAX_UNCOVERED = 0.25       # less than this share.
+EMISSION_RAYS = 144        # of a surfel, to find emissive surfaces, which may be small
+SKY_RAYS = 144             # of a surfel, importance-sampled from the environment, the same directions for all
 
 
 class WorldSurfels:
-    """Points that stand for all surfaces that can exchange light with what a view sees.
+    """Points that represent all surfaces that can exchange light with what a view sees.
 
     Parameters
     ----------
     view : View
-        Where walks over the surfaces begin; surfels lie closest together in what it sees.
+        Where the walks over the surfaces start; surfels are densest in what it sees.
     count, rays : int
-        Surfels, S, and rays of each, K.
+        Number of surfels, S, and of rays of each, K.
+    time : float
+        Seconds.
 
     Attributes
     ----------
     origin : ndarray, float64, shape (3,)
         Local space's origin in world space; its axes are the world's, its unit the scene's.
+    used : int
+        Number of surfels; rows from here on are unused.
     position, normal : ndarray, float32, shape (S, 3)
-        Local space. There are ``used`` surfels; further rows are zeros.
+        Local space; zeros in unused rows.
     radius, weight : ndarray, float32, shape (S,)
         See ``kernel``. The weight is at most 1, less in tight corners, 0 in unused rows.
     index : ndarray, float32, shape (S, K)
         The surfel that each ray meets; -1 for none.
     albedo : ndarray, float32, shape (S, K, 3)
         At the end of each ray; 0 where it meets nothing.
-    glow, sky : ndarray, float32, shape (S, 3)
-        Mean radiance of what glows along the rays; irradiance / π straight from the environment; W/(sr m²).
+    emissive_irradiance, sky_irradiance : ndarray, float32, shape (S, 3)
+        Irradiance / π directly from emissive surfaces and from the environment, W/(sr m²).
     light_sample_position, light_sample_normal : ndarray, float32, shape (P, 3)
-        Local space, sorted by surfel.
+        Points where direct light is sampled, in local space, sorted by surfel.
     light_sample_surfel : ndarray of int, shape (P,)
     """
 
     def __init__(self, scene: Scene, view: View, count: int, rays: int, time: float = 0.0) -> None:
         rng = np.random.default_rng(0)
         self._caster = Caster(scene)
-        self._caster.place(time)
+        self._caster.move_to(time)
         self._time, self.origin = time, self._caster.origin
         self.count, self.rays = count, rays
-        found = walk(self._caster, view, CANDIDATES * count, rng)
-        gap = _gap(found.position, count, scene.longest_edge)
-        apart = np.concatenate([found.position, TURN * gap * found.normal], axis=1)
-        chosen = farthest(apart, count)
+        candidates = trace_walks(self._caster, view, CANDIDATES * count, rng)
+        spacing = _estimate_spacing(candidates.position, count, scene.longest_edge)
+        features = np.concatenate([candidates.position, NORMAL_SPACING * spacing * candidates.normal], axis=1)
+        chosen = sample_farthest(features, count)
         self.used = len(chosen)
-        self._surfels = AttachedPoints(self._caster, found.position[chosen], found.normal[chosen], found.body[chosen])
-        self._lamp = found.lamp[chosen]
-        self._fill_surfels()
-        reach = neighbour_distance(apart[chosen], NEIGHBOUR)
-        self.radius = self._padded(np.minimum(reach, scene.longest_edge), gap)
-        self._assign_light_samples(found, chosen)
-        self._rays = cosine_rays(self._caster, self._surfels, rays, rng)
+        surfels = candidates.select(chosen)
+        self._surfels = AttachedPoints(self._caster, surfels.position, surfels.normal, surfels.body)
+        self._is_light_proxy = surfels.is_light_proxy
+        self._update_positions()
+        radius = neighbour_distance(features[chosen], RADIUS_NEIGHBOUR)
+        self.radius = self._pad(np.minimum(radius, scene.longest_edge), spacing)
+        self._assign_light_samples(candidates, chosen)
+        self._rays = trace_cosine_rays(self._caster, self._surfels, rays, rng)
         self._static_index = self._nearest(self._rays.static)
-        middle = np.median(self._rays.static.distance.reshape(self.used, rays), axis=1)
-        self.weight = self._padded(np.minimum(middle / self.radius[:self.used], 1.0))
-        glows = any(m.emits and not m.is_light_proxy for m in scene.materials)
-        self._glow_rays = cosine_rays(self._caster, self._surfels, GLOW_RAYS, rng) if glows else None
+        median = np.median(self._rays.static.distance.reshape(self.used, rays), axis=1)
+        self.weight = self._pad(np.minimum(median / self.radius[:self.used], 1.0))
+        emissive = any(m.emits and not m.is_light_proxy for m in scene.materials)
+        self._emission_rays = trace_cosine_rays(self._caster, self._surfels, EMISSION_RAYS, rng) if emissive else None
         self._sky = None
         if scene.environment is not None:
             self._sky = sky_light(scene.environment, SKY_RAYS)
             directions = np.broadcast_to(self._sky.direction, (self.used, SKY_RAYS, 3))
-            self._sky_rays = Bundle(self._caster, self._surfels, directions, turning=False)
+            self._sky_rays = RayBundle(self._caster, self._surfels, directions, rotate_with_body=False)
         self._trace()
 
-    def place(self, time: float) -> bool:
-        """Move what moves to where it is at ``time`` seconds, and trace again what that changes; False for nothing."""
+    def move_to(self, time: float) -> bool:
+        """Move bodies and surfels to ``time`` seconds and trace the rays that this changes; False if nothing moved."""
         if time == self._time or not self._caster.dynamic_instances:
             return False
         before, self._time = self._caster.matrices, time
-        self._caster.place(time)
+        self._caster.move_to(time)
         if np.array_equal(before, self._caster.matrices):
             return False
-        self._fill_surfels()
-        self.light_sample_position, self.light_sample_normal = self._places.now()
+        self._update_positions()
+        self.light_sample_position, self.light_sample_normal = self._light_samples.current()
         self._trace()
         return True
 
     def covers(self, eye: F64) -> bool:
-        """Whether most of what surrounds ``eye`` (world space, shape (3,)) has surfels."""
+        """Whether most surfaces seen from ``eye`` (world space, shape (3,)) have a surfel nearby."""
         origins = np.broadcast_to((eye - self.origin).astype(np.float32), (COVERAGE_RAYS, 3))
-        hits = self._caster.cast(origins, sphere(np.random.default_rng(0), COVERAGE_RAYS))
-        hits = hits.rows(hits.body >= 0)
+        hits = self._caster.cast(origins, sample_sphere(np.random.default_rng(0), COVERAGE_RAYS))
+        hits = hits.select(hits.body >= 0)
         surfel = self._nearest(hits)
-        away = np.linalg.norm(hits.position - self.position[surfel], axis=1)
-        behind = (hits.normal * self.normal[surfel]).sum(axis=1) < 0  # of a wall between two rooms
-        bare = (surfel < 0) | (away > FAR * self.radius[surfel]) | behind
-        return not bare.any() or float(bare.mean()) < MAX_BARE
+        distance = np.linalg.norm(hits.position - self.position[surfel], axis=1)
+        other_side = (hits.normal * self.normal[surfel]).sum(axis=1) < 0  # of a wall between two rooms
+        uncovered = (surfel < 0) | (distance > MAX_COVERED_RADII * self.radius[surfel]) | other_side
+        return not uncovered.any() or float(uncovered.mean()) < MAX_UNCOVERED
 
-    def _fill_surfels(self) -> None:
-        position, normal = self._surfels.now()
-        self.position, self.normal = self._padded(position), self._padded(normal)
+    def _update_positions(self) -> None:
+        position, normal = self._surfels.current()
+        self.position, self.normal = self._pad(position), self._pad(normal)
 
-    def _assign_light_samples(self, found: Hits, chosen: Ints) -> None:
-        """Give each candidate to the surfel that weighs most there, at most ``MAX_LIGHT_SAMPLES`` to one; none on lamps.
+    def _assign_light_samples(self, candidates: Hits, chosen: Ints) -> None:
+        """Give each candidate to the nearest surfel, at most ``MAX_LIGHT_SAMPLES`` to one.
 
-        Rounding alone decides on which side of itself a light would shine.
+        Light proxies get none: rounding errors would decide which of their sides the light is on.
         """
-        surfel = self._nearest(found)
+        surfel = self._nearest(candidates)
         surfel[chosen] = np.arange(self.used)
         order = np.argsort(surfel, kind="stable")
-        order = order[(surfel[order] >= 0) & ~found.lamp[order]]
-        kept = order[np.arange(len(order)) - np.searchsorted(surfel[order], surfel[order]) < MAX_LIGHT_SAMPLES]
-        self.light_sample_surfel = surfel[kept]
-        self._places = AttachedPoints(self._caster, found.position[kept], found.normal[kept], found.body[kept])
-        self.light_sample_position, self.light_sample_normal = self._places.now()
+        order = order[(surfel[order] >= 0) & ~candidates.is_light_proxy[order]]
+        rank = np.arange(len(order)) - np.searchsorted(surfel[order], surfel[order])
+        samples = order[rank < MAX_LIGHT_SAMPLES]
+        self.light_sample_surfel = surfel[samples]
+        hits = candidates.select(samples)
+        self._light_samples = AttachedPoints(self._caster, hits.position, hits.normal, hits.body)
+        self.light_sample_position, self.light_sample_normal = self._light_samples.current()
 
     def _trace(self) -> None:
-        moved = self._rays.moved()
+        changed = self._rays.trace_changes()
         index, albedo = self._static_index.copy(), self._rays.static.albedo.copy()
-        index[moved.ray], albedo[moved.ray] = self._nearest(moved.hits)[moved.hit], moved.hits.albedo[moved.hit]
+        index[changed.ray] = self._nearest(changed.hits)[changed.hit]
+        albedo[changed.ray] = changed.hits.albedo[changed.hit]
         albedo[index < 0] = 0.0
-        self.index = self._padded(index.reshape(self.used, self.rays), -1)
-        self.albedo = self._padded(albedo.reshape(self.used, self.rays, 3))
-        self.glow, self.sky = self._padded(self._glow_of_meshes()), self._padded(self._light_of_sky())
+        self.index = self._pad(index.reshape(self.used, self.rays), -1)
+        self.albedo = self._pad(albedo.reshape(self.used, self.rays, 3))
+        self.emissive_irradiance = self._pad(self._gather_emission())
+        self.sky_irradiance = self._pad(self._gather_sky())
 
-    def _glow_of_meshes(self) -> F32:
-        """Shape (used, 3)."""
-        if self._glow_rays is None:
+    def _gather_emission(self) -> F32:
+        """Irradiance / π from emissive surfaces, shape (used, 3): the mean over cosine-distributed rays."""
+        if self._emission_rays is None:
             return np.zeros((self.used, 3), np.float32)
-        moved, glow = self._glow_rays.moved(), self._glow_rays.static.emission.copy()
-        glow[moved.ray] = moved.hits.emission[moved.hit]
-        return np.asarray(glow.reshape(self.used, GLOW_RAYS, 3).mean(axis=1))
+        changed, emission = self._emission_rays.trace_changes(), self._emission_rays.static.emission.copy()
+        emission[changed.ray] = changed.hits.emission[changed.hit]
+        return np.asarray(emission.reshape(self.used, EMISSION_RAYS, 3).mean(axis=1))
 
-    def _light_of_sky(self) -> F32:
-        """Irradiance / π, shape (used, 3)."""
+    def _gather_sky(self) -> F32:
+        """Irradiance / π from the environment, shape (used, 3)."""
         if self._sky is None:
             return np.zeros((self.used, 3), np.float32)
-        moved, free = self._sky_rays.moved(), self._sky_rays.static.body < 0
-        free[moved.ray] = moved.hits.body[moved.hit] < 0
-        return self._sky.irradiance(self._surfels.now()[1], free.reshape(self.used, SKY_RAYS))
+        changed, unoccluded = self._sky_rays.trace_changes(), self._sky_rays.static.body < 0
+        unoccluded[changed.ray] = changed.hits.body[changed.hit] < 0
+        return self._sky.irradiance(self._surfels.current()[1], unoccluded.reshape(self.used, SKY_RAYS))
 
     def _nearest(self, hits: Hits) -> Ints:
-        """The surfel that weighs most at each hit, of the same body if it has any; -1 for the sky.
+        """The surfel with the largest weight at each hit, on the same body if that has any; -1 for the sky.
 
-        What lies close behind a lamp may be very bright, and is not seen: lamps have surfels of their own, or none.
+        Light proxies and other surfaces never share surfels: the ceiling just behind a lamp may be very bright, but is
+        hidden by it.
         """
-        found = np.full(len(hits.body), -1, np.int64)
-        middle = self.position[:max(self.used, 1)].mean(axis=0)  # for precision where the scene is much larger
-        for body, lamp in product(range(len(self._caster.bodies)), (False, True)):
-            mine = np.flatnonzero((self._surfels.body == body) & (self._lamp == lamp))
-            rows = np.flatnonzero((hits.body == body) & (hits.lamp == lamp))
-            if len(mine) == 0 and not lamp:  # too small, or not there when surfels were made
-                mine = np.flatnonzero(~self._lamp)
-            if len(mine) and len(rows):
-                key = kernel.keys(self.position[mine] - middle, self.normal[mine], self.radius[mine])
-                found[rows] = mine[kernel.nearest(key, hits.position[rows] - middle, hits.normal[rows])]
-        return found
+        nearest = np.full(len(hits.body), -1, np.int64)
+        center = self.position[:max(self.used, 1)].mean(axis=0)  # for precision where the scene is much larger
+        for body, proxy in product(range(len(self._caster.bodies)), (False, True)):
+            surfels = np.flatnonzero((self._surfels.body == body) & (self._is_light_proxy == proxy))
+            rows = np.flatnonzero((hits.body == body) & (hits.is_light_proxy == proxy))
+            if len(surfels) == 0 and not proxy:  # the body is too small, or was absent when surfels were placed
+                surfels = np.flatnonzero(~self._is_light_proxy)
+            if len(surfels) and len(rows):
+                key = kernel.keys(self.position[surfels] - center, self.normal[surfels], self.radius[surfels])
+                nearest[rows] = surfels[kernel.nearest(key, hits.position[rows] - center, hits.normal[rows])]
+        return nearest
 
-    def _padded(self, rows: NDArray[Any], fill: float = 0.0) -> F32:
-        """``count`` rows of float32, of which ``rows`` are the first."""
+    def _pad(self, rows: NDArray[Any], fill: float = 0.0) -> F32:
+        """``count`` rows of float32 that start with ``rows``."""
         padded = np.full((self.count, *rows.shape[1:]), fill, np.float32)
         padded[:len(rows)] = rows
         return padded
 
 
-def _gap(positions: F32, count: int, extent: float) -> float:
-    """About how far ``count`` surfels spread over ``positions`` will lie apart, in scene units."""
-    some = positions[:: max(1, len(positions) // max(count, 1))]
-    nearest = neighbour_distance(some, 1)
-    return float(2 * np.median(nearest)) if len(some) > 1 else extent
+def _estimate_spacing(positions: F32, count: int, extent: float) -> float:
+    """Approximate distance between ``count`` surfels spread over ``positions``, in scene units."""
+    subset = positions[:: max(1, len(positions) // max(count, 1))]
+    nearest = neighbour_distance(subset, 1)
+    return float(2 * np.median(nearest)) if len(subset) > 1 else extent

@@ -1,1 +1,1 @@
-"""The viewer: a page in the browser that steers the renderer and shows its frames as they are drawn."""
+"""The viewer: a web page that controls the renderer and shows its frames live."""

@@ -1,64 +1,62 @@
-"""The scene as it is edited: other lights, and objects in other places."""
-
-from __future__ import annotations
+"""The scene with the user's edits: other lights and moved objects."""
 
 from pathlib import Path
 
-from app.load import Parts, load_parts
+from app.load import LoadedScene, load_for_editing
 from app.scene import Scene
 from app.view.scene_file import write_scene_json
 from app.view.state import State
 
-MOMENT = 1e-6  # seconds by which the clock goes on when an object was moved, so that renderers place things anew
+TIME_STEP = 1e-6  # seconds added to the clock when an object has moved, so that renderers update its transform
 
 
 class EditedScene:
-    """Loads the scene again only when another object begins to move.
+    """Applies a state to the scene; reloads the scene only when the set of moved objects changes.
 
     Attributes
     ----------
-    parts : Parts
-        The scene as its files have it.
+    loaded : LoadedScene
+        The scene as its files describe it.
     time : float
-        Seconds; a moment later whenever an object has moved.
+        Seconds; increases by ``TIME_STEP`` whenever an object has moved.
     """
 
-    def __init__(self, file: Path, parts: Parts, folder: Path) -> None:
-        self.parts, self.time = parts, 0.0
-        self._file, self._json = file, folder / "stage.json"
-        self._edited = parts
-        self._movable: tuple[str, ...] = ()
-        self._placed: object = ()
+    def __init__(self, file: Path, loaded: LoadedScene, folder: Path) -> None:
+        self.loaded, self.time = loaded, 0.0
+        self._file, self._json = file, folder / "edited.json"
+        self._edited = loaded
+        self._moved: tuple[str, ...] = ()
+        self._offsets: object = ()
 
-    def scene(self, state: State) -> Scene:
-        """The scene of ``state``.
+    def apply(self, state: State) -> Scene:
+        """Return the scene of ``state``.
 
         Raises
         ------
         SceneError
-            When the loader does not take it.
+            When the loader rejects it.
         """
-        names = tuple(name for name, _ in state.places)
-        if names != self._movable:
-            write_scene_json(self._json, state, self.parts)
-            self._edited = load_parts(self._file, scene_json=self._json) if names else self.parts
-            self._movable, self._placed = names, state.places
-        if state.places != self._placed:
-            self._move(state)
+        names = tuple(name for name, _ in state.object_offsets)
+        if names != self._moved:
+            write_scene_json(self._json, state, self.loaded)
+            self._edited = load_for_editing(self._file, scene_json=self._json) if names else self.loaded
+            self._moved, self._offsets = names, state.object_offsets
+        if state.object_offsets != self._offsets:
+            self._write_offsets(state)
         emitters = self._edited.scene.lights[self._edited.own_lights:]
         return self._edited.scene.with_lights(*state.lights, *emitters)
 
     @property
-    def movable(self) -> tuple[str, ...]:
-        """Objects that the scene of the newest state can move without being loaded again."""
-        return self._movable
+    def moved_objects(self) -> tuple[str, ...]:
+        """Names of the objects that can move without reloading the scene."""
+        return self._moved
 
-    def _move(self, state: State) -> None:
-        """Write the places into the motions that renderers hold."""
-        for name, place in state.places:
+    def _write_offsets(self, state: State) -> None:
+        """Write the offsets into the motions that renderers hold."""
+        for name, offset in state.object_offsets:
             for index in self._edited.objects[name]:
                 motion = self._edited.scene.instances[index].motion
                 assert motion is not None
-                motion.transforms[0, :3, 3] = place
-        self._placed = state.places
-        self.time += MOMENT
+                motion.transforms[0, :3, 3] = offset
+        self._offsets = state.object_offsets
+        self.time += TIME_STEP

@@ -1,6 +1,4 @@
-"""Pictures as JPEG, and the binary message that carries them."""
-
-from __future__ import annotations
+"""JPEG images and the binary messages that carry them."""
 
 import io
 import json
@@ -8,38 +6,47 @@ import struct
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
-from app.view.state import Json
+from app.arrays import Bytes
+from app.evaluation.reference import Reference
+from app.io.image import srgb_encode, to_8bit
+from app.view.state import FINAL, REFERENCE, Json, State
 
 QUALITY = 90
-FULL_COLOUR = 0  # no chroma subsampling: thin coloured edges stay
+NO_SUBSAMPLING = 0  # full-resolution chroma keeps thin coloured edges
+REFERENCE_LAYERS = ("direct", "indirect", "albedo")  # the AOVs that a reference contains
 
-Pixels = NDArray[np.uint8]
 
-
-def jpeg(pixels: Pixels) -> bytes:
-    """An sRGB-encoded picture, shape (H, W, 3), or (H, W, 4) whose last counts for nothing, as a JPEG file."""
+def encode_jpeg(pixels: Bytes) -> bytes:
+    """Encode an sRGB image, shape (H, W, 3) or (H, W, 4) with an ignored fourth component, as a JPEG file."""
     height, width, components = pixels.shape
-    mode = "RGBX" if components == 4 else "RGB"  # four go to the encoder as they lie there, three are copied twice
-    picture = Image.frombuffer(mode, (width, height), np.ascontiguousarray(pixels), "raw", mode, 0, 1)
+    mode = "RGBX" if components == 4 else "RGB"  # RGBX reaches the encoder uncopied, RGB is copied twice
+    image = Image.frombuffer(mode, (width, height), np.ascontiguousarray(pixels), "raw", mode, 0, 1)
     data = io.BytesIO()
-    picture.save(data, "jpeg", quality=QUALITY, subsampling=FULL_COLOUR)
+    image.save(data, "jpeg", quality=QUALITY, subsampling=NO_SUBSAMPLING)
     return data.getvalue()
 
 
-def packed(header: Json, parts: Sequence[bytes]) -> bytes:
-    """Length of the header (32 bits, little-endian), the header as JSON with the ``parts``' lengths, and the parts."""
-    text = json.dumps({**header, "parts": [len(part) for part in parts]}).encode()
-    return b"".join([struct.pack("<I", len(text)), text, *parts])
+def encode_reference(reference: Reference, state: State) -> bytes:
+    """Encode the layer of ``reference`` that matches the AOV shown in ``state`` as a binary message."""
+    layer = state.aov if state.aov in REFERENCE_LAYERS else FINAL
+    exposure = 1.0 if layer == "albedo" else state.exposure
+    pixels = to_8bit(srgb_encode(reference.layers[layer] * exposure))
+    return pack_message({"kind": REFERENCE, "spp": reference.about["spp"]}, [encode_jpeg(pixels)])
 
 
-def unpacked(message: bytes) -> tuple[Json, list[bytes]]:
-    """Header and parts of a message."""
-    at = 4 + struct.unpack_from("<I", message)[0]
-    header, parts = json.loads(message[4:at]), []
-    for length in header["parts"]:
-        parts.append(message[at:at + length])
-        at += length
-    return header, parts
+def pack_message(header: Json, files: Sequence[bytes]) -> bytes:
+    """Join the header's length (32 bits, little-endian), the header as JSON with the file lengths, and the files."""
+    text = json.dumps({**header, "lengths": [len(file) for file in files]}).encode()
+    return b"".join([struct.pack("<I", len(text)), text, *files])
+
+
+def unpack_message(message: bytes) -> tuple[Json, list[bytes]]:
+    """Split a binary message into its header and files."""
+    start = 4 + struct.unpack_from("<I", message)[0]
+    header, files = json.loads(message[4:start]), []
+    for length in header["lengths"]:
+        files.append(message[start:start + length])
+        start += length
+    return header, files

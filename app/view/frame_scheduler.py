@@ -1,6 +1,4 @@
-"""Where the server lays down the newest state and the render_thread takes it up; no GL, no network."""
-
-from __future__ import annotations
+"""Hands the latest state from the server to the render thread, without GL or network."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,14 +6,24 @@ from threading import Condition
 
 from app.view.state import State
 
-STILL_FRAMES = 64  # of an unchanged state, until temporal anti-aliasing shows nothing new
-QUIET = 0.05       # seconds after a changed frame until the first such one, for whose end the next input would wait
-BREATH = 0.001     # seconds between passes of such a frame, since OpenGL calls let no other thread hear of an input
+FRAMES_PER_STATE = 64         # after which temporal anti-aliasing shows no further change
+REFINE_DELAY_SECONDS = 0.05   # wait before the first refining frame, so that the next input of a drag comes first
+YIELD_SECONDS = 0.001         # pause between passes of a refining frame: OpenGL calls hold Python's global lock
 
 
 @dataclass(frozen=True)
-class Task:
-    """One frame to draw: of which state, which version of it, the how-manieth of that, and up to which input."""
+class FrameTask:
+    """One frame to draw.
+
+    Attributes
+    ----------
+    version : int
+        Version of ``state``.
+    repeat : int
+        Number of frames already drawn of this version; a frame with ``repeat`` > 0 only refines the image.
+    input : int
+        Number of the last input that ``state`` contains.
+    """
 
     state: State
     version: int
@@ -24,74 +32,68 @@ class Task:
 
 
 class FrameScheduler:
-    """Holds one state; whatever was laid down before is forgotten."""
+    """Holds the latest state only; earlier states that were never drawn are dropped."""
 
     def __init__(self, state: State) -> None:
         self._changed = Condition()
-        self._state = self._drawable = state
-        self._version = self._input = self._watchers = 0
-        self._drawn, self._repeat = -1, 0
+        self._state = self._last_drawable = state
+        self._version = self._input = self._pages = 0
+        self._drawn_version, self._repeat = -1, 0
         self._closed = False
 
     @property
     def state(self) -> State:
-        """The newest one."""
+        """The latest state."""
         with self._changed:
             return self._state
 
-    @property
-    def version(self) -> int:
-        """Another number after each change."""
-        with self._changed:
-            return self._version
-
-    def change(self, change: Callable[[State], State], number: int = 0) -> None:
-        """Replace the state; ``number`` is that of the input which did it. Where ``change`` raises, nothing changes."""
+    def update(self, change: Callable[[State], State], input_number: int = 0) -> None:
+        """Replace the state by ``change(state)``, numbered by its input; if ``change`` raises, nothing changes."""
         with self._changed:
             state = change(self._state)
-            self._input = number or self._input
-            if state != self._state or number:
+            self._input = input_number or self._input
+            if state != self._state or input_number:
                 self._state, self._version = state, self._version + 1
                 self._changed.notify_all()
 
-    def watch(self, watchers: int) -> None:
-        """How many pages look on; without any, nothing is drawn."""
+    def set_pages(self, pages: int) -> None:
+        """Set the number of connected pages; nothing is drawn without any."""
         with self._changed:
-            if watchers > self._watchers:
-                self._version += 1  # so that the new one sees a frame
-            self._watchers = watchers
+            if pages > self._pages:
+                self._version += 1  # so that a new page receives a frame
+            self._pages = pages
             self._changed.notify_all()
 
-    def take(self) -> Task | None:
-        """Wait for something to draw; None when the scheduler has closed."""
+    def take(self) -> FrameTask | None:
+        """Wait for a frame to draw; None once the scheduler is closed."""
         with self._changed:
             self._changed.wait_for(self._has_work)
-            if self._version == self._drawn and self._repeat == 0:
-                self._changed.wait_for(self._is_new, QUIET)
+            if self._version == self._drawn_version and self._repeat == 0:
+                self._changed.wait_for(self._is_new, REFINE_DELAY_SECONDS)
             if self._closed:
                 return None
-            self._repeat = self._repeat + 1 if self._version == self._drawn else 0
-            self._drawn = self._version
-            return Task(self._state, self._version, self._repeat, self._input)
+            self._repeat = self._repeat + 1 if self._version == self._drawn_version else 0
+            self._drawn_version = self._version
+            return FrameTask(self._state, self._version, self._repeat, self._input)
 
-    def wants(self, task: Task) -> bool:
-        """Whether to go on with ``task``: what answers an input is always finished, other frames till the next one."""
+    def should_continue(self, task: FrameTask) -> bool:
+        """Return whether to finish ``task``: always if it answers an input, otherwise until the next input."""
         with self._changed:
-            return task.repeat == 0 or not self._changed.wait_for(self._is_new, BREATH)
+            return task.repeat == 0 or not self._changed.wait_for(self._is_new, YIELD_SECONDS)
 
-    def accept(self, task: Task) -> None:
-        """The state of ``task`` could be drawn."""
+    def confirm(self, task: FrameTask) -> None:
+        """Record that the state of ``task`` could be drawn."""
         with self._changed:
-            self._drawable = task.state
+            self._last_drawable = task.state
 
-    def refuse(self, task: Task) -> None:
-        """It could not: if it is still the newest, go back to one that could, or wait for another."""
+    def reject(self, task: FrameTask) -> None:
+        """Record that the state of ``task`` can't be drawn: if it is the latest, return to the last drawable one."""
         with self._changed:
             if task.version == self._version:
-                if self._state == self._drawable:
-                    self._repeat = STILL_FRAMES
+                if self._state == self._last_drawable:
+                    self._repeat = FRAMES_PER_STATE
                 else:
-                    self._state, self._version = self._drawable, self._version + 1
+                    self._state, self._version = self._last_drawable, self._version + 1
 
     def close(self) -> None:
         """End the wait of ``take``."""
@@ -100,8 +102,8 @@ class FrameScheduler:
             self._changed.notify_all()
 
     def _is_new(self) -> bool:
-        return self._closed or self._version != self._drawn
+        return self._closed or self._version != self._drawn_version
 
     def _has_work(self) -> bool:
-        frames = STILL_FRAMES if self._state.taa else 1
-        return self._closed or (self._watchers > 0 and (self._is_new() or self._repeat + 1 < frames))
+        frames = FRAMES_PER_STATE if self._state.taa else 1
+        return self._closed or (self._pages > 0 and (self._is_new() or self._repeat + 1 < frames))

@@ -1,6 +1,4 @@
-"""Work of which only the newest matters, one piece after the other."""
-
-from __future__ import annotations
+"""Asynchronous work of which only the latest item matters."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -10,32 +8,32 @@ T = TypeVar("T")
 
 
 class LatestOnly(Generic[T]):
-    """Does ``work`` for what it is offered; what is overtaken while it works is never done.
+    """Processes one item at a time; an item that is superseded while it waits is dropped.
 
     Parameters
     ----------
     work : callable
-        A coroutine function; what takes long in it runs in a thread.
+        Coroutine function that processes an item; it runs long computations in a thread.
     on_error : callable
-        Takes what went wrong in it; the next piece is done all the same.
-    rest : float
-        Seconds from the end of one piece to the next.
+        Receives an exception of ``work``; later items are still processed.
+    pause_seconds : float
+        Seconds from the end of one item to the start of the next.
     """
 
     def __init__(self, work: Callable[[T], Awaitable[None]], on_error: Callable[[Exception], object],
-                 rest: float = 0.0) -> None:
-        self._work, self._on_error, self._rest = work, on_error, rest
+                 pause_seconds: float = 0.0) -> None:
+        self._work, self._on_error, self._pause_seconds = work, on_error, pause_seconds
         self._next: list[T] = []
         self._task: asyncio.Task[None] | None = None
 
     def offer(self, item: T) -> None:
-        """Do this next, in place of what was to be done next."""
+        """Process ``item`` next, in place of the item that was waiting."""
         self._next[:] = [item]
         if self._task is None or self._task.done():
             self._task = asyncio.create_task(self._run())
 
     def stop(self) -> None:
-        """Do no more."""
+        """Drop the waiting item and cancel the current one."""
         self._next.clear()
         if self._task is not None:
             self._task.cancel()
@@ -44,6 +42,6 @@ class LatestOnly(Generic[T]):
         while self._next:
             try:
                 await self._work(self._next.pop())
-            except Exception as error:  # of the memory, too: the pages are told instead of waiting for ever
+            except Exception as error:  # any error, MemoryError included: pages must not wait for ever
                 self._on_error(error)
-            await asyncio.sleep(self._rest)
+            await asyncio.sleep(self._pause_seconds)

@@ -1,59 +1,55 @@
-"""Errors of what is shown against the reference, in a thread beside the render_thread."""
-
-from __future__ import annotations
+"""Errors of the displayed images against the reference, measured in a thread beside the render thread."""
 
 import asyncio
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 import numpy as np
-from numpy.typing import NDArray
 
+from app.arrays import F32
 from app.errors import AfterglowError
 from app.evaluation.metrics import flip, psnr, rel_mse
 from app.evaluation.reference import Reference
 from app.view.latest_only import LatestOnly
 
-F32 = NDArray[np.float32]
-Errors = list[dict[str, float]]
-
-SECONDS = 1.0  # from one judgement to the next
+PAUSE_SECONDS = 1.0  # between two measurements
 
 
 class LiveErrors:
-    """Judges one frame at a time; of those that come meanwhile the newest is next.
+    """Measures one frame at a time; of the frames that arrive meanwhile, only the latest is measured next.
 
     Parameters
     ----------
-    tell : callable
-        Takes the errors of each model's picture.
+    on_errors : callable
+        Receives a list with the errors of each model's image.
     on_error : callable
-        Takes what went wrong.
+        Receives an exception.
     """
 
-    def __init__(self, tell: Callable[[Errors], object], on_error: Callable[[Exception], object]) -> None:
-        self._tell = tell
-        self._work = LatestOnly(self._judge, on_error, SECONDS)
+    def __init__(self, on_errors: Callable[[list[dict[str, float]]], object],
+                 on_error: Callable[[Exception], object]) -> None:
+        self._on_errors = on_errors
+        self._work = LatestOnly(self._measure, on_error, PAUSE_SECONDS)
 
-    def offer(self, pictures: Sequence[F32], reference: Reference, still: bool) -> None:
-        """LiveErrors linear ``pictures`` soon; FLIP, which takes long, only if ``still``."""
-        if pictures:
-            self._work.offer((pictures, reference.layers["final"], still))
+    def offer(self, images: Sequence[F32], reference: Reference, settled: bool) -> None:
+        """Measure linear ``images`` soon; FLIP, which is slow, only if the image has ``settled``."""
+        if images:
+            self._work.offer((images, reference.layers["final"], settled))
 
     def stop(self) -> None:
-        """LiveErrors no further."""
+        """Cancel all measurements."""
         self._work.stop()
 
-    async def _judge(self, asked: tuple[Sequence[F32], F32, bool]) -> None:
-        pictures, reference, still = asked
-        if all(picture.shape == reference.shape for picture in pictures):
-            self._tell([await asyncio.to_thread(errors_of, picture, reference, still) for picture in pictures])
+    async def _measure(self, item: tuple[Sequence[F32], F32, bool]) -> None:
+        images, reference, settled = item
+        if all(image.shape == reference.shape for image in images):
+            self._on_errors([await asyncio.to_thread(measure_errors, image, reference, settled) for image in images])
 
 
-def errors_of(picture: F32, reference: F32, still: bool) -> dict[str, float]:
-    """PSNR and relMSE, and FLIP where it is wanted and installed."""
-    found = {"psnr": psnr(picture, reference), "rel_mse": rel_mse(picture, reference)}
-    if still:
+def measure_errors(image: F32, reference: F32, settled: bool) -> dict[str, float]:
+    """Return the finite ones of PSNR in dB, relMSE and, if ``settled`` and installed, FLIP."""
+    errors = {"psnr": psnr(image, reference), "rel_mse": rel_mse(image, reference)}
+    if settled:
         with suppress(AfterglowError):
-            found["flip"] = flip(picture, reference)
-    return {name: value for name, value in found.items() if np.isfinite(value)}
+            errors["flip"] = flip(image, reference)
+    return {name: value for name, value in errors.items() if np.isfinite(value)}

@@ -1,23 +1,24 @@
-"""Messages from the page: what is well-formed, and what each does to the state."""
-
-from __future__ import annotations
+"""Messages from the page: their validation, and the changes they make to the state; and what the page can choose."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from app.errors import SceneError, SettingsError
-from app.io.checked_json import check, did_you_mean, parse
-from app.load import is_camera_word, parse_camera, parse_light
-from app.view.scene_file import NAME
-from app.view.state import REFERENCE, Json, State
+from app.errors import SceneError, SettingsError, did_you_mean
+from app.io.checked_json import check, parse
+from app.load import LoadedScene, is_camera_keyword, parse_camera, parse_light
+from app.scene import bounds_of
+from app.settings import SETTLE_FRAMES
+from app.view.scene_file import VIEW_NAME
+from app.view.state import REFERENCE, Json, State, camera_to_json
 
 SCHEMA = "view.schema.json"
-TYPES = ("ack", "steer", "size", "camera", "lights", "look", "place", "bookmark", "pick", "save")
-CHANGES = ("size", "camera", "lights", "look", "place", "bookmark")  # those of the state
+CHANGE_TYPES = ("size", "camera", "lights", "settings", "move_object", "bookmark")  # these change the state
+TYPES = ("ack", "take_control", *CHANGE_TYPES, "pick", "save")
 MAX_PIXELS = 3840 * 2160
-MAX_BOOKMARKS, MAX_NAME = 64, 40
+MAX_BOOKMARKS, MAX_NAME_LENGTH = 64, 40
+MAX_QUOTED = 40  # characters of a message that an error quotes
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class Choices:
     Attributes
     ----------
     objects : mapping of str to collection of int
-        Instances that each object's name moves.
+        Instances that move with each object.
     """
 
     models: tuple[str, ...]
@@ -35,91 +36,108 @@ class Choices:
     objects: Mapping[str, Collection[int]]
 
 
+def describe_scene(file: Path, loaded: LoadedScene, choices: Choices) -> Json:
+    """Return choices, cameras, bounds and the objects' centres in the file, in scene units; each page gets it once."""
+    scene = loaded.scene
+    centers = {name: bounds_of(scene.meshes, tuple(scene.instances[i] for i in members)).mean(axis=0).tolist()
+               for name, members in choices.objects.items()}
+    return {"file": file.name, "triangles": scene.triangles, "models": choices.models, "aovs": choices.aovs,
+            "object_centers": centers, "emitters": len(scene.lights) - loaded.own_lights,
+            "cameras": {name: camera_to_json(path.at(0.0)) for name, path in scene.cameras.items()},
+            "bounds": scene.bounds.tolist(), "settle": SETTLE_FRAMES}
+
+
 def read_message(text: str) -> Json:
-    """A message that follows its schema.
+    """Parse a message and check it against its schema.
 
     Raises
     ------
     AfterglowError
-        When it is no JSON, of no known type, or has a wrong key.
+        When it is not JSON, has an unknown type, or breaks the schema.
     """
     try:
         message = parse(text)
     except (ValueError, RecursionError) as error:
-        raise SettingsError(f"not a JSON message ({str(error)[:60]})", "message",
+        raise SettingsError(f"not a JSON message, {str(error)[:60]}", "message",
                             "expected valid JSON with finite numbers") from None
     if not isinstance(message, dict) or not isinstance(message.get("type"), str):
         raise SettingsError("no type", "message", "expected a JSON object with a type")
     kind = message["type"]
     if kind not in TYPES:
-        raise SettingsError(f"unknown type {kind[:40]!r}", "message", did_you_mean(kind[:40], TYPES))
-    check(message, Path(kind), kind, SCHEMA)
+        raise _unknown("type", kind, TYPES, "message")
+    check(message, kind, kind, SCHEMA, SettingsError)
     return message
 
 
-def changed(state: State, message: Json, choices: Choices) -> State:
-    """The state after a message of ``CHANGES``.
+def apply_change(state: State, message: Json, choices: Choices) -> State:
+    """Return the state after a message of ``CHANGE_TYPES``.
 
     Raises
     ------
     AfterglowError
-        When a value is out of range, or a name is none of the choices.
+        When a value is out of range or a name is unknown.
     """
     match message["type"]:
         case "size":
-            return replace(state, size=_size(message["size"]))
+            return replace(state, size=_parse_size(message["size"]))
         case "camera":
             return replace(state, camera=parse_camera(message["camera"], "camera"))
         case "lights":
             lights = [parse_light(light, f"lights[{i}]") for i, light in enumerate(message["lights"])]
             return replace(state, lights=tuple(lights))
-        case "look":
-            return _look(state, message, choices)
-        case "place":
-            return _placed(state, message, choices)
+        case "settings":
+            return _change_settings(state, message, choices)
+        case "move_object":
+            return _move_object(state, message, choices)
         case "bookmark":
-            return _bookmarked(state, message)
+            return _edit_bookmarks(state, message)
     raise AssertionError(message["type"])
 
 
-def _size(values: list[float]) -> tuple[int, int]:
+def _unknown(what: str, word: str, known: Collection[str], where: str) -> SettingsError:
+    word = word[:MAX_QUOTED]
+    return SettingsError(f"unknown {what} {word!r}", where, did_you_mean(word, list(known)))
+
+
+def _parse_size(values: list[float]) -> tuple[int, int]:
     width, height = map(int, values)
     if width * height > MAX_PIXELS:
         raise SettingsError(f"bad size {width}x{height}", "size", f"expected at most {MAX_PIXELS} pixels")
     return width, height
 
 
-def _look(state: State, message: Json, choices: Choices) -> State:
+def _change_settings(state: State, message: Json, choices: Choices) -> State:
     values: dict[str, Any] = {key: value for key, value in message.items() if key not in ("type", "input")}
     for key, known in (("model", choices.models), ("split", ("", REFERENCE, *choices.models)), ("aov", choices.aovs)):
         if key in values and values[key] not in known:
-            raise SettingsError(f"unknown {key} {values[key][:40]!r}", key, did_you_mean(values[key][:40], known))
+            raise _unknown(key, values[key], known, key)
     return replace(state, **values)
 
 
-def _placed(state: State, message: Json, choices: Choices) -> State:
+def _move_object(state: State, message: Json, choices: Choices) -> State:
     name = message["object"]
     if name not in choices.objects:
-        raise SettingsError(f"no object {name[:40]!r}", "object", did_you_mean(name[:40], [*choices.objects][:20]))
-    others = {other for other, _ in state.places if other != name}
-    for other in sorted(others):
+        raise _unknown("object", name, list(choices.objects)[:20], "object")
+    for other in sorted({other for other, _ in state.object_offsets if other != name}):
         if set(choices.objects[other]) & set(choices.objects[name]):
-            raise SceneError(f"{name!r} shares parts with {other!r}", "object", "expected one of both to stay")
-    places = {**dict(state.places), name: tuple(message["translate"])}
-    return replace(state, places=tuple(sorted((n, p) for n, p in places.items() if any(p))))
+            raise SceneError(f"{name!r} shares parts with {other!r}, which has moved", "object",
+                             "expected an object without moved parts")
+    offsets = {**dict(state.object_offsets), name: tuple(message["translate"])}
+    return replace(state, object_offsets=tuple(sorted((n, offset) for n, offset in offsets.items() if any(offset))))
 
 
-def _bookmarked(state: State, message: Json) -> State:
-    name, kept = message["name"], dict(state.bookmarks)
-    if not name.isprintable() or not 0 < len(name.strip()) <= MAX_NAME:
-        raise SettingsError(f"bad name {name[:40]!r}", "bookmark", f"expected 1 to {MAX_NAME} printable characters")
-    if is_camera_word(name.strip()) or name.strip() == NAME:
-        raise SettingsError(f"{name!r} would name no bookmark", "bookmark",
-                            f"expected another name: auto, orbit, *.json and {NAME} mean something else to --camera")
-    if message.get("forget", False):
-        kept.pop(name, None)
+def _edit_bookmarks(state: State, message: Json) -> State:
+    name, bookmarks = message["name"], dict(state.bookmarks)
+    if not name.isprintable() or not 0 < len(name.strip()) <= MAX_NAME_LENGTH:
+        raise SettingsError(f"bad name {name[:MAX_QUOTED]!r}", "bookmark",
+                            f"expected 1 to {MAX_NAME_LENGTH} printable characters")
+    if is_camera_keyword(name.strip()) or name.strip() == VIEW_NAME:
+        raise SettingsError(f"the name {name!r} has another meaning for --camera", "bookmark",
+                            f"expected another name than auto, orbit, *.json or {VIEW_NAME}")
+    if message.get("remove", False):
+        bookmarks.pop(name, None)
     else:
-        kept[name] = state.camera
-    if len(kept) > MAX_BOOKMARKS:
+        bookmarks[name] = state.camera
+    if len(bookmarks) > MAX_BOOKMARKS:
         raise SettingsError("too many bookmarks", "bookmark", f"expected at most {MAX_BOOKMARKS}")
-    return replace(state, bookmarks=tuple(kept.items()))
+    return replace(state, bookmarks=tuple(bookmarks.items()))

@@ -1,6 +1,4 @@
-"""What is seen, as files: drawn afresh by the command that is told with them, so that it gives the same bytes again."""
-
-from __future__ import annotations
+"""Saves the view as files, rendered by the command that is shown with them, so that it reproduces the same bytes."""
 
 import asyncio
 import shlex
@@ -8,70 +6,69 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.load import Parts
-from app.view.model_renderer import shown_outputs
-from app.view.process import run_module
-from app.view.scene_file import arguments, write_scene_json
+from app.io.child_process import run_module_async
+from app.load import LoadedScene
+from app.settings import SETTLE_FRAMES
+from app.view.model_renderer import VIEWABLE_OUTPUTS
+from app.view.scene_file import render_arguments, write_scene_json
 from app.view.state import State
 
 SCENE_JSON = "afterglow.json"
-SETTLE = 16
-FORMATS = ("json", "png", "exr")
-MAX_KEPT = 8  # that can be fetched; older ones are deleted
+MAX_SAVED = 8  # files that can be downloaded; older ones are deleted
 
 
 @dataclass(frozen=True)
-class Saved:
-    """A file for the page to fetch by its number, and the command that makes it again from the scene JSON."""
+class SavedFile:
+    """A file that the page can download by its number, and the command that renders it from the scene JSON."""
 
     number: int
-    file: Path
+    path: Path
     command: str
 
 
 class Saver:
-    """Keeps what was saved last in ``folder``, a new one inside it for each call."""
+    """Saves each file in a new folder inside ``folder`` and keeps the latest ones."""
 
-    def __init__(self, scene: Path, parts: Parts, folder: Path, provider: str) -> None:
-        self._scene, self._parts, self._folder, self._provider = scene, parts, folder, provider
+    def __init__(self, scene: Path, loaded: LoadedScene, folder: Path, provider: str) -> None:
+        self._scene, self._loaded, self._folder, self._provider = scene, loaded, folder, provider
         self._count = 0
-        self._kept: dict[int, Saved] = {}
+        self._saved: dict[int, SavedFile] = {}
 
-    async def save(self, state: State, kind: str, settle: int = SETTLE) -> Saved:
-        """Save ``state`` as one of ``FORMATS``: its scene JSON, a PNG of what is shown, or an EXR with all AOVs.
+    async def save(self, state: State, kind: str, settle: int = SETTLE_FRAMES) -> SavedFile:
+        """Save ``state`` as ``json`` (scene JSON), ``png`` (the shown image) or ``exr`` (all AOVs).
 
         Raises
         ------
         AfterglowError
-            When it can't be drawn or written.
+            When it can't be rendered or written.
         """
         self._count += 1
         folder = self._folder / str(self._count)
         folder.mkdir(parents=True)
         try:
-            saved = await self._made(state, kind, settle, folder)
+            saved = await self._write(state, kind, settle, folder)
         except BaseException:
             shutil.rmtree(folder)
             raise
-        self._kept[saved.number] = saved
-        if len(self._kept) > MAX_KEPT:
-            oldest = self._kept.pop(next(iter(self._kept)))
-            await asyncio.to_thread(shutil.rmtree, oldest.file.parent)
+        self._saved[saved.number] = saved
+        if len(self._saved) > MAX_SAVED:
+            oldest = self._saved.pop(next(iter(self._saved)))
+            await asyncio.to_thread(shutil.rmtree, oldest.path.parent)
         return saved
 
-    def file(self, number: int) -> Path | None:
-        """What was saved under that number, as long as it is kept."""
-        return self._kept[number].file if number in self._kept else None
+    def find(self, number: int) -> Path | None:
+        """Return the file saved under ``number``; None if there is none, or it was deleted."""
+        return self._saved[number].path if number in self._saved else None
 
-    async def _made(self, state: State, kind: str, settle: int, folder: Path) -> Saved:
-        write_scene_json(folder / SCENE_JSON, state, self._parts)
-        aovs = shown_outputs() if kind == "exr" else (state.aov,)
+    async def _write(self, state: State, kind: str, settle: int, folder: Path) -> SavedFile:
+        write_scene_json(folder / SCENE_JSON, state, self._loaded)
+        aovs = VIEWABLE_OUTPUTS if kind == "exr" else (state.aov,)
         formats = "exr,png" if kind == "json" else kind
 
-        def told(file: Path | str) -> list[str]:
-            return arguments(state, self._scene, file, settle, aovs, formats, self._provider)
+        def arguments(scene_json: Path | str) -> list[str]:
+            return render_arguments(state, self._scene, scene_json, settle, aovs, formats, self._provider)
 
         if kind != "json":
-            await run_module("app", [*told(folder / SCENE_JSON), "--out", str(folder)])
-        file = folder / (SCENE_JSON if kind == "json" else f"0000.{kind}")
-        return Saved(self._count, file, shlex.join(["python", "-m", "app", *told(SCENE_JSON)]))
+            await run_module_async("app", [*arguments(folder / SCENE_JSON), "--out", str(folder)])
+        path = folder / (SCENE_JSON if kind == "json" else f"0000.{kind}")
+        return SavedFile(self._count, path, shlex.join(["python", "-m", "app", *arguments(SCENE_JSON)]))

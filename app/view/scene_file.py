@@ -1,78 +1,73 @@
-"""The state as a scene JSON, and as the command that draws the same picture without a viewer."""
-
-from __future__ import annotations
+"""The state as a scene JSON, and as the command that renders the same image without the viewer."""
 
 import json
 from pathlib import Path
 
-from app.evaluation.configurations import NONE, PRECISIONS
+from app.evaluation.configurations import PRECISIONS
 from app.io.atomic_files import write_text
-from app.load import Parts
-from app.network.contract import HALF, SSGI, UNSHADOWED
-from app.view.state import Json, State, camera_json, light_json
+from app.load import LoadedScene
+from app.network.selection import HALF_SUFFIX, NONE, SSGI, UNSHADOWED
+from app.view.state import Json, State, camera_to_json, light_to_json
 
-CLASSICAL = (NONE, SSGI, UNSHADOWED)  # models that are no networks
-NAME = "view"  # of the camera and the lighting
+CLASSICAL_MODELS = (NONE, SSGI, UNSHADOWED)  # without a network
+VIEW_NAME = "view"  # of the camera and the lighting
 
 
-def scene_json(state: State, parts: Parts) -> Json:
-    """A scene JSON whose default camera and lighting are those of ``state``.
+def write_scene_json(path: Path, state: State, loaded: LoadedScene) -> None:
+    """Write atomically a scene JSON whose default camera and lighting are those of ``state``.
 
-    Motions that the scene's own JSON has are kept, and its environment, whose image is named by its full path.
+    It keeps the motions and the environment of the scene's own JSON; the environment's image is named by its full path.
     """
-    lighting: Json = {"lights": [light_json(light) for light in state.lights]}
-    own = parts.lighting
+    lighting: Json = {"lights": [light_to_json(light) for light in state.lights]}
+    own = loaded.lighting
     if own is not None:
         lighting["emission"] = own.emission
         if own.environment is not None:
-            lighting["environment"] = _anchored(own.environment, parts.sidecar.path or Path())
-    cameras = {**{name: camera_json(camera) for name, camera in state.bookmarks}, NAME: camera_json(state.camera)}
-    moved = {name: {"keys": [{"time": 0, "translate": place}]} for name, place in state.places}
-    return {"cameras": cameras, "lightings": {NAME: lighting}, "objects": {**_motions(parts), **moved},
-            "default": {"camera": NAME, "lighting": NAME}}
+            lighting["environment"] = _with_full_path(own.environment, loaded.sidecar.path or Path())
+    cameras = {**{name: camera_to_json(camera) for name, camera in state.bookmarks},
+               VIEW_NAME: camera_to_json(state.camera)}
+    moved = {name: {"keys": [{"time": 0, "translate": offset}]} for name, offset in state.object_offsets}
+    content = {"cameras": cameras, "lightings": {VIEW_NAME: lighting}, "objects": {**_read_motions(loaded), **moved},
+               "default": {"camera": VIEW_NAME, "lighting": VIEW_NAME}}
+    write_text(path, json.dumps(content, indent=1) + "\n")
 
 
-def write_scene_json(path: Path, state: State, parts: Parts) -> None:
-    """Write ``scene_json`` in one step."""
-    write_text(path, json.dumps(scene_json(state, parts), indent=1) + "\n")
-
-
-def arguments(state: State, scene: Path, file: Path | str, settle: int, aovs: tuple[str, ...], formats: str,
-              provider: str) -> list[str]:
-    """What ``python -m app`` is to be told to draw ``state``, whose scene JSON is ``file``."""
-    found = [str(scene), "--scene-json", str(file), "--size", f"{state.size[0]}x{state.size[1]}",
-             "--settle", str(settle), "--exposure", repr(state.exposure), "--model", model_name(state),
-             "--aov", ",".join(aovs), "--format", formats, "--provider", provider]
+def render_arguments(state: State, scene: Path, scene_json: Path | str, settle: int, aovs: tuple[str, ...],
+                     formats: str, provider: str) -> list[str]:
+    """Return the arguments with which ``python -m app`` renders ``state`` from its scene JSON."""
+    arguments = [str(scene), "--scene-json", str(scene_json), "--size", f"{state.size[0]}x{state.size[1]}",
+                 "--settle", str(settle), "--exposure", repr(state.exposure), "--model", precise_model(state),
+                 "--aov", ",".join(aovs), "--format", formats, "--provider", provider]
     if state.environment:
-        found += ["--model", state.environment]
-    if state.scale and not {state.model, state.environment} <= {*CLASSICAL, ""}:
-        found += ["--scale", repr(state.scale)]
-    bounces = bounces_of(state, state.model)
+        arguments += ["--model", state.environment]
+    if state.scale and not {state.model, state.environment} <= {*CLASSICAL_MODELS, ""}:
+        arguments += ["--scale", repr(state.scale)]
+    bounces = bounces_for(state, state.model)
     if bounces is not None:
-        found += ["--bounces", str(bounces)]
-    return found + ([] if state.taa else ["--no-taa"])
+        arguments += ["--bounces", str(bounces)]
+    return arguments if state.taa else [*arguments, "--no-taa"]
 
 
-def bounces_of(state: State, model: str) -> int | None:
-    """Those that ``model`` is held to: none where it makes no indirect light."""
+def bounces_for(state: State, model: str) -> int | None:
+    """Return the number of bounces for ``model``; None if it is the model's own, or no model makes indirect light."""
     return None if model == NONE else state.bounces
 
 
-def model_name(state: State) -> str:
-    """The model in the precision that was chosen, as ``--model`` takes it."""
-    if not state.precision or state.model in CLASSICAL:
+def precise_model(state: State) -> str:
+    """Return the model in the chosen precision, as ``--model`` takes it."""
+    if not state.precision or state.model in CLASSICAL_MODELS:
         return state.model
     path = Path(state.model)
-    return str(path.with_stem(path.stem.removesuffix(HALF) + PRECISIONS[state.precision]))
+    return str(path.with_stem(path.stem.removesuffix(HALF_SUFFIX) + PRECISIONS[state.precision]))
 
 
-def _anchored(environment: Json, beside: Path) -> Json:
+def _with_full_path(environment: Json, scene_json: Path) -> Json:
     if "file" not in environment:
         return environment
-    return {**environment, "file": str((beside.resolve().parent / environment["file"]).resolve())}
+    return {**environment, "file": str((scene_json.resolve().parent / environment["file"]).resolve())}
 
 
-def _motions(parts: Parts) -> Json:
-    if parts.sidecar.path is None or not parts.sidecar.objects:
+def _read_motions(loaded: LoadedScene) -> Json:
+    if loaded.sidecar.path is None or not loaded.sidecar.objects:
         return {}
-    return json.loads(parts.sidecar.path.read_text("utf-8-sig"))["objects"]
+    return json.loads(loaded.sidecar.path.read_text("utf-8-sig"))["objects"]

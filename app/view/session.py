@@ -1,4 +1,4 @@
-"""All pages that look on: what they are told, and what they may change."""
+"""All connected pages: what they receive, and what they may change."""
 
 from __future__ import annotations
 
@@ -7,151 +7,150 @@ from collections.abc import Coroutine
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import TracebackType
 
 from app.errors import AfterglowError, SettingsError
 from app.evaluation.reference import Reference
-from app.load import Parts
+from app.load import LoadedScene
+from app.settings import SETTLE_FRAMES
 from app.view.client import Client
 from app.view.edited_scene import EditedScene
+from app.view.encoder import encode_reference
 from app.view.frame_scheduler import FrameScheduler
 from app.view.latest_only import LatestOnly
 from app.view.live_errors import LiveErrors
 from app.view.pick import Picker
 from app.view.progressive_reference import ReferenceTracer
-from app.view.protocol import CHANGES, Choices, changed
-from app.view.reference_picture import reference_picture
+from app.view.protocol import CHANGE_TYPES, Choices, apply_change, describe_scene
 from app.view.render_thread import RenderedFrame, RenderThread
-from app.view.saving import SETTLE, Saver
-from app.view.scene_info import scene_info
-from app.view.state import Json, State, state_json
+from app.view.saving import Saver
+from app.view.state import REFERENCE, Json, State, state_to_json
 
-PATIENCE = 10.0  # seconds for the thread to finish its frame
-MAX_LINE = 400
+JOIN_SECONDS = 10.0  # for the render thread to finish its frame
+MAX_LINE_LENGTH = 400
 
 
 def one_line(error: Exception) -> str:
-    """What went wrong, as a page shows it; of a long text its ends, which say what is wrong and what was expected."""
-    text, half = " ".join(str(error).split()), MAX_LINE // 2
-    return text if len(text) <= MAX_LINE else f"{text[:half - 1]}…{text[-half:]}"
+    """Return an error as one line; a long one loses its middle, since its ends name the place and what was expected."""
+    text, half = " ".join(str(error).split()), MAX_LINE_LENGTH // 2
+    return text if len(text) <= MAX_LINE_LENGTH else f"{text[:half - 1]}…{text[-half:]}"
 
 
 class Session:
-    """One scene, one state, any number of pages of which the first steers; an asynchronous context manager.
+    """One scene, one state and any number of pages, of which the first is in control; an asynchronous context manager.
 
     Parameters
     ----------
     file : Path
-        The scene's file.
-    parts : Parts
-        What the loader made of it.
+        The scene file.
+    loaded : LoadedScene
+        The scene as loaded from it.
     """
 
-    def __init__(self, file: Path, parts: Parts, state: State, choices: Choices, provider: str) -> None:
-        self.choices, self._file, self._parts, self._provider = choices, file, parts, provider
+    def __init__(self, file: Path, loaded: LoadedScene, state: State, choices: Choices, provider: str) -> None:
+        self._file, self._loaded, self._choices = file, loaded, choices
         self._clients: list[Client] = []
         self._scheduler = FrameScheduler(state)
         self._folder = TemporaryDirectory(prefix="afterglow-view-")
         folder = Path(self._folder.name)
-        self._render_thread = RenderThread(self._scheduler, EditedScene(file, parts, folder), provider, folder, self._deliver,
-                                self._on_thread_error)
-        self._references = ReferenceTracer(file, parts, folder / "reference", self._tell_reference, self._on_error)
-        self._judge = LiveErrors(lambda errors: self._tell({"type": "errors", "errors": errors}), self._on_error)
-        self._saver = Saver(file, parts, folder / "saved", provider)
-        self._picker = Picker(parts)
-        self._reference_pictures = LatestOnly(self._show_reference, self._on_error)
+        self._render_thread = RenderThread(self._scheduler, EditedScene(file, loaded, folder), provider,
+                                           self._deliver, self._on_thread_error)
+        self._tracer = ReferenceTracer(file, loaded, folder / "reference", self._on_reference, self._on_error)
+        self._errors = LiveErrors(lambda errors: self._broadcast({"type": "errors", "errors": errors}), self._on_error)
+        self._saver = Saver(file, loaded, folder / "saved", provider)
+        self._picker = Picker(loaded)
+        self._reference_images = LatestOnly(self._show_reference, self._on_error)
         self._requests: dict[str, asyncio.Task[None]] = {}
-        self._newest: dict[str, bytes] = {}
-        self._drawn: RenderedFrame | None = None
+        self._latest_images: dict[str, bytes] = {}
+        self._latest_frame: RenderedFrame | None = None
 
     async def __aenter__(self) -> Session:
         self._loop = asyncio.get_running_loop()
         self._render_thread.start()
         return self
 
-    async def __aexit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                        trace: TracebackType | None) -> None:
+    async def __aexit__(self, *error: object) -> None:
         self._scheduler.close()
-        self._references.stop()
-        self._judge.stop()
-        self._reference_pictures.stop()
+        self._tracer.stop()
+        self._errors.stop()
+        self._reference_images.stop()
         for request in self._requests.values():
             request.cancel()
-        await asyncio.to_thread(self._render_thread.join, PATIENCE)
+        await asyncio.to_thread(self._render_thread.join, JOIN_SECONDS)
         self._folder.cleanup()
 
     @property
     def state(self) -> State:
-        """The newest one."""
+        """The latest state."""
         return self._scheduler.state
 
     def join(self, client: Client) -> None:
-        """One more page looks on."""
+        """Add a page."""
         self._clients.append(client)
-        client.note({"type": "scene", **scene_info(self._file, self._parts, self.choices)})
-        self._tell_roles()
-        self._tell_state()
-        for kind, message in self._newest.items():
-            client.picture(kind, message)
-        self._scheduler.watch(len(self._clients))
-        self._references.follow(self.state)
+        client.offer_message({"type": "scene", **describe_scene(self._file, self._loaded, self._choices)})
+        self._send_roles()
+        self._broadcast_state()
+        for kind, message in self._latest_images.items():
+            client.offer_image(kind, message)
+        self._scheduler.set_pages(len(self._clients))
+        self._tracer.follow(self.state)
 
     def leave(self, client: Client) -> None:
-        """It looks on no more; without any, drawing and tracing stop."""
+        """Remove a page; without any, drawing and tracing stop."""
         self._clients.remove(client)
-        self._scheduler.watch(len(self._clients))
-        self._tell_roles()
+        self._scheduler.set_pages(len(self._clients))
+        self._send_roles()
         if not self._clients:
-            self._references.stop()
+            self._tracer.stop()
 
     def handle(self, client: Client, message: Json) -> None:
-        """Do what a page asks for, or begin to.
+        """Process a message, or start a request that replies later.
 
         Raises
         ------
         AfterglowError
-            When it can't be done.
+            When it is rejected.
         """
         kind = message["type"]
         if kind == "ack":
             client.acknowledge()
-        elif kind == "steer":
+        elif kind == "take_control":
             self._clients.insert(0, self._clients.pop(self._clients.index(client)))
-            self._tell_roles()
+            self._send_roles()
         elif kind == "pick":
             self._start_request(client, kind, self._pick(message))
         elif kind == "save":
             self._start_request(client, kind, self._save(message))
         elif client is not self._clients[0]:
-            raise SettingsError("another page steers", kind, "expected a message of type steer first")
+            raise SettingsError("another page is in control", kind, "expected a message of type take_control first")
         else:
-            assert kind in CHANGES
-            self._scheduler.change(lambda state: changed(state, message, self.choices), int(message.get("input", 0)))
-            self._references.follow(self.state)
-            if kind == "look" and self._references.newest is not None:
-                self._tell_reference(self._references.newest)
-            self._tell_state(but=client if kind != "bookmark" else None)
+            assert kind in CHANGE_TYPES
+            self._scheduler.update(lambda state: apply_change(state, message, self._choices),
+                                   int(message.get("input", 0)))
+            self._tracer.follow(self.state)
+            if kind == "settings" and self._tracer.latest is not None:
+                self._on_reference(self._tracer.latest)
+            self._broadcast_state(but=client if kind != "bookmark" else None)
 
-    def remind(self, client: Client) -> None:
-        """Tell a page whose message was refused which state holds."""
-        client.note({"type": "state", "state": state_json(self.state)})
+    def send_state(self, client: Client) -> None:
+        """Send the current state to a page whose message was rejected."""
+        client.offer_message({"type": "state", "state": state_to_json(self.state)})
 
-    def file(self, number: int) -> Path | None:
-        """What was saved under that number."""
-        return self._saver.file(number)
+    def find_saved(self, number: int) -> Path | None:
+        """Return the file saved under ``number``, if it is still there."""
+        return self._saver.find(number)
 
     def _start_request(self, client: Client, kind: str, work: Coroutine[None, None, Json]) -> None:
-        """Begin what takes long and ends with a reply; one of each kind at a time."""
+        """Run ``work`` in the background and send its reply; one request of each kind at a time."""
         if kind in self._requests and not self._requests[kind].done():
             work.close()
-            raise SettingsError(f"another {kind} is under way", kind, "expected one at a time")
+            raise SettingsError(f"another {kind} is running", kind, "expected one at a time")
 
         async def run() -> None:
             try:
                 reply = await work
             except AfterglowError as error:
-                reply = {"type": "refused", "message": one_line(error)}
-            except Exception as error:  # of the disk, too: whoever asked is told instead of waiting for ever
+                reply = {"type": "rejected", "message": one_line(error)}
+            except Exception as error:  # any error, those of the disk included: the page must not wait for ever
                 reply = {"type": "error", "message": f"{kind} failed: {one_line(error)}"}
                 self._loop.call_exception_handler({"message": f"{kind} failed", "exception": error})
             with suppress(ConnectionError):
@@ -160,70 +159,70 @@ class Session:
         self._requests[kind] = asyncio.create_task(run())
 
     async def _pick(self, message: Json) -> Json:
-        found = await asyncio.to_thread(self._picker.pick, self.state, tuple(message["at"]))
-        return {"type": "picked", "point": found and found.point, "object": found and found.object}
+        hit = await asyncio.to_thread(self._picker.pick, self.state, tuple(message["position"]))
+        return {"type": "picked", "point": hit and hit.point, "object": hit and hit.object}
 
     async def _save(self, message: Json) -> Json:
-        saved = await self._saver.save(self.state, message["kind"], int(message.get("settle", SETTLE)))
-        return {"type": "saved", "kind": message["kind"], "number": saved.number, "name": saved.file.name,
+        saved = await self._saver.save(self.state, message["kind"], int(message.get("settle", SETTLE_FRAMES)))
+        return {"type": "saved", "kind": message["kind"], "number": saved.number, "name": saved.path.name,
                 "command": saved.command}
 
-    def _deliver(self, drawn: RenderedFrame) -> None:
-        """Of the render_thread's thread: hand a frame on, and wait until it is on its way."""
+    def _deliver(self, frame: RenderedFrame) -> None:
+        """Pass a frame from the render thread to the event loop and wait until it is being sent."""
         if not self._loop.is_closed():
-            asyncio.run_coroutine_threadsafe(self._show(drawn), self._loop).result()
+            asyncio.run_coroutine_threadsafe(self._show_frame(frame), self._loop).result()
 
-    async def _show(self, drawn: RenderedFrame) -> None:
-        self._show_picture("frame", drawn.message)
-        if drawn.report is not None:
-            self._tell({"type": "stats", "pages": len(self._clients), **drawn.report})
-        self._drawn = drawn
-        self._offer_to_judge()
-        await asyncio.sleep(0)  # the clients' own tasks send now
+    async def _show_frame(self, frame: RenderedFrame) -> None:
+        self._show_image("frame", frame.message)
+        if frame.stats is not None:
+            self._broadcast({"type": "stats", "pages": len(self._clients), **frame.stats})
+        self._latest_frame = frame
+        self._measure_errors()
+        await asyncio.sleep(0)  # lets the clients' tasks send
 
-    def _offer_to_judge(self) -> None:
-        """Have the newest frame judged, if it shows the newest state and there is a reference for that."""
-        drawn, reference = self._drawn, self._references.newest
-        if drawn is not None and reference is not None and drawn.task.state.reference_key == self.state.reference_key:
-            self._judge.offer(drawn.radiance, reference, drawn.task.repeat >= SETTLE)
+    def _measure_errors(self) -> None:
+        """Measure the latest frame, if it shows the current view and that has a reference."""
+        frame, reference = self._latest_frame, self._tracer.latest
+        if frame is not None and reference is not None and frame.task.state.reference_key == self.state.reference_key:
+            self._errors.offer(frame.radiance, reference, settled=frame.task.repeat >= SETTLE_FRAMES)
 
-    def _tell_reference(self, reference: Reference | None) -> None:
+    def _on_reference(self, reference: Reference | None) -> None:
         if reference is None:
-            self._newest.pop("reference", None)
-            self._tell({"type": "reference", "spp": 0})
+            self._latest_images.pop(REFERENCE, None)
+            self._broadcast({"type": "reference", "spp": 0})
             return
-        self._offer_to_judge()
-        self._reference_pictures.offer((reference, self.state))
+        self._measure_errors()
+        self._reference_images.offer((reference, self.state))
 
-    async def _show_reference(self, asked: tuple[Reference, State]) -> None:
-        message = await asyncio.to_thread(reference_picture, *asked)
-        if self._references.newest is asked[0]:
-            self._show_picture("reference", message)
+    async def _show_reference(self, item: tuple[Reference, State]) -> None:
+        message = await asyncio.to_thread(encode_reference, *item)
+        if self._tracer.latest is item[0]:
+            self._show_image(REFERENCE, message)
 
-    def _show_picture(self, kind: str, message: bytes) -> None:
-        self._newest[kind] = message
+    def _show_image(self, kind: str, message: bytes) -> None:
+        self._latest_images[kind] = message
         for client in self._clients:
-            client.picture(kind, message)
+            client.offer_image(kind, message)
 
-    def _tell_state(self, but: Client | None = None) -> None:
+    def _broadcast_state(self, but: Client | None = None) -> None:
         for client in self._clients:
             if client is not but:
-                client.note({"type": "state", "state": state_json(self.state)})
+                self.send_state(client)
 
-    def _tell_roles(self) -> None:
+    def _send_roles(self) -> None:
         for index, client in enumerate(self._clients):
-            client.note({"type": "role", "steers": index == 0, "pages": len(self._clients)})
+            client.offer_message({"type": "role", "in_control": index == 0, "pages": len(self._clients)})
 
-    def _tell(self, message: Json) -> None:
+    def _broadcast(self, message: Json) -> None:
         for client in self._clients:
-            client.note(message)
+            client.offer_message(message)
 
     def _on_thread_error(self, error: Exception) -> None:
         self._loop.call_soon_threadsafe(self._on_error, error)
 
     def _on_error(self, error: Exception) -> None:
-        """Tell all pages what went wrong, and which state holds now; what nobody foresaw is logged, too."""
+        """Send an error and the current state to all pages; an unexpected error is also logged."""
         if not isinstance(error, AfterglowError):
-            self._loop.call_exception_handler({"message": "the viewer goes on", "exception": error})
-        self._tell({"type": "error", "message": one_line(error)})
-        self._tell_state()
+            self._loop.call_exception_handler({"message": "error in the viewer", "exception": error})
+        self._broadcast({"type": "error", "message": one_line(error)})
+        self._broadcast_state()

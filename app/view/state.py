@@ -1,6 +1,4 @@
-"""What is seen: one frozen value that messages replace, and its JSON."""
-
-from __future__ import annotations
+"""The state of the viewer: one frozen value that messages replace, and its JSON."""
 
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -12,42 +10,44 @@ Json = dict[str, Any]
 
 REFERENCE = "reference"  # in place of a second model
 FINAL = "final"
-TYPES = {PointLight: "point", SpotLight: "spot", DirectionalLight: "directional", RectLight: "rectangle"}
+LIGHT_TYPES = {PointLight: "point", SpotLight: "spot", DirectionalLight: "directional", RectLight: "rectangle"}
 
 
 @dataclass(frozen=True)
 class State:
-    """All that a picture depends on, besides the scene's file.
+    """Everything that an image depends on besides the scene file.
 
     Attributes
     ----------
     size : tuple of int
         Width and height in pixels.
     lights : tuple of Light
-        Without those that stand for emissive surfaces.
-    places : tuple of (name, translation)
-        Objects that were moved, by name, in scene units from where the file has them.
+        All lights except those that stand for emissive surfaces.
     model : str
-        One of the choices; of what makes indirect light.
+        The model of indirect light.
+    object_offsets : tuple of (name, translation)
+        Moved objects, sorted by name; translations from their position in the file, in scene units.
+    bookmarks : tuple of (name, Camera)
+        Cameras that the user has stored.
     scale : float
-        Of a network's grid relative to the image; 0 is its own.
+        Resolution of a network's grid relative to the image; 0 is the network's own.
     precision : str
-        ``float32``, ``float16`` or, for a network's own, nothing.
+        ``float32``, ``float16``, or empty for the network's own.
     aov : str
-        What of the frame is shown.
+        The displayed output.
     split : str
-        What is right of the slider: another model, ``reference``, or nothing.
+        What is displayed right of the divider: another model, ``reference``, or empty.
     environment : str
-        What shades surfaces by the scene's environment, whichever model is chosen; or nothing.
+        The model that shades surfaces by the scene's environment, independent of ``model``; may be empty.
     bounces : int or None
-        Of indirect light, where a model makes any; None for what it gives by itself.
+        Number of bounces of indirect light; None for the model's own.
     """
 
     size: tuple[int, int]
     camera: Camera
     lights: tuple[Light, ...]
     model: str
-    places: tuple[tuple[str, Vec], ...] = ()
+    object_offsets: tuple[tuple[str, Vec], ...] = ()
     bookmarks: tuple[tuple[str, Camera], ...] = ()
     exposure: float = 1.0
     taa: bool = True
@@ -60,30 +60,32 @@ class State:
 
     @property
     def models(self) -> tuple[str, ...]:
-        """What is drawn: the model, and the one that it is compared with, if there is one."""
+        """The models to draw: ``model``, and the one it is compared with, if any."""
         return (self.model,) if self.split in ("", REFERENCE) else (self.model, self.split)
 
     @property
     def reference_key(self) -> tuple[object, ...]:
-        """Equal for equal references."""
-        return self.size, self.camera, self.lights, self.places
+        """A key that is equal for equal references."""
+        return self.size, self.camera, self.lights, self.object_offsets
 
 
-def camera_json(camera: Camera) -> Json:
-    """A camera as the scene JSON writes it."""
+def camera_to_json(camera: Camera) -> Json:
+    """Return a camera in the format of the scene JSON."""
     return asdict(camera)
 
 
-def light_json(light: Light) -> Json:
-    """A light as the scene JSON writes it."""
-    return {"type": TYPES[type(light)], **asdict(light)}
+def light_to_json(light: Light) -> Json:
+    """Return a light in the format of the scene JSON."""
+    return {"type": LIGHT_TYPES[type(light)], **asdict(light)}
 
 
-def state_json(state: State) -> Json:
-    """The state as the page gets it."""
+def state_to_json(state: State) -> Json:
+    """Return the state as pages receive it."""
     return {
-        "size": state.size, "camera": camera_json(state.camera), "lights": [light_json(x) for x in state.lights],
-        "places": dict(state.places), "bookmarks": {name: camera_json(c) for name, c in state.bookmarks},
+        "size": state.size, "camera": camera_to_json(state.camera),
+        "lights": [light_to_json(light) for light in state.lights],
+        "object_offsets": dict(state.object_offsets),
+        "bookmarks": {name: camera_to_json(camera) for name, camera in state.bookmarks},
         "model": state.model, "exposure": state.exposure, "taa": state.taa, "scale": state.scale,
         "precision": state.precision, "aov": state.aov, "split": state.split,
     }

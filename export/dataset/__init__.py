@@ -1,9 +1,7 @@
-"""Pairs of neighbouring frames with path-traced targets, made from a seed and kept in a folder."""
-
-from __future__ import annotations
+"""Datasets of pairs of neighbouring frames with path-traced targets, generated from a seed."""
 
 from export.dataset.dataset import Dataset
-from export.dataset.pair import Pair
+from export.dataset.plan import Pair
 from export.dataset.target import Target
 
 __all__ = ["Dataset", "Pair", "Target"]

@@ -1,23 +1,29 @@
 """A finished dataset in its folder."""
 
-from __future__ import annotations
-
 import bisect
 import json
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 from app.errors import SettingsError
 from app.io.atomic_files import write_text
-from export.dataset.config import Config, Share
-from export.dataset.pair import Pair
-from export.dataset.plan import Group, pair_at, plan
-from export.dataset.store import item_path, read_origin, read_target
+from export.dataset.config import Config, config_from_table
+from export.dataset.plan import Group, Pair, generate_pair, plan_groups
+from export.dataset.store import REPAIR, item_path, read_origin, read_target
 from export.dataset.target import VERSION, Target
 
-ABOUT = "dataset.json"
-PACKAGES = ("mitsuba", "drjit", "pyoidn", "numpy")  # that targets and scenes depend on
+FILE = "dataset.json"
+PACKAGES = ("mitsuba", "drjit", "pyoidn", "numpy")  # that scenes and targets depend on
+
+
+@dataclass(frozen=True)
+class About:
+    """The content of ``dataset.json``."""
+
+    config: Config
+    seed: int
+    pairs: int
 
 
 class Dataset:
@@ -26,26 +32,24 @@ class Dataset:
     Parameters
     ----------
     folder : Path
-        Where ``python -m export dataset`` has put it.
+        Written by ``python -m export dataset make``.
 
     Raises
     ------
     SettingsError
-        When there is none, or it is not finished.
+        When the folder has no dataset, or an unfinished one.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         about = read_about(folder)
         if about is None:
-            raise SettingsError("no dataset", folder, f"expected one: python -m export dataset --out {folder} …")
-        self.config, self.seed, self._length = config_of(about), int(about["seed"]), int(about["pairs"])
+            raise SettingsError("no dataset", folder, f"expected one of python -m export dataset make --out {folder}")
+        self.config, self.seed, self._length = about.config, about.seed, about.pairs
         missing = next((i for i in range(self._length) if not item_path(folder, i).is_file()), None)
         if missing is not None:
-            raise SettingsError(f"the dataset lacks pair {missing} of {self._length}", folder,
-                                f"expected all; run python -m export dataset --out {folder} again")
-        self._groups = plan(self.config, self._length)
-        self._firsts = [group.first for group in self._groups]
+            raise SettingsError(f"the dataset lacks pair {missing} of {self._length}", folder, REPAIR.format(folder))
+        self._groups = plan_groups(self.config, self._length)
 
     def __len__(self) -> int:
         return self._length
@@ -55,51 +59,50 @@ class Dataset:
         return self._group(index).source
 
     def pair(self, index: int) -> Pair:
-        """The frames, made anew from the seed; neighbouring indices often share a scene, which is kept.
+        """The frames, generated from the seed. Consecutive pairs often share a scene, which is cached.
 
         Raises
         ------
         SettingsError
             When the pair's file is corrupt.
         """
-        origin = read_origin(item_path(self.folder, index))
+        path = item_path(self.folder, index)
+        origin = read_origin(path)
         if origin is None:
-            raise SettingsError("a corrupt item", item_path(self.folder, index),
-                                f"expected a sound one; run python -m export dataset --out {self.folder} again")
-        return pair_at(self.config, self.seed, self._group(index), origin.choice)
+            raise SettingsError("the dataset item is missing or corrupt", path, REPAIR.format(self.folder))
+        return generate_pair(self.config, self.seed, self._group(index), origin.choice)
 
     def target(self, index: int) -> Target:
-        """What was traced for the current frame of a pair."""
+        """The path-traced light of the pair's current frame."""
         return read_target(item_path(self.folder, index))
 
     def _group(self, index: int) -> Group:
         if not 0 <= index < self._length:
             raise IndexError(index)
-        return self._groups[bisect.bisect_right(self._firsts, index) - 1]
+        return self._groups[bisect.bisect_right(self._groups, index, key=lambda group: group.first) - 1]
 
 
-def read_about(folder: Path) -> dict[str, Any] | None:
-    """What ``dataset.json`` says; None where there is none."""
-    path = folder / ABOUT
+def read_about(folder: Path) -> About | None:
+    """The content of ``dataset.json``; None when there is no such file.
+
+    Raises
+    ------
+    SettingsError
+        When the file is damaged, or its configuration is not valid any more.
+    """
+    path = folder / FILE
     if not path.is_file():
         return None
     try:
-        about: dict[str, Any] = json.loads(path.read_text("utf-8"))
-        config_of(about)
+        table = json.loads(path.read_text("utf-8"))
+        return About(config_from_table(table["config"], path), int(table["seed"]), int(table["pairs"]))
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise SettingsError(f"can't read the file ({error})", path, "expected what export dataset writes") from None
-    return about
+        raise SettingsError(f"can't read the file ({error})", path,
+                            "expected a file of python -m export dataset make") from None
 
 
-def write_about(folder: Path, config: Config, seed: int, pairs: int) -> None:
+def write_about(folder: Path, about: About) -> None:
     """Write ``dataset.json``."""
-    versions = {name: metadata.version(name) for name in PACKAGES}
-    about = {"pairs": pairs, "seed": seed, "config": config.to_json(), "versions": {"targets": VERSION, **versions}}
-    write_text(folder / ABOUT, json.dumps(about, indent=1) + "\n")
-
-
-def config_of(about: dict[str, Any]) -> Config:
-    """The configuration in ``dataset.json``."""
-    table = about["config"]
-    sources = tuple(Share(**share) for share in table["sources"])
-    return Config(**{**table, "size": tuple(table["size"]), "files": tuple(table["files"]), "sources": sources})
+    versions = {"targets": VERSION, **{name: metadata.version(name) for name in PACKAGES}}
+    table = {"pairs": about.pairs, "seed": about.seed, "config": about.config.to_json(), "versions": versions}
+    write_text(folder / FILE, json.dumps(table, indent=1) + "\n")

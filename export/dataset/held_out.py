@@ -1,6 +1,4 @@
-"""What no network may be trained on: the scenes of ``export/validation/views.json``."""
-
-from __future__ import annotations
+"""The scenes of the validation list, which no network may be trained on."""
 
 import hashlib
 import json
@@ -15,17 +13,17 @@ LIST = Path(__file__).parents[1] / "validation" / "views.json"
 
 @lru_cache(maxsize=1)
 def read_list() -> dict[str, Any]:
-    """What ``validation.json`` says."""
+    """The content of ``export/validation/views.json``."""
     return json.loads(LIST.read_text("utf-8"))
 
 
 def refuse_held_out(file: Path) -> None:
-    """Refuse a scene file that networks are judged by, whatever it is called.
+    """Refuse a scene file of the validation list, under whatever name.
 
     Raises
     ------
     SceneError
-        When there is no such file.
+        When the file does not exist.
     SettingsError
         When it is held out.
     """
@@ -33,7 +31,7 @@ def refuse_held_out(file: Path) -> None:
         raise SceneError("no such scene file", file, "expected the path of an existing file")
     files = read_list()["files"]
     if {file.stem, file.parent.name} & set(files) or digest(file) in {f["sha256"] for f in files.values()}:
-        raise SettingsError("this scene is held out for validation", file, "expected scenes to train on")
+        raise SettingsError("this scene is held out for validation", file, "expected another scene to train on")
 
 
 @lru_cache(maxsize=16)

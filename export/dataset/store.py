@@ -1,10 +1,8 @@
-"""One file for each pair: its target as OpenEXR, and behind that a line of JSON.
+"""One file for each pair: its target as OpenEXR, followed by a line of JSON.
 
-Readers of EXR files don't mind the line. It says where the pair came from, and has checksums of the image and of
-itself, so that a file that was cut or changed anywhere is found out.
+EXR readers ignore the line. It says how the pair was generated, and has checksums of the image and of itself, so that
+truncated and corrupt files are detected.
 """
-
-from __future__ import annotations
 
 import hashlib
 import json
@@ -13,33 +11,34 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.errors import AfterglowError, SceneError
-from app.io.atomic_files import replacing
+from app.io.atomic_files import replace_file
 from app.io.image import read_exr, write_exr
 from export.dataset.plan import Choice
 from export.dataset.target import Target
 
-COMPRESSION = "dwaa:20"  # loses a tenth of the targets' own noise; see docs/dataset.md
+COMPRESSION = "dwaa:20"  # its error is a tenth of the targets' noise; see docs/dataset.md
+REPAIR = "run python -m export dataset make --out {} again to repair it"
 
 
 @dataclass(frozen=True)
 class Origin:
-    """What a file says about its pair; ``key`` is the content key of the pair and of what its target depends on."""
+    """How the pair of a file was generated; ``key`` is that of ``make.pair_key``."""
 
     choice: Choice
     key: str
 
 
 def item_path(folder: Path, index: int) -> Path:
-    """A thousand files in each sub-folder."""
+    """The file of a pair; there are a thousand in each sub-folder."""
     return folder / f"{index // 1000:04d}" / f"{index:07d}.exr"
 
 
 def encode(target: Target, origin: Origin) -> bytes:
     """The content of a file."""
-    layers = {name: _half(image) for name, image in target.layers.items()}
+    layers = {name: np.minimum(image, np.finfo(np.float16).max).astype(np.float16)
+              for name, image in target.layers.items()}
     first = next(iter(layers))
     layers[first] = np.concatenate([layers[first], target.seen[..., None].astype(np.float16)], axis=2)
     with tempfile.TemporaryDirectory() as folder:
@@ -52,14 +51,14 @@ def encode(target: Target, origin: Origin) -> bytes:
 
 
 def write_item(path: Path, content: bytes) -> None:
-    """Write ``content`` in one step."""
+    """Write ``content`` atomically."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as temporary:
+    with replace_file(path) as temporary:
         temporary.write_bytes(content)
 
 
 def read_origin(path: Path) -> Origin | None:
-    """Where the pair of a file came from; None when there is no such file, or it is corrupt."""
+    """How the pair of a file was generated; None when the file is missing or corrupt."""
     try:
         image, _, line = path.read_bytes().rpartition(b"\n")
         about = json.loads(line)
@@ -85,12 +84,7 @@ def read_target(path: Path) -> Target:
         return Target({name: np.where(seen[..., None], np.maximum(image[..., :3], 0), np.float32(0))
                        for name, image in layers.items()}, seen)
     except (AfterglowError, StopIteration):
-        raise SceneError("no sound item of a dataset", path,
-                         f"expected one; make it again: python -m export dataset --out {path.parents[1]}") from None
-
-
-def _half(image: NDArray[np.float32]) -> NDArray[np.float16]:
-    return np.minimum(image, np.finfo(np.float16).max).astype(np.float16)
+        raise SceneError("the dataset item is missing or corrupt", path, REPAIR.format(path.parents[1])) from None
 
 
 def _digest(about: dict[str, object]) -> str:

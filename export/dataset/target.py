@@ -1,6 +1,4 @@
-"""What a network is to find for a frame: the light of the texels that the renderer picks for its half grid."""
-
-from __future__ import annotations
+"""The path-traced light that a network is to predict for a frame."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,88 +6,77 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from app.arrays import F32, F64, Bools
 from app.evaluation.denoise import denoise
-from export.dataset import nearest_texels
-from export.reference.environment_tracer import EnvironmentTracer, mean_shaded
-from export.reference.path_tracer import PathTracer
-from export.reference.still import RAYS_AT_ONCE, Still
+from export.reference.environment_tracer import EnvironmentTracer
+from export.reference.path_tracer import PathTracer, average_samples
+from export.reference.still import Still
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-
-LIGHT_LAYERS = ("diffuse", "specular")
-SKY_LAYERS = (*LIGHT_LAYERS, "albedo", "reflectance")
-SKY_VERSION = "sky 3"  # the same of what comes from an environment
-VERSION = 1  # raise it when targets change, so that those of before are made again
+# Raise these when targets change, so that existing ones are made again.
+VERSION = 1
+ENVIRONMENT_VERSION = "sky 3"  # part of the keys of existing datasets
+# Layers of targets, and the names of these samples.
+INDIRECT_LAYERS = {"indirect": "multi", "indirect_single": "single"}
+ENVIRONMENT_LAYERS = {name: name for name in ("diffuse", "specular", "albedo", "reflectance")}
+LIGHT_LAYERS = {*INDIRECT_LAYERS, "diffuse", "specular"}
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Light on a grid of half the image's size, its top row first.
+    """Light on a grid of half the image's size, top row first.
 
     Attributes
     ----------
     layers : mapping of str to ndarray, float32, shape (H, W, 3)
-        ``indirect`` and ``indirect_single``: radiance / albedo in W/(sr m²) by all bounces, and by one. Or, of what
-        comes straight from an environment, ``diffuse``, ``specular``, ``albedo`` and ``reflectance``; see
-        ``export.reference.environment_tracer.EnvironmentSamples``. 0 in the sky.
-    seen : ndarray of bool, shape (H, W)
-        False: sky.
+        ``indirect`` and ``indirect_single``: radiance / albedo in W/(sr m²) by all bounces, and by one. For unbounced
+        light of an environment instead ``diffuse``, ``specular``, ``albedo`` and ``reflectance``, see
+        ``export.reference.environment_tracer.EnvironmentSamples``. 0 where there is no surface.
+    seen : ndarray, bool, shape (H, W)
+        Whether the texel shows a surface.
     """
 
     layers: Mapping[str, F32]
-    seen: NDArray[np.bool_]
+    seen: Bools
 
 
 def trace_target(tracer: PathTracer, still: Still, spp: int, seed: int, denoised: bool) -> Target:
-    """Trace ``spp`` paths through each picked texel.
+    """Indirect light, or by an ``EnvironmentTracer`` unbounced light, from ``spp`` paths per texel of the half grid.
 
     Parameters
     ----------
     denoised : bool
-        Whether Open Image Denoise takes noise out, guided by the normals; the albedo is 1, as the light is demodulated.
+        Denoise with the normals as guides. The light is demodulated, so it needs no albedo.
 
     Raises
     ------
     MissingExtraError
-        When there is nothing to denoise with.
+        When the denoiser is missing.
     """
-    grid = picked(still.size)
-    height, width = grid.shape[:2]
-    points = grid.reshape(-1, 2)
-    at_once = max(1, RAYS_AT_ONCE // len(points))
-    multi = single = np.zeros((len(points), 3))
-    for batch, begin in enumerate(range(0, spp, at_once)):
-        count = min(at_once, spp - begin)
-        samples = tracer.trace(still.view, np.tile(points, (count, 1)), seed * 2**8 + batch)
-        multi, single = (total + found.reshape(count, -1, 3).sum(axis=0, dtype=np.float64)
-                         for total, found in ((multi, samples.multi), (single, samples.single)))
-    seen = samples.depth[:len(points)] > 0
-    normal = samples.normal[:len(points)].reshape(height, width, 3)
-    indirect, indirect_single = ((total / spp).reshape(height, width, 3).astype(np.float32)
-                                 for total in (multi, single))
-    if denoised:
-        indirect, indirect_single = denoise(indirect, normal), denoise(indirect_single, normal)
-    return Target({"indirect": indirect, "indirect_single": indirect_single}, seen.reshape(height, width))
+    trace, layers = ((tracer.shade, ENVIRONMENT_LAYERS) if isinstance(tracer, EnvironmentTracer)
+                     else (tracer.trace, INDIRECT_LAYERS))
+    grid = texel_positions(still.size)
+    means = average_samples(trace, still, grid.reshape(-1, 2), spp, seed)
+    images = {name: getattr(means, sample).reshape(*grid.shape[:2], 3) for name, sample in layers.items()}
+    for name in LIGHT_LAYERS & layers.keys() if denoised else ():
+        images[name] = denoise(images[name], means.normal.reshape(images[name].shape))
+    return Target(images, (means.depth > 0).reshape(grid.shape[:2]))
 
 
-def trace_sky(tracer: EnvironmentTracer, still: Still, spp: int, seed: int, denoised: bool) -> Target:
-    """What comes straight from the environment, from ``spp`` samples through each picked texel."""
-    grid = picked(still.size)
-    means = mean_shaded(tracer, still, grid.reshape(-1, 2), spp, seed)
-    layers = {name: getattr(means, name).reshape(*grid.shape[:2], 3) for name in SKY_LAYERS}
-    for name in LIGHT_LAYERS if denoised else ():
-        layers[name] = denoise(layers[name], means.normal.reshape(*grid.shape[:2], 3))
-    return Target(layers, (means.depth > 0).reshape(grid.shape[:2]))
-
-
-def picked(size: tuple[int, int]) -> F64:
-    """Image positions in [0, 1] of the texels that stand for the half grid, as ``shaders/include/nearest_texel.glsl`` picks.
+def texel_positions(size: tuple[int, int]) -> F64:
+    """Image positions, in [0, 1], of the texels that represent the half grid.
 
     Returns
     -------
     ndarray, float64, shape (H, W, 2)
         x to the right, y down.
     """
-    y, x = nearest_texels.picked(size, (size[0] // 2, size[1] // 2))
+    y, x = nearest_texels(size, (size[0] // 2, size[1] // 2))
     return np.stack(np.meshgrid((x + 0.5) / size[0], (y + 0.5) / size[1]), axis=-1)
+
+
+def nearest_texels(size: tuple[int, int], grid: tuple[int, int]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns of the image's texels that represent the grid's, as in shaders/include/nearest_texel.glsl."""
+    (w, h), (columns, rows) = size, grid
+    x = np.floor((np.arange(columns) + 0.5) * (w / columns))
+    y = h - 1 - np.floor((np.arange(rows)[::-1] + 0.5) * (h / rows))  # the shader's rows begin at the bottom
+    return y.astype(np.intp), x.astype(np.intp)

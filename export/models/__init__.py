@@ -1,6 +1,4 @@
-"""Networks as torch modules, one file per family, and the presets of all."""
-
-from __future__ import annotations
+"""Networks as torch modules, one file per family, and the presets of all families."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -12,10 +10,11 @@ from app.errors import ModelError
 from export.models import bcnn, gfa, ndr, surround
 from export.models.ember import Ember
 from export.models.network import Network
+from export.models.pix2pix import ConditionalPatchGan
 from export.models.radiosity import Gather, Radiosity
-from export.models.surround import Discriminator, Surround
+from export.models.surround import Surround
 
-__all__ = ["DISCRIMINATORS", "PRESETS", "UNTRAINED", "Network", "make_network", "weights_of"]
+__all__ = ["DISCRIMINATORS", "PRESETS", "UNTRAINED", "Network", "count_weights", "make_network"]
 
 UNTRAINED: Mapping[str, type[Network]] = {"ember": Ember, "gather": Gather, "radiosity": Radiosity}
 PRESETS: Mapping[str, Callable[..., Network]] = {
@@ -25,25 +24,26 @@ PRESETS: Mapping[str, Callable[..., Network]] = {
     **{name: partial(ndr.Ndr, name) for name in ndr.PRESETS},
     **{name: partial(Surround, name) for name in surround.PRESETS},
 }
-DISCRIMINATORS: Mapping[str, Callable[[], nn.Module]] = {"surround-discriminator": Discriminator}
+DISCRIMINATORS: Mapping[str, Callable[[], nn.Module]] = {"surround-discriminator": ConditionalPatchGan}
 
 
 def make_network(preset: str, options: Mapping[str, Any] | None = None) -> Network:
-    """A network with fresh weights.
+    """A network with newly initialised weights.
 
     Raises
     ------
     ModelError
-        When there is no such preset, or it has no such options.
+        When the preset is unknown, or its class does not take these options.
     """
     if preset not in PRESETS:
-        raise ModelError(f"no network {preset!r}", "preset", f"expected one of {', '.join(PRESETS)}")
+        raise ModelError(f"no preset {preset!r}", "network.preset", f"expected one of: {', '.join(PRESETS)}")
     try:
         return PRESETS[preset](**(options or {}))
     except (TypeError, ValueError) as error:
-        raise ModelError(f"bad options ({error})", f"network {preset!r}", "expected what its class takes") from None
+        raise ModelError(f"bad options ({error})", f"network {preset!r}", "expected the options in docs/training.md"
+                         ) from None
 
 
-def weights_of(network: nn.Module) -> int:
-    """Number of trained numbers."""
+def count_weights(network: nn.Module) -> int:
+    """Number of trainable parameters."""
     return sum(p.numel() for p in network.parameters())

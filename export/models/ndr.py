@@ -1,14 +1,11 @@
-"""NDR: a U-Net with two decoders puts shadows and detail into unshadowed shading by an environment.
+"""NDR: a U-Net with two decoders that adds shadows and detail to unshadowed shading by an environment.
 
 Suppan, Kaplanyan, Chalmers and Hall, "Neural Direct Illumination under distant light": normals, roughness, depth and
-unshadowed shading on the screen, the environment's spherical harmonics at the bottleneck, one decoder for diffuse and one
-for specular light. Where the text is silent (widths, activations) the choice is named here.
+unshadowed shading on the screen, the environment's spherical harmonics at the bottleneck, one decoder for diffuse and
+one for specular light. The paper leaves widths and activations open; this module documents the choices.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
@@ -16,26 +13,11 @@ from torch.nn import functional
 
 from app.network.channels import CHANNELS, DIFFUSE, GLOBALS, SPECULAR, UNSHADOWED_CHANNELS
 from app.network.contract import ModelContract, TensorSpec
-from export.models.finite import finite
-from export.models.network import Network
+from export.models.network import EXTENT, MAX_LOGIT, MAX_POSITION, NEGATIVE_SLOPE, Network, Preset, sanitize
 
-EXTENT = 40.0
-FARTHEST = 2.0         # extents; so that no input can overflow half precision
-SLOPE = 0.1            # of LeakyReLU below 0
-MAX_LOGIT = 11.0   # 6·10⁴ means
-DARKEST = 1e-3         # means, that unshadowed shading is raised by, so that nothing is too dark to be corrected
+MIN_SHADING = 1e-3  # means, added to unshadowed shading so that the network can correct black texels
 HARMONICS = "environment.sh"
-LEVELS = 3             # halvings
-
-
-@dataclass(frozen=True)
-class Preset:
-    """Channels of each level from the finest to the bottleneck, and the grid relative to the image."""
-
-    widths: tuple[int, int, int, int]
-    scale: float
-
-
+HALVINGS = 3
 PRESETS = {
     "ndr-paper": Preset((64, 128, 256, 512), 1.0),
     "ndr-16": Preset((16, 32, 64, 64), 1 / 2),
@@ -44,16 +26,15 @@ PRESETS = {
 
 
 class Ndr(Network):
-    """Diffuse and specular light straight from an environment, on a grid of the screen.
+    """Diffuse and specular light that arrives directly from an environment, in screen space.
 
-    Both decoders end in I / (1 - I) of a sigmoid I, which is an exponential, so what they give multiplies; where unshadowed
-    shading is read, it multiplies that, so that a fresh network gives the unshadowed shading.
+    Both decoders end in I / (1 - I) of a sigmoid I, which is an exponential. Where unshadowed shading is an input, the
+    output multiplies it, so that a newly initialised network reproduces the unshadowed shading.
 
     Attributes
     ----------
-    contract : ModelContract
     harmonics, depth, unshadowed : bool
-        Whether these inputs are read, for ablations. Without unshadowed shading nothing is added to the output.
+        Whether these inputs are read, for ablations. Without unshadowed shading the decoders give the light itself.
     decoders : int
         1 or 2, for ablations.
     """
@@ -62,7 +43,7 @@ class Ndr(Network):
                  decoders: int = 2) -> None:
         super().__init__()
         if decoders not in (1, 2):
-            raise ValueError(f"{decoders} decoders")
+            raise ValueError(f"decoders = {decoders}, expected 1 or 2")
         preset = PRESETS[name]
         self.unshadowed = unshadowed
         channels = ("normal.view.xyz", "roughness", *(("depth",) if depth else ()),
@@ -72,16 +53,16 @@ class Ndr(Network):
             inputs["sky"] = TensorSpec((HARMONICS,), GLOBALS)
         self.contract = ModelContract(
             name=name, paper="Suppan et al., Neural Direct Illumination", inputs=inputs,
-            outputs={"y": TensorSpec((DIFFUSE, SPECULAR))}, scale=preset.scale, multiple_of=2**LEVELS,
+            outputs={"y": TensorSpec((DIFFUSE, SPECULAR))}, scale=preset.scale, multiple_of=2**HALVINGS,
             exposure="mean-radiance" if unshadowed else "none", bounces="single", scene_extent=EXTENT,
             licence="MIT")
         w = preset.widths
         self.encoder = nn.ModuleList(_block(i, o) for i, o in zip((inputs["x"].components, *w[:-1]), w, strict=True))
-        self.sky = nn.Sequential(nn.Linear(CHANNELS[HARMONICS].components, w[-1]), nn.LeakyReLU(SLOPE),
+        self.sky = nn.Sequential(nn.Linear(CHANNELS[HARMONICS].components, w[-1]), nn.LeakyReLU(NEGATIVE_SLOPE),
                                  nn.Linear(w[-1], w[-1])) if harmonics else None
         self.merge = nn.Conv2d(w[-1] * (2 if harmonics else 1), w[-1], 1)
         self.decoders = nn.ModuleList(Decoder(w, 6 // decoders) for _ in range(decoders))
-        last = {layer.last for layer in self.modules() if isinstance(layer, Decoder)}  # a fresh network changes nothing
+        last = {layer.last for layer in self.modules() if isinstance(layer, Decoder)}  # zero, for a logit of 0
         for layer in self.modules():
             if isinstance(layer, nn.Conv2d | nn.Linear):
                 (nn.init.zeros_ if layer in last else nn.init.xavier_uniform_)(layer.weight)
@@ -94,43 +75,43 @@ class Ndr(Network):
         Parameters
         ----------
         x : Tensor, shape (B, 11, h, w)
-            The contract's channels, radiance in means of the frame, h and w multiples of 8.
+            The contract's channels; radiance relative to the mean of the frame; h and w multiples of 8.
         sky : Tensor, shape (B, 75)
             Spherical harmonics of the environment, in the same unit.
 
         Returns
         -------
         Tensor, shape (B, 6, h, w)
-            Irradiance / π, and what GGX lobes gather without Fresnel's law; 0 in the sky.
+            Irradiance / π, and radiance gathered by GGX lobes without the Fresnel term; 0 in the sky.
         """
         spec = self.contract.inputs["x"]
-        x = finite(x, spec)
+        x = sanitize(x, spec)
         rows = {name: x[:, at] for name, at in spec.rows()}
         surface = (rows["normal.view.xyz"].abs().sum(1, keepdim=True) > 0).to(x.dtype)
         if "depth" in rows:
-            rows["depth"] = (rows["depth"] / EXTENT).clamp(0, FARTHEST)
+            rows["depth"] = (rows["depth"] / EXTENT).clamp(0, MAX_POSITION)
         light = [rows[name] for name in UNSHADOWED_CHANNELS] if self.unshadowed else []
         for name in UNSHADOWED_CHANNELS if self.unshadowed else ():
-            rows[name] = rows[name] / (1 + rows[name])  # Reinhard's curve, the inverse of the output's
-        found = self._encode(torch.cat([rows[name] for name in spec.channels], 1) * surface)
+            rows[name] = rows[name] / (1 + rows[name])  # Reinhard's curve, the inverse of the output activation
+        features = self._encode(torch.cat([rows[name] for name in spec.channels], 1) * surface)
         if self.sky is not None:
             assert sky is not None
-            sky = finite(sky, self.contract.inputs["sky"])
+            sky = sanitize(sky, self.contract.inputs["sky"])
             code = self.sky(sky / (1 + sky.abs()))[:, :, None, None]
-            found[-1] = torch.cat([found[-1], code.expand(-1, -1, *found[-1].shape[2:])], 1)
-        found[-1] = functional.leaky_relu(self.merge(found[-1]), SLOPE)
-        logits = torch.cat([decoder(found) for decoder in self.decoders], 1).float()
+            features[-1] = torch.cat([features[-1], code.expand(-1, -1, *features[-1].shape[2:])], 1)
+        features[-1] = functional.leaky_relu(self.merge(features[-1]), NEGATIVE_SLOPE)
+        logits = torch.cat([decoder(features) for decoder in self.decoders], 1).float()
         if light:
-            logits = logits + torch.log(torch.cat(light, 1).float() + DARKEST)
+            logits = logits + torch.log(torch.cat(light, 1).float() + MIN_SHADING)
         return logits.clamp(max=MAX_LOGIT).exp().to(x.dtype) * surface
 
     def _encode(self, x: Tensor) -> list[Tensor]:
-        """Each level's features, the bottleneck's last."""
-        found: list[Tensor] = []
+        """The features of each level, the bottleneck last."""
+        features: list[Tensor] = []
         for block in self.encoder:
-            x = block(functional.avg_pool2d(x, 2) if found else x)
-            found.append(x)
-        return found
+            x = block(functional.avg_pool2d(x, 2) if features else x)
+            features.append(x)
+        return features
 
 
 class Decoder(nn.Module):
@@ -150,6 +131,5 @@ class Decoder(nn.Module):
 
 
 def _block(inputs: int, outputs: int) -> nn.Sequential:
-    return nn.Sequential(nn.Conv2d(inputs, outputs, 3, padding=1), nn.LeakyReLU(SLOPE),
-                         nn.Conv2d(outputs, outputs, 3, padding=1), nn.LeakyReLU(SLOPE))
-
+    return nn.Sequential(nn.Conv2d(inputs, outputs, 3, padding=1), nn.LeakyReLU(NEGATIVE_SLOPE),
+                         nn.Conv2d(outputs, outputs, 3, padding=1), nn.LeakyReLU(NEGATIVE_SLOPE))

@@ -1,43 +1,32 @@
-"""Surrounding-aware light: a U-Net that sees six views around the camera as one picture.
+"""Surrounding-aware indirect light: a U-Net whose input is a panorama of six views around the camera.
 
-Mahmud et al. 2022, "Surrounding-aware screen-space-global-illumination using generative adversarial networks", whose
-networks are those of pix2pix (Isola et al. 2017). Where the text is silent the choice is named here.
+Mahmud et al. 2022, "Surrounding-aware screen-space-global-illumination using generative adversarial networks", with the
+networks of pix2pix (Isola et al. 2017). Choices that the thesis leaves open are documented in this module.
 """
-
-from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn import functional
 
 from app.network.channels import PANORAMA
 from app.network.contract import ModelContract, TensorSpec
-from export.models.channel_normalization import DARKEST as DARKEST_MEAN
-from export.models.channel_normalization import times_means
-from export.models.finite import finite
-from export.models.network import Network
-from export.models.panorama import solid_angles
-from export.models.unoccluded_mean_radiance import unoccluded_mean_radiance
+from export.models.channel_normalization import MIN_MEAN, denormalize_channels
+from export.models.network import EXTENT, MAX_POSITION, Network, sanitize
+from export.models.panorama import project_to_panorama, solid_angles, unoccluded_mean_radiance
+from export.models.pix2pix import Generator
 
-EXTENT = 40.0
-FARTHEST = 2.0   # extents
-SLOPE = 0.2      # of LeakyReLU below 0, as in pix2pix
-AROUND = ("albedo.rgb", "normal.view.xyz", "depth", "surface_and_sky_radiance.rgb")
-SCREEN = ("position.view.xyz",)
-SEEN, COLORS = 12, 3    # channels: those of AROUND with azimuth and height; a light map's
-DROPPED = 3             # decoder blocks with dropout
-SHARPER = 2             # panorama that is drawn for users, to that which the generator sees
-DARKEST = 0.02          # albedo that surface_and_sky_radiance is divided by, at least
-MU, BRIGHTEST = 16.0, 1024.0  # of the μ-law between Tanh and light in means of the sphere, and where it ends
-EPSILON = 1e-5
+PANORAMA_CHANNELS = ("albedo.rgb", "normal.view.xyz", "depth", "surface_and_sky_radiance.rgb")
+SUPERSAMPLING = 2   # rows of the exported file's panorama for each row that the generator sees
+MIN_ALBEDO = 0.02   # divisors of surface_and_sky_radiance are raised to this
+MU, MAX_RADIANCE = 16.0, 1024.0  # μ-law between light in means of the sphere and the range of Tanh
 
 
 @dataclass(frozen=True)
 class Preset:
-    """Channels of each halving, and the height of the panorama."""
+    """Channels after each halving, and the height of the panorama."""
 
     widths: tuple[int, ...]
     height: int
@@ -50,39 +39,39 @@ PRESETS = {
 
 
 class Surround(Network):
-    """A light map of all that surrounds the camera, of which the screen takes its part.
+    """A light map of everything around the camera, which the screen's texels look up.
 
-    The thesis's map is of direct and indirect light together. What is known of it the panorama tells, surface_and_sky_radiance
-    (direct light, and what glows) / albedo, so that the generator gives the rest, and loss and discriminator see the sum:
-    nothing is to be taken off, which would leave what the generator errs by where light is strong.
+    The thesis generates direct and indirect light together. Here the generator predicts indirect light alone; loss and
+    discriminator add the known part, surface_and_sky_radiance / albedo. Subtracting direct light from a generated sum
+    would leave the generator's errors where direct light is strong.
 
-    The generator is shown light in means of the sphere, of each colour, and gives it relative to ``unoccluded_mean_radiance``: what the
-    lit places would send by the inverse square law. So how much light there is, and how far away, it need not learn,
-    but what shadows, angles and further bounces make of it.
+    The generator sees light relative to the mean over the sphere, colour by colour, and predicts light relative to
+    ``unoccluded_mean_radiance``, which accounts for the amount and the distance of light. What is left to learn are
+    shadows, angles and further bounces.
 
     Attributes
     ----------
-    contract : ModelContract
     height : int
-        Of the panorama that the generator sees, in texels.
-    front_alone : bool
-        Shows it nothing but the front view, for comparison: then it is DeepIllumination (Thomas and Forbes 2017). What
-        it gives is in means of the sphere: it is told how much light there is, not where.
+        Of the generator's panorama, in texels.
+    front_only : bool
+        The generator sees the front view only, as in DeepIllumination (Thomas and Forbes 2017), and its output is
+        relative to the mean over the sphere: it knows how much light there is, but not where. For ablations.
     """
 
-    remark = ("of the light map the generator gives what is indirect, which is looked up where the screen's texels "
-              "lie around the camera, relative to what the lit places around it would send there by the inverse "
-              "square law (of the front alone: to the mean light of the sphere); for loss and discriminator the known part is "
-              f"added, surface_and_sky_radiance / albedo, of an albedo of at least {DARKEST:g}, so that none is to be removed")
+    remark = ("the generator predicts indirect light as a panorama, relative to what the lit surfaces around the "
+              "camera would send to each point by the inverse square law (the front-only variant: relative to the mean "
+              "light of the sphere), and the screen's texels look it up; for loss and discriminator the known part, "
+              f"surface_and_sky_radiance / albedo, is added, with albedo raised to at least {MIN_ALBEDO:g}")
 
-    def __init__(self, name: str, front_alone: bool = False, dropout: float = 0.5) -> None:
+    def __init__(self, name: str, front_only: bool = False, dropout: float = 0.5) -> None:
         super().__init__()
         preset = PRESETS[name]
-        self.front_alone, self.height = front_alone, preset.height
+        self.front_only, self.height = front_only, preset.height
         self.contract = ModelContract(
-            name=name + "-front" * front_alone,
+            name=name + "-front" * front_only,
             paper="Mahmud et al. 2022, Surrounding-Aware Screen-Space Global Illumination",
-            inputs={"around": TensorSpec(AROUND, PANORAMA, preset.height), "screen": TensorSpec(SCREEN)},
+            inputs={"around": TensorSpec(PANORAMA_CHANNELS, PANORAMA, preset.height),
+                    "screen": TensorSpec(("position.view.xyz",))},
             outputs={"y": TensorSpec(("indirect.rgb",))}, scale=1 / 4, exposure="mean-radiance", bounces="multi",
             scene_extent=EXTENT, cube_axes="camera", licence="MIT")
         self.generator = Generator(preset.widths, dropout)
@@ -108,179 +97,95 @@ class Surround(Network):
             Indirect radiance / albedo in the unit of ``around``, at least 0; 0 in the sky.
         """
         position = self._position(screen)
-        light = functional.grid_sample(self.relative_map(around), places(position), align_corners=False,
+        light = functional.grid_sample(self.relative_map(around), project_to_panorama(position), align_corners=False,
                                        padding_mode="border")
         surface = (position.abs().sum(1, keepdim=True) > 0).to(position.dtype)
-        return times_means(light * surface, self._unit(around, position)).to(around.dtype)
+        return denormalize_channels(light * surface, self._unit(around, position)).to(around.dtype)
 
     def export_contract(self) -> ModelContract:
-        """With a panorama of more texels, over which light is averaged: a strip of sun sends as much as it is wide.
+        """With a panorama of higher resolution, whose light is averaged, so that a narrow strip of sun keeps its flux.
 
-        The twin of the front alone is not told where the lit places lie, so its panorama stays as it is.
+        The front-only variant does not use the position of lit texels, so its panorama stays as it is.
         """
-        if self.front_alone:
+        if self.front_only:
             return self.contract
         around = self.contract.inputs["around"]
         return replace(self.contract, inputs={**self.contract.inputs,
-                                              "around": replace(around, size=SHARPER * self.height)})
+                                              "around": replace(around, size=SUPERSAMPLING * self.height)})
 
     def condition(self, around: Tensor, screen: Tensor) -> Tensor:
-        """What the loss needs beside light, [B, 16, h, w], on the screen.
+        """What the loss reads besides light, on the screen, [B, 16, h, w].
 
-        ``seen``, and known light, surface_and_sky_radiance / albedo, in a unit that is the last channel: the mean light of the whole
-        sphere over all colours, so that colours are weighed by their light.
+        The ``features``, the known light surface_and_sky_radiance / albedo, and last the unit of that light: the mean
+        over the whole sphere and all colours, so that colours are weighted by their light.
         """
-        albedo, _, _, surface_and_sky_radiance = self._split(around)
-        seen, means = self._exposed(around)
-        unit = means.mean(1, keepdim=True).clamp(min=DARKEST_MEAN)
-        known = surface_and_sky_radiance.float() / albedo.float().clamp(min=DARKEST) / unit
-        found = torch.cat([seen.float(), known, unit.expand_as(known[:, :1])], 1)
-        return functional.grid_sample(found, places(self._position(screen)), mode="nearest", align_corners=False,
-                                      padding_mode="border")
+        albedo, _, _, radiance = self._split(around)
+        features, means = self._features(around)
+        unit = means.mean(1, keepdim=True).clamp(min=MIN_MEAN)
+        known = radiance.float() / albedo.float().clamp(min=MIN_ALBEDO) / unit
+        panorama = torch.cat([features.float(), known, unit.expand_as(known[:, :1])], 1)
+        return functional.grid_sample(panorama, project_to_panorama(self._position(screen)), mode="nearest",
+                                      align_corners=False, padding_mode="border")
 
     def relative_map(self, around: Tensor) -> Tensor:
-        """Indirect light [B, 3, H, 2 H] without albedo over that of the unit at each place, in single precision."""
-        return from_tanh(smooth(self.generator(self.seen(around)).float()))
+        """Indirect light / albedo [B, 3, H, 2 H], relative to the unit of each point, in single precision."""
+        return from_tanh(smooth(self.generator(self.features(around)).float()))
 
-    def seen(self, around: Tensor) -> Tensor:
-        """What generator and discriminator look at, [B, 12, H, 2 H], each channel of about unit size."""
-        return self._exposed(around)[0]
+    def features(self, around: Tensor) -> Tensor:
+        """Input of generator and discriminator, [B, 12, H, 2 H], each channel of about unit scale."""
+        return self._features(around)[0]
 
-    def _exposed(self, around: Tensor) -> tuple[Tensor, Tensor]:
-        """``seen``, and each colour's mean over the sphere by solid angle, [B, 3, 1, 1], in single precision."""
+    def _features(self, around: Tensor) -> tuple[Tensor, Tensor]:
+        """``features``, and the mean of each colour over the sphere, float32 [B, 3, 1, 1]."""
         albedo, normal, depth, light = self._split(around)
         means = self._means(light)
-        relative = self._shown(light.float() / means.clamp(min=DARKEST_MEAN))
-        surfaces = self._shown(torch.cat([albedo, normal, (depth / EXTENT).clamp(max=FARTHEST)], 1))
-        found = torch.cat([surfaces, to_tanh(relative).to(depth)], 1)
-        return torch.cat([found, self.get_buffer("angles").to(found).expand(len(found), -1, -1, -1)], 1), means
+        relative = self._visible(light.float() / means.clamp(min=MIN_MEAN))
+        surfaces = self._visible(torch.cat([albedo, normal, (depth / EXTENT).clamp(max=MAX_POSITION)], 1))
+        panorama = torch.cat([surfaces, to_tanh(relative).to(depth)], 1)
+        return torch.cat([panorama, self.get_buffer("angles").to(panorama).expand(len(panorama), -1, -1, -1)], 1), means
 
-    def _shown(self, x: Tensor) -> Tensor:
-        return x * self.get_buffer("front").to(x) if self.front_alone else x
+    def _visible(self, x: Tensor) -> Tensor:
+        return x * self.get_buffer("front").to(x) if self.front_only else x
 
     def _means(self, light: Tensor) -> Tensor:
         share = self.get_buffer("solid_angle").float() / (4 * math.pi)
         return (light.float() * share).sum((2, 3), keepdim=True)
 
     def _unit(self, around: Tensor, position: Tensor) -> Tensor:
-        """What the generator's light is relative to, of each colour, [B, 3, h, w]; of the front alone [B, 3, 1, 1]."""
+        """Unit of the generated light, [B, 3, h, w]; [B, 3, 1, 1] for the front-only variant."""
         _, normal, depth, light = (x.float() for x in self._split(around))
         means = self._means(light)
-        if self.front_alone:
+        if self.front_only:
             return means
-        relative = light / means.clamp(min=DARKEST_MEAN)
-        return means * unoccluded_mean_radiance(relative, normal, depth, self.get_buffer("solid_angle").float(), position)
+        relative = light / means.clamp(min=MIN_MEAN)
+        solid_angle = self.get_buffer("solid_angle").float()
+        return means * unoccluded_mean_radiance(relative, normal, depth, solid_angle, position)
 
     def _split(self, around: Tensor) -> tuple[Tensor, ...]:
-        """Albedo, normal, depth, surface_and_sky_radiance of the generator's size: of more texels light's mean, one of the rest."""
-        albedo, normal, depth, light = torch.split(finite(around, self.contract.inputs["around"]), [3, 3, 1, 3], dim=1)
-        every = around.shape[2] // self.height
-        if every == 1:
+        """Albedo, normal, depth (subsampled) and radiance (averaged) at the generator's resolution."""
+        around = sanitize(around, self.contract.inputs["around"])
+        albedo, normal, depth, light = torch.split(around, [3, 3, 1, 3], dim=1)
+        stride = around.shape[2] // self.height
+        if stride == 1:
             return albedo, normal, depth, light
-        picked = (x[..., every // 2::every, every // 2::every] for x in (albedo, normal, depth))
-        return *picked, functional.avg_pool2d(light.float(), every).to(light.dtype)
+        subsampled = (x[..., stride // 2::stride, stride // 2::stride] for x in (albedo, normal, depth))
+        return *subsampled, functional.avg_pool2d(light.float(), stride).to(light.dtype)
 
     def _position(self, screen: Tensor) -> Tensor:
         """In single precision, [B, 3, h, w]."""
-        return finite(screen, self.contract.inputs["screen"]).float()
+        return sanitize(screen, self.contract.inputs["screen"]).float()
 
 
-class Generator(nn.Module):
-    """pix2pix's U-Net: 4×4 convolutions that halve, then double, with skips; Tanh at the end.
-
-    Layers of one width share one batch norm, as the thesis's counts of weights tell, and so no running statistics: a
-    picture is always normed by its own.
-    """
-
-    def __init__(self, widths: tuple[int, ...], dropout: float) -> None:
-        super().__init__()
-        self.down = nn.ModuleList(nn.Conv2d(i, o, 4, 2, 1) for i, o in zip((SEEN, *widths[:-1]), widths, strict=True))
-        ups = (*widths[-2::-1], COLORS)
-        skips = (0, *widths[-2::-1])
-        self.up = nn.ModuleList(nn.ConvTranspose2d(before + skip, o, 4, 2, 1) for before, skip, o in
-                                zip((widths[-1], *ups[:-1]), skips, ups, strict=True))
-        self.norms = nn.ModuleDict({str(width): Norm(width) for width in dict.fromkeys((*widths[1:-1], *ups[:-1]))})
-        self.dropout = nn.Dropout(dropout)
-
-    def forward(self, x: Tensor) -> Tensor:
-        """A picture [B, 3, H, W] of values in (-1, 1), of [B, 12, H, W]."""
-        skips: list[Tensor] = []
-        for number, convolve in enumerate(self.down):
-            x = convolve(x if number == 0 else functional.leaky_relu(x, SLOPE))
-            if 0 < number < len(self.down) - 1:
-                x = self.norms[str(convolve.out_channels)](x)
-            skips.append(x)
-        for number, convolve in enumerate(self.up):
-            joined = x if number == 0 else torch.cat([x, skips[-1 - number]], 1)
-            x = convolve(functional.relu(joined))
-            if number < len(self.up) - 1:
-                x = self.norms[str(convolve.out_channels)](x)
-            if 0 < number <= DROPPED:
-                x = self.dropout(x)
-        return torch.tanh(x)
-
-
-class Discriminator(nn.Module):
-    """pix2pix's PatchGAN on what the generator saw and a light map; each output looks at 70×70 texels."""
-
-    def __init__(self, widths: tuple[int, ...] = (64, 128, 256, 512)) -> None:
-        super().__init__()
-        strides = (*[2] * (len(widths) - 1), 1)
-        self.layers = nn.ModuleList(nn.Conv2d(i, o, 4, s, 1) for i, o, s in
-                                    zip((SEEN + COLORS, *widths[:-1]), widths, strides, strict=True))
-        self.norms = nn.ModuleList(Norm(width) for width in widths[1:])
-        self.last = nn.Conv2d(widths[-1], 1, 4, 1, 1)
-
-    def forward(self, seen: Tensor, light: Tensor) -> Tensor:
-        """Logits of how true each patch looks; ``seen`` [B, 12, h, w], ``light`` [B, 3, h, w] as Tanh has it."""
-        x = torch.cat([seen, light], 1)
-        for number, convolve in enumerate(self.layers):
-            x = convolve(x)
-            x = functional.leaky_relu(self.norms[number - 1](x) if number else x, SLOPE)
-        return torch.as_tensor(self.last(x))
-
-
-class Norm(nn.Module):
-    """Batch norm of a batch of one: each picture by its own mean and variance, in training as later."""
-
-    def __init__(self, width: int) -> None:
-        super().__init__()
-        self.weight, self.bias = nn.Parameter(torch.ones(width)), nn.Parameter(torch.zeros(width))
-
-    def forward(self, x: Tensor) -> Tensor:
-        """[B, C, h, w]."""
-        off = x.float() - x.float().mean((2, 3), keepdim=True)
-        relative = off * torch.rsqrt(off.square().mean((2, 3), keepdim=True) + EPSILON)
-        return relative.to(x.dtype) * self.weight.reshape(1, -1, 1, 1) + self.bias.reshape(1, -1, 1, 1)
-
-
-def places(position: Tensor) -> Tensor:
-    """Where the panorama shows points, [B, h, w, 2] for ``grid_sample``; position [B, 3, h, w] in camera space.
-
-    See ``shaders/include/panorama.glsl``. All views are looked into, so that no field of view is too wide.
-    """
-    x, y, z = position.unbind(1)
-    largest = position.abs().amax(1).clamp(min=1e-12)
-    x, y, z = x / largest, y / largest, z / largest
-    level = torch.maximum(x.abs(), z.abs()) >= y.abs()
-    aside, ahead, side = x.abs() > z.abs(), z < 0, x.sign()
-    # Units: half the edge of a view. The middle of the front is the origin; the whole is 8 wide and 4 high.
-    across = torch.where(aside, side * (2 + z), torch.where(ahead, x, side * (4 - x.abs())))
-    turned = torch.where(level, across, 4 * x)
-    down = torch.where(level, -y, torch.where(y > 0, -1.5 - z / 2, 1.5 + z / 2))
-    return torch.stack([turned / 4, down / 2], -1)
-
-
-def smooth(picture: Tensor) -> Tensor:
-    """Without what repeats after two or four texels, as transposed convolutions leave it: [1 2 2 2 1] / 8."""
-    return functional.avg_pool2d(functional.avg_pool2d(functional.pad(picture, (2, 2, 2, 2), "replicate"), 4, 1), 2, 1)
+def smooth(image: Tensor) -> Tensor:
+    """Remove the checkerboard of transposed convolutions, of period 2 or 4, by the filter [1 2 2 2 1] / 8."""
+    return functional.avg_pool2d(functional.avg_pool2d(functional.pad(image, (2, 2, 2, 2), "replicate"), 4, 1), 2, 1)
 
 
 def to_tanh(light: Tensor) -> Tensor:
-    """Light in means, of one colour or of all, on Tanh's scale: logarithmic, -1 is black."""
-    return 2 * torch.log1p(MU * light.clamp(0, BRIGHTEST)) / math.log1p(MU * BRIGHTEST) - 1
+    """Light in means of the sphere on the μ-law scale from -1, black, to 1, ``MAX_RADIANCE``."""
+    return 2 * torch.log1p(MU * light.clamp(0, MAX_RADIANCE)) / math.log1p(MU * MAX_RADIANCE) - 1
 
 
 def from_tanh(value: Tensor) -> Tensor:
-    """What ``to_tanh`` made of light."""
-    return (((value + 1) / 2 * math.log1p(MU * BRIGHTEST)).exp() - 1) / MU
+    """The inverse of ``to_tanh``."""
+    return (((value + 1) / 2 * math.log1p(MU * MAX_RADIANCE)).exp() - 1) / MU

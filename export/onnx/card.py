@@ -1,20 +1,19 @@
-"""The model card of a trained network, from what its checkpoint knows."""
-
-from __future__ import annotations
+"""The model card of a trained network, written from its checkpoint."""
 
 from collections.abc import Mapping
 from pathlib import Path
 
+from app.evaluation.tables import markdown_table
 from app.network.channels import CHANNELS
 from app.network.contract import ModelContract
 from export.training.checkpoint import Checkpoint
 
-COMPARED = "**Files**, compared on the same random, real and extreme inputs (of half files, rounded to half)"
-MADE_BY = "`python -m export train` and `python -m export onnx`; docs/training.md has the commands."
+COMPARED = "**Files**, compared on the same random, rendered and extreme inputs (for half files, rounded to half)"
+MADE_BY = "`python -m export train` and `python -m export onnx write`; see docs/training.md."
 
 
 def summary(checkpoint: Checkpoint) -> str:
-    """Data, steps and seed in a few words, for the contract."""
+    """Data, steps and seed in one line, for the contract."""
     facts = checkpoint.facts
     return (f"{facts['trained_on']} pairs of {checkpoint.config.data.dataset.name}, {checkpoint.progress.step} steps, "
             f"seed {checkpoint.config.seed}")
@@ -26,14 +25,15 @@ def card(checkpoint: Checkpoint, contract: ModelContract, differences: Mapping[P
     Parameters
     ----------
     differences : mapping of Path to float
-        The files and how far onnxruntime is from torch in single precision, relative to the largest output.
+        Error of onnxruntime against torch in single precision for each file, relative to the largest output.
     """
     config, progress, facts = checkpoint.config, checkpoint.progress, checkpoint.facts
     reads = [f"`{t}` [1, {spec.components}, h, w]: " + ", ".join(f"`{c}`" for c in spec.channels)
              for t, spec in contract.inputs.items()]
     terms = ", ".join(f"{name} {value:.4f}" for name, value in progress.validation.items())
     options = ", ".join(f"{k} = {v!r}" for k, v in config.network.options.items()) or "none"
-    left_out = _left_out(config.loss.kind, progress.validation)
+    missing = config.loss.kind == "gfa" and "perceptual" not in progress.validation
+    note = ", without its perceptual term, since `features` was not set" if missing else ""
     rows = {
         "reads": "; ".join(reads),
         "writes": "; ".join(f"`{c}`: {CHANNELS[c].meaning}" for s in contract.outputs.values() for c in s.channels),
@@ -50,21 +50,13 @@ def card(checkpoint: Checkpoint, contract: ModelContract, differences: Mapping[P
     training = {
         "preset, options": f"`{config.network.preset}`, {options}",
         "data": f"{facts['trained_on']} of {facts['pairs']} pairs of `{config.data.dataset.name}`",
-        "loss": f"`{config.loss.kind}` {config.loss.options or ''}".strip() + left_out,
+        "loss": f"`{config.loss.kind}` {config.loss.options or ''}".strip() + note,
         "steps, batch, seed": f"{progress.step}, {config.schedule.batch}, {config.seed}",
         "time": f"{progress.seconds / 3600:.2f} h on {facts['machine']}, torch {facts['torch']}, {facts['written']}",
         "loss on held-out pairs": terms,
     }
     files = {f"`{path.name}`": f"{path.stat().st_size / 1e6:.2f} MB, onnxruntime within {difference:.1e} of torch"
              for path, difference in differences.items()}
-    return "\n\n".join([f"# {contract.name}", _table(rows), "**Trained on**", _table(training),
-                        COMPARED, _table(files), f"**Made by** {MADE_BY}"]) + "\n"
-
-
-def _left_out(loss: str, terms: Mapping[str, float]) -> str:
-    missing = loss == "gfa" and "perceptual" not in terms
-    return ", without its perceptual term: no network for it was at hand" if missing else ""
-
-
-def _table(rows: Mapping[str, str]) -> str:
-    return "\n".join(["| | |", "|---|---|", *(f"| {key} | {value} |" for key, value in rows.items())])
+    about, trained_on, exported = (markdown_table(("", ""), table.items()) for table in (rows, training, files))
+    return "\n\n".join([f"# {contract.name}", about, "**Trained on**", trained_on, COMPARED, exported,
+                        f"**Made by** {MADE_BY}"]) + "\n"

@@ -1,6 +1,4 @@
-"""Torch modules as ONNX graphs: whole, or split where work may be cached (``app.network.static_cache``)."""
-
-from __future__ import annotations
+"""Traces torch modules to ONNX graphs: whole, or split at the static cache (``app.network.static_cache``)."""
 
 import tempfile
 import warnings
@@ -22,13 +20,13 @@ OPSET = 17
 _TYPES = {torch.float32: TensorProto.FLOAT, torch.float16: TensorProto.FLOAT16}
 
 
-def graph_of(network: Network, inputs: Sequence[Tensor]) -> onnx.ModelProto:
-    """The graph of a network whose contract's inputs are like ``inputs``; h and w of the screen may be any."""
+def trace_network(network: Network, inputs: Sequence[Tensor]) -> onnx.ModelProto:
+    """Trace a network with example ``inputs`` in the contract's order; the screen's h and w stay dynamic."""
     contract = network.contract
     named = dict(zip(contract.inputs, inputs, strict=True))
     if contract.static_input is not None:
-        return _split(network, named)
-    return _traced(network, named, list(contract.outputs), _free(contract))
+        return _trace_split(network, named)
+    return _trace(network, named, list(contract.outputs), _dynamic_axes(contract))
 
 
 class _Precompute(nn.Module):
@@ -49,17 +47,17 @@ class _Finish(nn.Module):
         return self.network.finish(tensors[self.others:], *tensors[:self.others])
 
 
-def _split(network: Network, inputs: Mapping[str, Tensor]) -> onnx.ModelProto:
-    """Both halves in one graph: the first runs where ``recompute`` is true, otherwise its results are inputs."""
+def _trace_split(network: Network, inputs: Mapping[str, Tensor]) -> onnx.ModelProto:
+    """Both halves in one graph: if ``recompute`` is false, inputs replace the results of the first half."""
     contract, halves = network.contract, cast(StaticSplit, network)
     source = contract.static_input
     assert source is not None
     others = {name: x for name, x in inputs.items() if name != source}
     with torch.no_grad():
         cached = {f"{PREFIX}{i}": x for i, x in enumerate(halves.precompute(inputs[source]))}
-    free = _free(contract) | {name: {axis: f"{name}.{axis}" for axis in range(x.dim())} for name, x in cached.items()}
-    first = _traced(_Precompute(halves), {source: inputs[source]}, [f"recomputed.{name}" for name in cached], free)
-    second = _traced(_Finish(halves, len(others)), {**others, **cached}, list(contract.outputs), free)
+    axes = _dynamic_axes(contract) | {name: {i: f"{name}.{i}" for i in range(x.dim())} for name, x in cached.items()}
+    first = _trace(_Precompute(halves), {source: inputs[source]}, [f"recomputed.{name}" for name in cached], axes)
+    second = _trace(_Finish(halves, len(others)), {**others, **cached}, list(contract.outputs), axes)
 
     first = compose.add_prefix(first, "precompute/", rename_inputs=False, rename_outputs=False)
     types = {name: _TYPES[x.dtype] for name, x in cached.items()}
@@ -82,20 +80,20 @@ def _split(network: Network, inputs: Mapping[str, Tensor]) -> onnx.ModelProto:
     return helper.make_model(graph, opset_imports=second.opset_import, ir_version=second.ir_version)
 
 
-def _traced(module: nn.Module, inputs: Mapping[str, Tensor], outputs: Sequence[str],
-            free: Mapping[str, Mapping[int, str]]) -> onnx.ModelProto:
+def _trace(module: nn.Module, inputs: Mapping[str, Tensor], outputs: Sequence[str],
+           axes: Mapping[str, Mapping[int, str]]) -> onnx.ModelProto:
     module.eval()
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         file = Path(folder) / "graph.onnx"
-        # The tracing exporter is deprecated, but alone gives a small graph without further packages.
+        # The tracing exporter is deprecated, but only it gives a small graph without further packages.
         warnings.simplefilter("ignore")
         torch.onnx.export(module, tuple(inputs.values()), file, dynamo=False, opset_version=OPSET,
                           input_names=list(inputs), output_names=list(outputs),
-                          dynamic_axes={name: free[name] for name in (*inputs, *outputs) if name in free})
+                          dynamic_axes={name: axes[name] for name in (*inputs, *outputs) if name in axes})
         return onnx.load(file)
 
 
-def _free(contract: ModelContract) -> dict[str, dict[int, str]]:
-    """Axes of any length, by tensor."""
+def _dynamic_axes(contract: ModelContract) -> dict[str, dict[int, str]]:
+    """Axes of variable length, by tensor."""
     return {tensor: {2: "h", 3: "w"} for tensor, spec in (*contract.inputs.items(), *contract.outputs.items())
             if spec.grid == SCREEN}

@@ -1,1 +1,1 @@
-"""The path tracer that references come from."""
+"""Path-traced references: Mitsuba scenes, a diffuse path tracer and a tracer of environment light."""

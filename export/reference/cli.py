@@ -1,6 +1,4 @@
-"""``python -m export reference``: the path-traced reference of one picture."""
-
-from __future__ import annotations
+"""``python -m export reference``: the path-traced reference of one image."""
 
 from pathlib import Path
 from typing import Annotated
@@ -13,58 +11,59 @@ from app.io.terminal import transient_progress
 from app.load import embedded_scene, load_scene
 from app.settings import Settings, parse_size
 
-MAX_COUNT = 2**15  # samples per pixel
-SCENE = typer.Argument(metavar="[SCENE]", help="Scene file; the embedded Cornell box without it.")
+MAX_SPP = 2**15
+SCENE = typer.Argument(metavar="[SCENE]", help="Scene file; by default the embedded Cornell box.")
 
 
 def reference(scene: Annotated[Path | None, SCENE] = None,
               camera: Annotated[str | None, typer.Option(help="A camera of the scene.")] = None,
               lighting: Annotated[str | None, typer.Option(help="A lighting of the scene's JSON file.")] = None,
-              scene_json: Annotated[Path | None, typer.Option(help="Cameras, lightings and motion.")] = None,
+              scene_json: Annotated[Path | None, typer.Option(help="JSON file of cameras, lightings, motion.")] = None,
               size: Annotated[str, typer.Option(help="Width and height in pixels.", metavar="WxH")] = "256x192",
               spp: Annotated[int, typer.Option(help="Paths per pixel.", min=1)] = 256,
               max_bounces: Annotated[int, typer.Option(help="Of indirect light.", min=1, max=1000)] = 16,
-              plain: Annotated[str, typer.Option(help="Instead: pictures at these paths per pixel, with their times.",
-                                                 metavar="N,…")] = "",
-              seed: Annotated[int, typer.Option(min=0, max=31)] = 0,  # with --plain it fills a sampler's 32 bits
+              baselines: Annotated[str, typer.Option(
+                  help="Write images at these paths per pixel, with timings, instead of the reference.",
+                  metavar="N,…")] = "",
+              seed: Annotated[int, typer.Option(min=0, max=31)] = 0,  # baselines derive 32-bit seeds from it
               out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("reference")) -> None:
     """Path-trace a scene: reference.exr with direct, indirect and final light, aovs.exr with the renderer's images."""
-    from export.reference.mitsuba_scene import mitsuba
+    from export.reference.mitsuba_module import load_mitsuba
 
-    mitsuba()  # says what is missing, if anything is
+    load_mitsuba()  # fails here, before the scene is read, when something is missing
     from export.reference.still import Still
-    from export.reference.trace import write_plain, write_reference
+    from export.reference.trace import write_baselines, write_reference
 
     loaded = embedded_scene(lighting=lighting) if scene is None else load_scene(scene, lighting=lighting,
                                                                                 scene_json=scene_json)
     if camera is not None and camera not in loaded.cameras:
-        raise SettingsError(f"no camera {camera!r}", "--camera", f"expected one of {', '.join(loaded.cameras)}")
+        raise SettingsError(f"no camera {camera!r}", "--camera", f"expected one of: {', '.join(loaded.cameras)}")
     still = Still(loaded, loaded.cameras[camera or loaded.default_camera].at(0.0), Settings(parse_size(size)).size)
     prepare_folders(out)
-    if plain:
-        write_plain(out, still, parse_counts(plain, "--plain"), seed, max_bounces)
+    if baselines:
+        write_baselines(out, still, _parse_counts(baselines), seed, max_bounces)
         return
     about = {"scene": str(scene or "embedded"), "camera": camera or loaded.default_camera, "lighting": loaded.lighting}
     with transient_progress() as bar:
         task = bar.add_task("tracing", total=1.0)
-        found = write_reference(out, still, spp, seed, max_bounces, about,
-                                lambda share: bar.update(task, completed=share))
-    for name, value in found.noise.items():
+        traced = write_reference(out, still, spp, seed, max_bounces, about,
+                                 lambda share: bar.update(task, completed=share))
+    for name, value in traced.noise.items():
         print(f"{name}: noise " + ("unknown" if value is None else f"{value:.2%} of the mean"))
-    for notice in found.notices:
+    for notice in traced.notices:
         print(f"note: {notice}")
 
 
-def parse_counts(text: str, option: str) -> list[int]:
-    """Whole numbers from 1 to ``MAX_COUNT``, separated by commas.
+def _parse_counts(text: str) -> list[int]:
+    """Whole numbers from 1 to ``MAX_SPP``, separated by commas.
 
     Raises
     ------
     SettingsError
-        When one is not.
+        For anything else.
     """
     counts = [int(part) if part.strip().isdecimal() else 0 for part in text.split(",")]
-    if min(counts) < 1 or max(counts) > MAX_COUNT:
-        raise SettingsError(f"bad numbers of paths {text!r}", option,
-                            f"expected whole numbers up to {MAX_COUNT}, such as 1,2,4")
+    if min(counts) < 1 or max(counts) > MAX_SPP:
+        raise SettingsError(f"bad samples per pixel {text!r}", "--baselines",
+                            f"expected whole numbers from 1 to {MAX_SPP}, such as 1,2,4")
     return counts

@@ -1,18 +1,14 @@
-"""What the tracers draw: a scene seen by one camera at one time."""
-
-from __future__ import annotations
+"""What the tracers render: a scene seen by one camera at one time."""
 
 from dataclasses import dataclass
 
 from app.math3d import View
 from app.scene import Camera, Scene
 
-RAYS_AT_ONCE = 2**20  # as many as fit into memory
-
 
 @dataclass(frozen=True, eq=False)
 class Still:
-    """A scene seen by one camera in an image ``size`` of width and height, at ``time`` seconds."""
+    """A scene seen by ``camera`` at ``time`` seconds, in an image of ``size`` (width, height)."""
 
     scene: Scene
     camera: Camera

@@ -1,6 +1,4 @@
-"""All that a training run is at some step, in one file that appears whole."""
-
-from __future__ import annotations
+"""Checkpoints: the complete state of a training run in one file, replaced atomically."""
 
 import platform
 import time
@@ -12,25 +10,25 @@ import torch
 from torch import Tensor, nn
 
 from app.errors import ModelError
-from app.io.atomic_files import replacing
+from app.io.atomic_files import replace_file
 from export.models import Network, make_network
-from export.training.config import Config, from_table
+from export.training.config import Config, config_from_table
 
-VERSION = 3
+VERSION = 4
 
 
 @dataclass
 class Progress:
-    """How far a run is.
+    """Progress of a run.
 
     Attributes
     ----------
     step : int
-        Steps taken.
+        Number of completed steps.
     seconds : float
-        Spent training, over all times that it was resumed.
+        Training time over all sessions.
     validation : dict of str to float
-        The newest loss on the held-out pairs, by term and ``loss``.
+        Latest loss on the held-out pairs: its terms and their sum ``loss``.
     """
 
     step: int = 0
@@ -40,14 +38,14 @@ class Progress:
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """What ``save`` has written.
+    """Contents of a checkpoint.
 
     Attributes
     ----------
     discriminator : dict
         State of the loss's discriminator; empty without one.
     facts : dict
-        What a model card says besides: pairs of the dataset, weights, machine, versions, the day.
+        Further facts for the model card: pairs of the dataset, weights, machine, versions and date.
     """
 
     config: Config
@@ -59,47 +57,47 @@ class Checkpoint:
     facts: dict[str, Any]
 
     def network(self) -> Network:
-        """The network with the averaged weights."""
+        """The network with the averaged weights, in evaluation mode."""
         network = make_network(self.config.network.preset, self.config.network.options)
-        prefix = "module."  # of AveragedModel
+        prefix = "module."  # added by AveragedModel
         network.load_state_dict({k.removeprefix(prefix): x for k, x in self.ema.items() if k.startswith(prefix)})
         network.eval()
         return network
 
 
-def save(path: Path, config: Config, progress: Progress, model: nn.Module, ema: nn.Module,
-         optimizer: torch.optim.Optimizer, discriminator: dict[str, Any], facts: dict[str, Any]) -> None:
-    """Write ``path`` in one step."""
+def save_checkpoint(path: Path, config: Config, progress: Progress, model: nn.Module, ema: nn.Module,
+                    optimizer: torch.optim.Optimizer, discriminator: dict[str, Any], facts: dict[str, Any]) -> None:
+    """Write ``path`` atomically."""
     state = {"version": VERSION, "config": config.to_json(), "progress": vars(progress), "model": model.state_dict(),
              "ema": ema.state_dict(), "optimizer": optimizer.state_dict(), "discriminator": discriminator,
              "facts": {**facts, "torch": str(torch.__version__), "written": time.strftime("%Y-%m-%d")}}
-    with replacing(path) as temporary:
+    with replace_file(path) as temporary:
         torch.save(state, temporary)
 
 
-def load(path: Path) -> Checkpoint:
-    """Read what ``save`` has written.
+def load_checkpoint(path: Path) -> Checkpoint:
+    """Read a checkpoint.
 
     Raises
     ------
     ModelError
-        When the file is missing, is no checkpoint, or one of another version.
+        When the file is missing, is not a checkpoint, or has another version.
     """
     try:
         state = torch.load(path, map_location="cpu", weights_only=True)
         if state.pop("version") != VERSION:
             raise KeyError
-        config = from_table(state.pop("config"), path)
+        config = config_from_table(state.pop("config"), path)
         return Checkpoint(config=config, progress=Progress(**state.pop("progress")), **state)
     except OSError as error:
         raise ModelError(f"can't read the checkpoint ({error.strerror})", path, "expected a file") from None
-    except Exception as error:  # torch raises whatever a damaged file makes it raise
-        raise ModelError(f"no checkpoint ({type(error).__name__})", path,
-                         f"expected what export train writes, version {VERSION}") from None
+    except Exception as error:  # torch raises many types for damaged files
+        raise ModelError(f"not a checkpoint ({type(error).__name__})", path,
+                         f"expected a file of export train, version {VERSION}") from None
 
 
-def machine(device: torch.device) -> str:
-    """What ``device`` is, in a few words."""
+def machine_name(device: torch.device) -> str:
+    """Name of the GPU, or of the processor with its thread count."""
     if device.type == "cuda":
         return torch.cuda.get_device_name(device)
     try:

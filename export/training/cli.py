@@ -1,12 +1,10 @@
-"""``python -m export train``: train a network as a configuration says."""
+"""``python -m export train`` and ``rebuild``: train one network, or make all of them from scratch."""
 
-from __future__ import annotations
-
+import ctypes
+import os
 import shlex
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -16,88 +14,94 @@ from app.io.terminal import counting_progress, say
 from app.paths import nets_dir
 
 CONFIGS = Path(__file__).with_name("configs")
-DATA = Path(__file__).parents[1] / "dataset" / "configs"
+DATASET_CONFIGS = Path(__file__).parents[1] / "dataset" / "configs"
+M_TRIM_THRESHOLD, M_TOP_PAD, M_MMAP_THRESHOLD = -1, -2, -3  # mallopt's parameters in malloc.h
 
 
-def train(config: Annotated[Path, typer.Argument(help="What to do; export/training/configs/ has those of shipped networks.",
-                                                 metavar="CONFIG.toml")],
-          out: Annotated[Path, typer.Option(help="Folder of the run; one with a checkpoint is continued.",
+def train(config: Annotated[Path, typer.Argument(help="Configuration; those of the bundled networks are in "
+                                                 "export/training/configs.", metavar="CONFIG.toml")],
+          out: Annotated[Path, typer.Option(help="Folder of the run, which continues from a checkpoint there.",
                                             metavar="DIR")],
-          dataset: Annotated[Path | None, typer.Option(help="Instead of the configuration's.", metavar="DIR")] = None,
-          workers: Annotated[int | None, typer.Option(help="Processes that draw inputs; one for each core without.",
-                                                      min=1)] = None) -> None:
-    """Train a network; it may be stopped at any moment and continued by the same command."""
-    from export.training.process import tune
-
-    tune()
+          dataset: Annotated[Path | None, typer.Option(help="Replaces the configuration's dataset.",
+                                                       metavar="DIR")] = None,
+          variant: Annotated[str | None, typer.Option(help="A variant of the configuration, such as an ablation.",
+                                                      metavar="NAME")] = None,
+          workers: Annotated[int | None, typer.Option(help="Processes that render inputs.", min=1,
+                                                      show_default="one per core")] = None) -> None:
+    """Train a network. The command may be interrupted at any time; running it again continues."""
+    _configure_process()  # before torch is imported
     from app.errors import SettingsError
     from export.dataset import Dataset
     from export.training.config import read_config
-    from export.training.eligible import eligible
-    from export.training.examples import draw_missing, examples_for
+    from export.training.examples import open_examples, pairs_up_to_saturation, render_missing
     from export.training.loop import Run, network_and_loss
 
-    chosen = read_config(config, dataset)
+    chosen = read_config(config, dataset, variant)
     pairs = Dataset(chosen.data.dataset)
     network, loss = network_and_loss(chosen)
     contract = network.contract
     if pairs.config.environment != contract.shades_environment:
-        kind = "an environment" if contract.shades_environment else "lights"
-        raise SettingsError("a dataset of other light", chosen.data.dataset, f"expected scenes under {kind}, which "
-                            f"{contract.name} is for (key environment of the dataset's configuration)")
+        light = "environments" if contract.shades_environment else "lights"
+        raise SettingsError("the dataset has the wrong kind of light", chosen.data.dataset,
+                            f"expected scenes lit by {light} for {contract.name}; see the key environment of the "
+                            "dataset's configuration")
     with counting_progress() as bar:
-        examples = examples_for(pairs, contract, loss.uses_previous)
+        examples = open_examples(pairs, contract, loss.uses_previous)
         if examples.missing:
-            task = bar.add_task("drawing", total=len(examples.missing))
-            for count in draw_missing(pairs, contract, examples.previous, workers):
+            task = bar.add_task("rendering", total=len(examples.missing))
+            for count in render_missing(pairs, contract, examples.previous, workers):
                 bar.advance(task, count)
-        run = Run(chosen, examples, out, eligible(pairs, chosen.data.most_saturated))
+        run = Run(chosen, examples, out, pairs_up_to_saturation(pairs, chosen.data.max_saturation))
         task = bar.add_task("training", total=run.steps, completed=run.progress.step)
-        found = run.train(lambda step, steps, terms: bar.update(
+        validation = run.train(lambda step, steps, terms: bar.update(
             task, completed=step, description=f"training, loss {terms['loss']:.4f}"))
-    print(f"{out}: {run.steps} steps, loss on held-out pairs {found['loss']:.4f}")
+    print(f"{out}: {run.steps} steps, loss on held-out pairs {validation['loss']:.4f}")
 
 
-@dataclass(frozen=True)
-class Part:
-    """A dataset, of a configuration beside ``export.dataset``, and what is trained on it."""
-
-    dataset: str
-    pairs: int
-    trained: tuple[str, ...]
-
-
-WHOLE = (Part("default", 1500, ("bcnn-8", "bcnn-8-single", "gfa-8")),
-         Part("surround", 2200, ("surround-16",)),
-         Part("environment", 768, ("ndr-8",)))
-QUICK = (Part("quick", 12, ("quick",)),)
+# Datasets, named after their configurations in ``export.dataset``: pairs, and networks that are trained on them.
+ALL_DATASETS = {"default": (1500, ("bcnn-8", "bcnn-8-single", "gfa-8")), "surround": (2200, ("surround-16",)),
+                "environment": (768, ("ndr-8",))}
+QUICK_DATASETS = {"quick": (12, ("quick",))}
 
 
 def rebuild(work: Annotated[Path, typer.Option(help="Folder of the datasets and of the training runs.",
                                                metavar="DIR")],
             out: Annotated[Path | None, typer.Option(
-                help="Folder of the networks, and of the cards of trained ones; without, nets/, and with --quick one "
-                     "in --work.", metavar="DIR")] = None,
-            quick: Annotated[bool, typer.Option("--quick", help="Minutes, not hours: a dozen small pairs, and two "
-                                                "epochs of the smallest network; nothing worth using.")] = False,
+                help="Folder of the networks and of their model cards.", metavar="DIR",
+                show_default="nets/; with --quick, nets in --work")] = None,
+            quick: Annotated[bool, typer.Option("--quick", help="Check that everything runs, in minutes: a dozen small "
+                                                "pairs, and two epochs of the smallest network.")] = False,
             ) -> None:
-    """Make the datasets, train on them and export all networks; goes on where it was stopped."""
-    for arguments in steps(work, out or (work / "nets" if quick else nets_dir()), quick):
-        command = [sys.executable, "-m", "export", *map(str, arguments)]
-        say(f"$ {shlex.join(['python', *command[1:]])}")
-        failed = subprocess.run(command).returncode
-        if failed:
-            raise typer.Exit(failed)
-
-
-def steps(work: Path, out: Path, quick: bool) -> Iterator[Sequence[object]]:
-    """The commands, without ``python -m export``."""
-    parts = QUICK if quick else WHOLE
-    for part in parts:
-        yield "dataset", "make", "--out", work / part.dataset, "--frames", part.pairs, "--config", DATA / f"{part.dataset}.toml"
-    yield "onnx", "write", "--out", out
-    for part in parts:
-        for name in part.trained:
+    """Make the datasets, train on them and export all networks; running it again continues."""
+    out = out or (work / "nets" if quick else nets_dir())
+    datasets = QUICK_DATASETS if quick else ALL_DATASETS
+    for dataset, (pairs, _) in datasets.items():
+        _run("dataset", "make", "--out", work / dataset, "--frames", pairs,
+             "--config", DATASET_CONFIGS / f"{dataset}.toml")
+    _run("onnx", "write", "--out", out)
+    for dataset, (_, networks) in datasets.items():
+        for name in networks:
             run = work / "runs" / name
-            yield "train", CONFIGS / f"{name}.toml", "--dataset", work / part.dataset, "--out", run
-            yield "onnx", "write", run / "checkpoint.pt", "--out", out
+            _run("train", CONFIGS / f"{name}.toml", "--dataset", work / dataset, "--out", run)
+            _run("onnx", "write", run / "checkpoint.pt", "--out", out)
+
+
+def _run(*arguments: object) -> None:
+    """Run ``python -m export`` with ``arguments``; a command that fails ends this one."""
+    command = [sys.executable, "-m", "export", *map(str, arguments)]
+    say(f"$ {shlex.join(['python', *command[1:]])}")
+    if status := subprocess.run(command).returncode:
+        raise typer.Exit(status)
+
+
+def _configure_process() -> None:
+    """Let waiting threads sleep, and keep freed memory in the process.
+
+    Spinning threads make training many times slower beside any other load. Requesting memory from the system for each
+    large tensor took a quarter of the training time of BCNN of width 16.
+    """
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)  # glibc only
+    if mallopt is not None:
+        for key, value in ((M_MMAP_THRESHOLD, 2**25), (M_TRIM_THRESHOLD, 2**31 - 1), (M_TOP_PAD, 2**30)):
+            mallopt(key, value)

@@ -1,25 +1,20 @@
-"""What a training run does, from a TOML file; ``export/training/configs/`` has those of the shipped networks."""
+"""Configuration of a training run, from a TOML file; ``export/training/configs/`` has those of the bundled networks."""
 
-from __future__ import annotations
-
-import tomllib
 from dataclasses import field
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import ConfigDict, Field, NonNegativeFloat, PositiveFloat, PositiveInt, TypeAdapter, ValidationError
-from pydantic.dataclasses import dataclass
+from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 
 from app.errors import SettingsError
+from export.toml_config import JsonTable, parse_table, read_toml, strict
 
-strict = dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid"))
-
-HELD_OUT = 0.1  # share of the pairs, where a configuration has no other
+HELD_OUT_SHARE = 0.1  # of the pairs, by default
 
 
 @strict
 class NetworkConfig:
-    """``preset`` names an entry of ``export.models.PRESETS``; ``options`` go to its class."""
+    """``preset`` names an entry of ``export.models.PRESETS``; ``options`` are passed to its class."""
 
     preset: str
     options: dict[str, Any] = field(default_factory=dict)
@@ -27,9 +22,9 @@ class NetworkConfig:
 
 @strict
 class LossConfig:
-    """``kind`` names an entry of ``export.training.losses.LOSSES``; ``options`` go to its class.
+    """``kind`` names an entry of ``export.training.losses.LOSSES``; ``options`` are passed to its class.
 
-    ``discriminator_rate``: Adam's learning rate of a loss's discriminator.
+    ``discriminator_rate`` is Adam's learning rate for the loss's discriminator.
     """
 
     kind: str = "bcnn"
@@ -37,34 +32,34 @@ class LossConfig:
     discriminator_rate: PositiveFloat = 1e-4
 
 
-def held_out(count: int, share: float = HELD_OUT) -> range:
-    """Those of ``count`` pairs, one at least, that are never trained on."""
+def held_out(count: int, share: float = HELD_OUT_SHARE) -> range:
+    """Indices of the pairs, of ``count``, that are never trained on; at least one."""
     return range(count - max(1, round(share * count)), count)
 
 
 @strict
 class DataConfig:
-    """Where examples come from.
+    """Selection of training data.
 
     Attributes
     ----------
     dataset : Path
-        Folder of ``python -m export dataset``.
+        Folder written by ``python -m export dataset make``.
     validation : float
-        Share of the pairs, from the end, that is never trained on. Neighbouring pairs share scenes, so it is one piece.
+        Share of the pairs that is never trained on. It is taken from the end, since neighbouring pairs share scenes.
     pairs : int or None
-        Train on so many of the others, from the beginning; on all without.
-    most_saturated : float
-        Leave out pairs with a light of more saturation than this (1 - smallest / largest of its colours).
-    every : int
-        Take every so-many-th texel across and down: the square of it cheaper, for comparisons of networks.
+        Number of the remaining pairs to train on, from the beginning; by default all.
+    max_saturation : float
+        Pairs with a more saturated light are left out; saturation is 1 - smallest / largest component of its colour.
+    texel_stride : int
+        Use every n-th texel across and down, which costs n² times less, for comparisons of networks.
     """
 
     dataset: Path
-    validation: float = Field(HELD_OUT, gt=0, lt=1)
+    validation: float = Field(HELD_OUT_SHARE, gt=0, lt=1)
     pairs: PositiveInt | None = None
-    most_saturated: float = Field(1.0, ge=0, le=1)
-    every: PositiveInt = 1
+    max_saturation: float = Field(1.0, ge=0, le=1)
+    texel_stride: PositiveInt = 1
 
 
 @strict
@@ -74,11 +69,11 @@ class AugmentationConfig:
     Attributes
     ----------
     exposure_stops : float
-        Light is multiplied by up to 2 to this power, or divided.
+        Light is scaled by 2 to a power of at most this magnitude.
     size_stops : float
-        Lengths are multiplied by up to 2 to this power, or divided: light is the same in a scene of another size.
+        Lengths are scaled by 2 to a power of at most this magnitude; light does not depend on the size of the scene.
     permute_colors, mirror : bool
-        Swap red, green and blue; left and right.
+        Permute red, green and blue; swap left and right.
     """
 
     exposure_stops: NonNegativeFloat = 1.0
@@ -89,18 +84,18 @@ class AugmentationConfig:
 
 @strict
 class ScheduleConfig:
-    """How long and how fast.
+    """Length of the training, and learning rates.
 
     Attributes
     ----------
     batch : int
-        Examples in a step, on all devices together.
+        Examples per step, over all devices.
     learning_rate, final_learning_rate : float
-        Adam's, at the beginning and, after half a cosine, at the end.
+        Of Adam, at the beginning and at the end; half a cosine in between.
     ema : float
-        Decay of the moving average of the weights, which is what is validated and exported.
-    largest_gradient : float or None
-        Norm that the gradient of all weights is scaled down to where it is longer.
+        Decay of the moving average of the weights. The averaged weights are validated and exported.
+    max_gradient_norm : float or None
+        The gradient of all weights together is clipped to this norm.
     """
 
     epochs: PositiveInt
@@ -108,12 +103,12 @@ class ScheduleConfig:
     learning_rate: PositiveFloat = 1e-4
     final_learning_rate: NonNegativeFloat = 1e-4
     ema: float = Field(0.999, ge=0, lt=1)
-    largest_gradient: PositiveFloat | None = None
+    max_gradient_norm: PositiveFloat | None = None
 
 
 @strict
 class DeviceConfig:
-    """What Lightning Fabric calls them; ``precision`` is ``32-true`` or ``bf16-mixed``."""
+    """Arguments of Lightning Fabric."""
 
     accelerator: Literal["auto", "cpu", "cuda"] = "auto"
     devices: PositiveInt = 1
@@ -122,7 +117,7 @@ class DeviceConfig:
 
 @strict
 class ReportConfig:
-    """How often, in steps, means are logged and checkpoints written; pictures of how many examples each epoch."""
+    """Steps between log lines and between checkpoints, and number of example images per epoch."""
 
     log_steps: PositiveInt = 50
     checkpoint_steps: PositiveInt = 500
@@ -130,8 +125,8 @@ class ReportConfig:
 
 
 @strict
-class Config:
-    """A whole training run; valid by construction."""
+class Config(JsonTable):
+    """A training run; valid by construction."""
 
     network: NetworkConfig
     data: DataConfig
@@ -142,35 +137,45 @@ class Config:
     report: ReportConfig = ReportConfig()
     seed: int = Field(0, ge=0)
 
-    def to_json(self) -> dict[str, Any]:
-        """As JSON holds it; ``from_table`` takes it back."""
-        made: dict[str, Any] = TypeAdapter(Config).dump_python(self, mode="json")
-        return made
 
+def read_config(path: Path, dataset: Path | None = None, variant: str | None = None) -> Config:
+    """Read a configuration from a TOML file.
 
-def read_config(path: Path, dataset: Path | None = None) -> Config:
-    """The configuration in a TOML file, with another ``dataset`` if one is given.
+    Parameters
+    ----------
+    dataset : Path, optional
+        Replaces ``data.dataset``.
+    variant : str, optional
+        Name of a table ``[variants.NAME]`` in the file, whose values override the others.
 
     Raises
     ------
     SettingsError
-        When the file can't be read, lacks a key, or has an unknown one or a bad value.
+        When the file can't be read, has no such variant, lacks a key, or has an unknown key or an invalid value.
     """
-    try:
-        table = tomllib.loads(path.read_text("utf-8"))
-    except (OSError, ValueError) as error:
-        raise SettingsError(f"can't read the configuration ({error})", path, "expected a TOML file") from None
+    table = read_toml(path)
+    variants = table.pop("variants", {})
+    if not (isinstance(variants, dict) and all(isinstance(overrides, dict) for overrides in variants.values())):
+        raise SettingsError("bad key 'variants'", path, "expected tables [variants.NAME]")
+    if variant is not None:
+        if variant not in variants:
+            known = f"one of: {', '.join(variants)}" if variants else "none, since the file has no variants"
+            raise SettingsError(f"no variant {variant!r}", path, f"expected {known}")
+        table = _merge(table, variants[variant])
     if dataset is not None:
-        table.setdefault("data", {})["dataset"] = dataset
-    return from_table(table, path)
+        table = _merge(table, {"data": {"dataset": dataset}})
+    return config_from_table(table, path)
 
 
-def from_table(table: dict[str, Any], where: object) -> Config:
-    """The configuration of a table as TOML gives it."""
-    try:
-        return TypeAdapter(Config).validate_python(table)
-    except ValidationError as errors:
-        first = errors.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        raise SettingsError(f"bad key {key!r} ({first['msg'].lower()})", where,
-                            "expected the keys of docs/training.md") from None
+def config_from_table(table: dict[str, Any], where: object) -> Config:
+    """The configuration in a parsed TOML or JSON table; ``where`` names its source in errors."""
+    return parse_table(Config, table, where, "expected the keys of docs/training.md")
+
+
+def _merge(table: dict[str, Any], overrides: dict[str, Any]) -> dict[str, Any]:
+    """``table`` with ``overrides``, table by table."""
+    merged = dict(table)
+    for key, value in overrides.items():
+        both = isinstance(value, dict) and isinstance(merged.get(key), dict)
+        merged[key] = _merge(merged[key], value) if both else value
+    return merged

@@ -1,10 +1,9 @@
-"""The training loop. What is random depends on seed and step alone, so that a run can be resumed anywhere."""
-
-from __future__ import annotations
+"""The training loop. All randomness depends on seed and step only, so a run can be resumed at any step."""
 
 import math
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -15,33 +14,33 @@ from torch.optim.swa_utils import AveragedModel
 
 from app.errors import SettingsError
 from app.io.atomic_files import prepare_folders
-from export.models import Network, make_network, weights_of
+from export.models import Network, count_weights, make_network
 from export.models.network import Conditioned
-from export.training import checkpoint
-from export.training.augment import augment, coarser
+from export.training.augment import augment, subsample
+from export.training.checkpoint import Checkpoint, Progress, load_checkpoint, machine_name, save_checkpoint
 from export.training.config import Config, ScheduleConfig, held_out
 from export.training.discriminator import DiscriminatorTraining
-from export.training.examples import Batch, Examples, tensors_of
-from export.training.log import Log, mean_of, write_pictures
+from export.training.examples import Batch, Examples, frame_inputs
+from export.training.log import Log, mean_terms, write_pictures
 from export.training.losses import Loss, LossInputs, make_loss
 from export.training.losses.loss_inputs import warp
 
 CHECKPOINT = "checkpoint.pt"
 Terms = dict[str, float]
-Tell = Callable[[int, int, Terms], object]
+OnProgress = Callable[[int, int, Terms], object]  # completed steps, all steps, latest terms
 
 
 class Run:
-    """A training run in its folder; goes on from the checkpoint there, if there is one.
+    """A training run in a folder, which continues from the checkpoint there, if any.
 
     Parameters
     ----------
     examples : Examples
-        All drawn.
+        Complete: none may be missing.
     folder : Path
-        Gets ``checkpoint.pt``, ``log.jsonl``, ``curve.png`` and ``pictures/``.
-    eligible : sequence of int or None
-        Pairs that may be trained on, if not all; see ``export.training.eligible``. The held-out ones are never.
+        Where ``checkpoint.pt``, ``log.jsonl``, ``curve.png`` and ``pictures/`` are written.
+    candidates : sequence of int or None
+        Pairs that may be trained on, by default all; held-out pairs are always excluded.
 
     Raises
     ------
@@ -50,68 +49,50 @@ class Run:
     """
 
     def __init__(self, config: Config, examples: Examples, folder: Path,
-                 eligible: Sequence[int] | None = None) -> None:
+                 candidates: Sequence[int] | None = None) -> None:
         assert not examples.missing
         self.config, self.examples, self.folder = config, examples, folder
         self.held_out = list(held_out(len(examples), config.data.validation))
-        others = range(self.held_out[0])
-        candidates = [i for i in (others if eligible is None else eligible) if i in others]
-        wanted = config.data.pairs or len(candidates)
-        if wanted > len(candidates):
-            raise SettingsError(f"{wanted} pairs to train on", config.data.dataset,
-                                f"expected at most {len(candidates)} of {len(examples)}, {len(self.held_out)} are "
-                                f"held out{_left_out(config)}")
-        self.trained_on = candidates[:wanted]
-        self.epoch_steps = wanted // config.schedule.batch
-        if self.epoch_steps < 1:
-            raise SettingsError(f"{wanted} pairs to train on", config.data.dataset,
-                                f"expected at least a batch of {config.schedule.batch}{_left_out(config)}")
+        self.trained_on = _training_pairs(config, len(examples), self.held_out, candidates)
+        self.epoch_steps = len(self.trained_on) // config.schedule.batch
         self.steps = config.schedule.epochs * self.epoch_steps
         device = config.device
         self.fabric = Fabric(accelerator=device.accelerator, devices=device.devices, precision=device.precision)
         self.fabric.launch()
         seed_everything(config.seed, verbose=False)
-        self._bare, self.loss = network_and_loss(config)  # a discriminator takes its weights from the seed, too
-        self.contract = self._bare.contract
-        _check_grid(examples, self.contract.multiple_of * config.data.every, config)
-        optimizer = torch.optim.Adam(self._bare.parameters(), config.schedule.learning_rate)
-        self.ema = AveragedModel(self._bare, avg_fn=_average(config.schedule.ema)).eval()
-        self.progress = checkpoint.Progress()
+        self._module, self.loss = network_and_loss(config)  # after seeding, for the discriminator's weights
+        self.contract = self._module.contract
+        _check_grid(examples, self.contract.multiple_of * config.data.texel_stride, config)
+        optimizer = torch.optim.Adam(self._module.parameters(), config.schedule.learning_rate)
+        self.ema = AveragedModel(self._module, avg_fn=partial(_average, config.schedule.ema)).eval()
+        self.progress = Progress()
         prepare_folders(folder, folder / "pictures")
-        saved = self._checkpoint()
-        if saved is not None:
-            self._bare.load_state_dict(saved.model)
+        saved = self._load_checkpoint()
+        if saved:
+            self._module.load_state_dict(saved.model)
             self.ema.load_state_dict(saved.ema)
             self.progress = saved.progress
         self.log = Log(folder, self.progress.step)
-        self.network, self.optimizer = self.fabric.setup(self._bare, optimizer)
-        if saved is not None:  # now that the weights are where the optimizer's numbers are to be
+        self.network, self.optimizer = self.fabric.setup(self._module, optimizer)
+        if saved:  # after setup has moved the weights to the device
             self.optimizer.load_state_dict(saved.optimizer)
         self.ema.to(self.fabric.device)
-        self.discriminator = None
-        if self.loss.discriminator is not None:
-            self.discriminator = DiscriminatorTraining(self.loss.discriminator, config.loss.discriminator_rate, self.fabric,
-                                         saved.discriminator if saved is not None else {})
+        self.discriminator = None if self.loss.discriminator is None else DiscriminatorTraining(
+            self.loss.discriminator, config.loss.discriminator_rate, self.fabric, saved.discriminator if saved else {})
 
-    def train(self, tell: Tell = lambda step, steps, terms: None) -> Terms:
-        """Train to the end; ``tell`` is told the steps taken, of how many, and the newest losses.
-
-        Returns
-        -------
-        dict of str to float
-            The loss on the held-out pairs, by term and ``loss``.
-        """
-        began = time.perf_counter() - self.progress.seconds
+    def train(self, on_progress: OnProgress = lambda step, steps, terms: None) -> Terms:
+        """Train to the end; returns the loss on the held-out pairs, its terms and their sum ``loss``."""
+        start = time.perf_counter() - self.progress.seconds
         recent: list[Terms] = []
         saved = self.progress.step
         while (step := self.progress.step) < self.steps:
             recent.append(self._step(step))
-            self.progress.step, self.progress.seconds = step + 1, time.perf_counter() - began
+            self.progress.step, self.progress.seconds = step + 1, time.perf_counter() - start
             ends_epoch = (step + 1) % self.epoch_steps == 0
             if not (ends_epoch or (step + 1) % self.config.report.log_steps == 0):
                 continue
-            self._write_log(**mean_of(recent))
-            tell(step + 1, self.steps, recent[-1])
+            self._write_log(**mean_terms(recent))
+            on_progress(step + 1, self.steps, recent[-1])
             recent.clear()
             if ends_epoch:
                 self._end_epoch((step + 1) // self.epoch_steps)
@@ -121,58 +102,57 @@ class Run:
         return self.progress.validation
 
     def validate(self) -> Terms:
-        """The averaged network's loss on the held-out pairs; a discriminator learns nothing by it."""
-        if self.discriminator is not None:
-            self.discriminator.train(False)
+        """Loss of the averaged network on the held-out pairs."""
+        if self.loss.discriminator is not None:
+            self.loss.discriminator.eval()  # so that a forward pass leaves its state unchanged
         size = self.config.schedule.batch
         parts = [self.held_out[at:at + size] for at in range(0, len(self.held_out), size)]
         with torch.no_grad():
-            found = [summed(self.loss(self._views(self.ema, self._batch(part)))) for part in parts]
-        if self.discriminator is not None:
-            self.discriminator.train(True)
-        return {name: sum(len(part) * float(terms[name]) for part, terms in zip(parts, found, strict=True))
-                / len(self.held_out) for name in found[0]}
+            terms = [add_sum(self.loss(self._loss_inputs(self.ema, self._batch(part)))) for part in parts]
+        if self.loss.discriminator is not None:
+            self.loss.discriminator.train()
+        return {name: sum(len(part) * float(t[name]) for part, t in zip(parts, terms, strict=True))
+                / len(self.held_out) for name in terms[0]}
 
     def _step(self, step: int) -> Terms:
         schedule = self.config.schedule
         for group in self.optimizer.param_groups:
             group["lr"] = learning_rate(schedule, step / self.steps)
         epoch, at = divmod(step, self.epoch_steps)
-        order = torch.randperm(len(self.trained_on), generator=_random(self.config.seed, epoch)).tolist()
-        order = [self.trained_on[i] for i in order]
-        mine = order[at * schedule.batch:(at + 1) * schedule.batch][self.fabric.global_rank::self.fabric.world_size]
+        order = torch.randperm(len(self.trained_on), generator=_generator(self.config.seed, epoch)).tolist()
+        chosen = [self.trained_on[i] for i in order[at * schedule.batch:(at + 1) * schedule.batch]]
+        local = chosen[self.fabric.global_rank::self.fabric.world_size]
         stream = self.steps + step * self.fabric.world_size + self.fabric.global_rank
-        batch = augment(self._batch(mine), self.contract, self.config.augmentation,
-                        _random(self.config.seed, stream))
-        torch.manual_seed((self.config.seed << 32) + stream)  # dropout's
-        views = self._views(self.network, batch)
-        terms = summed(self.loss(views))
+        batch = augment(self._batch(local), self.contract, self.config.augmentation,
+                        _generator(self.config.seed, stream))
+        torch.manual_seed((self.config.seed << 32) + stream)  # for dropout
+        inputs = self._loss_inputs(self.network, batch)
+        terms = add_sum(self.loss(inputs))
         self.fabric.backward(terms["loss"])
-        if schedule.largest_gradient is not None:
-            self.fabric.clip_gradients(self.network, self.optimizer, max_norm=schedule.largest_gradient)
+        if schedule.max_gradient_norm is not None:
+            self.fabric.clip_gradients(self.network, self.optimizer, max_norm=schedule.max_gradient_norm)
         self.optimizer.step()
         self.optimizer.zero_grad(set_to_none=True)
-        self.ema.update_parameters(self._bare)
-        found = {name: float(term.detach()) for name, term in terms.items()}
-        return found if self.discriminator is None else {**found, "discriminator": self.discriminator.learn(views)}
+        self.ema.update_parameters(self._module)
+        values = {name: float(term.detach()) for name, term in terms.items()}
+        return values if self.discriminator is None else {**values, "discriminator": self.discriminator.step(inputs)}
 
-    def _views(self, network: Any, batch: Batch) -> LossInputs:
-        warped = None
+    def _loss_inputs(self, network: Any, batch: Batch) -> LossInputs:
+        warped = condition = None
         if self.loss.uses_previous:
-            # The previous output is what the current one is pulled to, not the other way round: no gradient.
+            # The previous output is a target for the current one, so it needs no gradient.
             with torch.no_grad():
-                previous = network(**tensors_of(batch, "previous")) * batch["ratio"]
+                previous = network(**frame_inputs(batch, "previous")) * batch["exposure_ratio"]
                 warped = warp(previous.float(), batch["motion"])
-        output = network(**tensors_of(batch, "current"))
-        condition = None
+        output = network(**frame_inputs(batch, "current"))
         if self.loss.uses_condition:
             with torch.no_grad():
-                condition = cast(Conditioned, self._bare).condition(**tensors_of(batch, "current"))
-        return LossInputs(output, batch["target"], warped, batch["seen"], batch.get("visible"), condition,
-                     batch.get("reflectance"))
+                condition = cast(Conditioned, self._module).condition(**frame_inputs(batch, "current"))
+        return LossInputs(output, batch["target"], warped, batch["surface_mask"], batch.get("history_mask"), condition,
+                          batch.get("reflectance"))
 
     def _batch(self, indices: list[int]) -> Batch:
-        batch = coarser(self.examples.batch(indices), self.contract, self.config.data.every)
+        batch = subsample(self.examples.batch(indices), self.contract, self.config.data.texel_stride)
         return {name: x.to(self.fabric.device) for name, x in batch.items()}
 
     def _end_epoch(self, epoch: int) -> None:
@@ -182,7 +162,7 @@ class Run:
             self.log.plot(self.folder / "curve.png")
             batch = self._batch(self.held_out[:self.config.report.pictures])
             with torch.no_grad():
-                output = self.ema(**tensors_of(batch, "current"))
+                output = self.ema(**frame_inputs(batch, "current"))
             write_pictures(self.folder / "pictures" / f"{epoch:04d}.png", batch, output, self.contract)
 
     def _write_log(self, **values: Any) -> None:
@@ -191,70 +171,78 @@ class Run:
 
     def _save(self) -> None:
         if self.fabric.is_global_zero:
-            facts = {"pairs": len(self.examples), "trained_on": len(self.trained_on), "weights": weights_of(self._bare),
-                     "machine": checkpoint.machine(self.fabric.device)}
+            facts = {"pairs": len(self.examples), "trained_on": len(self.trained_on),
+                     "weights": count_weights(self._module), "machine": machine_name(self.fabric.device)}
             discriminator = {} if self.discriminator is None else self.discriminator.state
-            checkpoint.save(self.folder / CHECKPOINT, self.config, self.progress, self._bare, self.ema, self.optimizer,
-                       discriminator, facts)
+            save_checkpoint(self.folder / CHECKPOINT, self.config, self.progress, self._module, self.ema,
+                            self.optimizer, discriminator, facts)
         self.fabric.barrier()
 
-    def _checkpoint(self) -> checkpoint.Checkpoint | None:
-        """What an earlier run left in the folder."""
+    def _load_checkpoint(self) -> Checkpoint | None:
+        """The checkpoint of an earlier run in the folder, if any."""
         path = self.folder / CHECKPOINT
         if not path.exists():
             return None
-        saved = checkpoint.load(path)
+        saved = load_checkpoint(path)
         if saved.config != self.config:
-            raise SettingsError("another configuration than that of the checkpoint", path,
-                                "expected the same; take another folder, or delete the checkpoint")
+            raise SettingsError("the configuration differs from the checkpoint's", path,
+                                "expected the same; choose another folder, or delete the checkpoint")
         return saved
 
 
 def network_and_loss(config: Config) -> tuple[Network, Loss]:
-    """Both fresh.
+    """A newly initialised network and its loss.
 
     Raises
     ------
     AfterglowError
-        When there are no such, or they don't fit each other.
+        When one of them is unknown, or they do not fit together.
     """
     network = make_network(config.network.preset, config.network.options)
     loss = make_loss(config.loss.kind, config.loss.options)
     if loss.uses_condition and not hasattr(network, "condition"):
-        raise SettingsError(f"the loss {config.loss.kind!r} for the network {config.network.preset!r}", "loss.kind",
-                            "expected one that does not look at the network's condition")
+        raise SettingsError(f"the loss {config.loss.kind!r} does not fit the network {config.network.preset!r}",
+                            "loss.kind", "expected a loss that does not read the network's condition")
     return network, loss
 
 
-def _left_out(config: Config) -> str:
-    limit = config.data.most_saturated
-    return f", and data.most_saturated = {limit:g} leaves some out" if limit < 1 else ""
+def _training_pairs(config: Config, count: int, held_out: Sequence[int], candidates: Sequence[int] | None) -> list[int]:
+    """The first ``data.pairs`` candidates that are not held out, of ``count`` pairs in all."""
+    allowed = [i for i in (range(count) if candidates is None else candidates) if i < held_out[0]]
+    chosen = config.data.pairs or len(allowed)
+    limit = config.data.max_saturation
+    note = f", and data.max_saturation = {limit:g} excludes some" if limit < 1 else ""
+    if chosen > len(allowed):
+        raise SettingsError(f"data.pairs = {chosen} is too many", config.data.dataset,
+                            f"expected at most {len(allowed)} of {count}; {len(held_out)} are held out{note}")
+    if chosen < config.schedule.batch:
+        raise SettingsError(f"only {chosen} pairs to train on", config.data.dataset,
+                            f"expected at least one batch of {config.schedule.batch}{note}")
+    return allowed[:chosen]
 
 
 def _check_grid(examples: Examples, multiple: int, config: Config) -> None:
     height, width = examples.batch([0])["target"].shape[-2:]
     if height % multiple or width % multiple:
-        raise SettingsError(f"data.every = {config.data.every} on a grid of {width}x{height}", config.data.dataset,
-                            f"expected multiples of {multiple}")
+        raise SettingsError(f"a grid of {width}x{height} does not fit data.texel_stride = {config.data.texel_stride}",
+                            config.data.dataset, f"expected multiples of {multiple}")
 
 
-def summed(terms: dict[str, Tensor]) -> dict[str, Tensor]:
-    """``terms`` with their sum as ``loss``."""
+def add_sum(terms: dict[str, Tensor]) -> dict[str, Tensor]:
+    """``terms`` and their sum ``loss``."""
     return {**terms, "loss": torch.stack(list(terms.values())).sum()}
 
 
 def learning_rate(schedule: ScheduleConfig, done: float) -> float:
-    """Half a cosine from the first to the final rate, when the share ``done`` of all steps is taken."""
+    """Half a cosine from the first to the final rate; ``done`` is the share of completed steps."""
     fall = 0.5 * (1 + math.cos(math.pi * done))
     return schedule.final_learning_rate + fall * (schedule.learning_rate - schedule.final_learning_rate)
 
 
-def _random(seed: int, stream: int) -> torch.Generator:
+def _generator(seed: int, stream: int) -> torch.Generator:
     return torch.Generator().manual_seed((seed << 32) + stream)
 
 
-def _average(decay: float) -> Callable[[Tensor, Tensor, Tensor | int], Tensor]:
-    """Moving average whose memory grows to ``decay``, so that the first weights are soon forgotten."""
-    def average(mean: Tensor, new: Tensor, count: Tensor | int) -> Tensor:
-        return torch.lerp(mean, new, 1 - min(decay, (1 + int(count)) / (10 + int(count))))
-    return average
+def _average(decay: float, mean: Tensor, new: Tensor, count: Tensor | int) -> Tensor:
+    """Moving average whose decay grows to ``decay``, so that the initial weights have little influence."""
+    return torch.lerp(mean, new, 1 - min(decay, (1 + int(count)) / (10 + int(count))))

@@ -1,6 +1,4 @@
-"""Chooses the validation views; they were chosen once, before the first training run."""
-
-from __future__ import annotations
+"""Chooses the validation views, which was done once, before the first training run."""
 
 import json
 from dataclasses import asdict
@@ -10,38 +8,37 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageDraw
 
-from app.evaluation.metrics import exposure_of, tone_map
 from app.io.atomic_files import write_text
 from app.load import load_scene
-from app.network.contract import find_model
+from app.network.selection import find_model
 from app.renderer import Renderer
 from app.scene import Camera, Scene
 from app.settings import Settings
-from export.dataset.cameras import choose, normal_spread, probe, random_camera
+from export.dataset.cameras import choose_cameras, normal_spread, random_camera, trace_probe
+from export.dataset.contact_sheet import picture_of, tile
 from export.dataset.held_out import LIST, digest
-from export.dataset.key import scene_key
-from export.dataset.scenes.files import standing
+from export.dataset.scene_key import scene_key
+from export.dataset.scenes.files import find_camera_volumes
 from export.dataset.scenes.generated_scene import GeneratedScene
 from export.reference.path_tracer import PathTracer, Samples
 from export.validation.views import VALIDATION, generated
 
 SIZE = (256, 192)
 CANDIDATES = 64
-MIN_LIT, DARKEST = 0.6, 0.02  # see export.dataset.config.Config
-FILES = {  # with the lightings of their sidecar files; views of each, the file's own camera among them
+MIN_LIT, MIN_LUMINANCE = 0.6, 0.02  # see export.dataset.config.Config
+FILES = {  # file, lightings of its sidecar file, and views per lighting including the file's own camera
     "sponza": ("sponza/sponza.glb", ("sun", "lamp"), 6),
     "breakfast-room": ("breakfast-room/breakfast-room.glb", ("lamp", "sun"), 6),
     "country-kitchen": ("country-kitchen/country-kitchen.glb", ("spot", "lamp", "emissive"), 4),
     "cornell-box": ("cornell-box/CornellBox-Original.obj", ("lamp", "emissive"), 4),
     "stanford": ("stanford/stanford-in-box.glb", ("lamp", "emissive"), 4),
 }
-GENERATED = (("room", 0), ("room", 1), ("courtyard", 2), ("blocks-day", 0))  # sources and seeds
+GENERATED = (("room", 0), ("room", 1), ("courtyard", 2), ("blocks-day", 0))  # source and seed
 VIEWS_OF_GENERATED = 4
-COLUMNS = 8
 
 
 def write_views(scenes: Path, seed: int, drop: list[str], sheet: Path | None) -> None:
-    """Choose views, write their list but for those in ``drop``, and a contact sheet if one is asked for."""
+    """Choose views, write the list of all except those in ``drop``, and optionally a contact sheet."""
     entries: list[dict[str, Any]] = []
     pictures: list[Image.Image] = []
     for entry, scene, cameras in [*_of_files(scenes, seed), *_of_generators(seed)]:
@@ -58,41 +55,42 @@ def write_views(scenes: Path, seed: int, drop: list[str], sheet: Path | None) ->
     about = {"made_by": "python -m export validate choose", "seed": seed, "dropped": drop, "size": SIZE}
     write_text(LIST, json.dumps({**about, "files": files, "views": entries}, indent=1) + "\n")
     if sheet is not None:
-        _contact_sheet(pictures).save(sheet)
+        tile(pictures).save(sheet)
 
 
 def _of_files(folder: Path, seed: int) -> list[tuple[dict[str, Any], Scene, list[Camera]]]:
-    found = []
+    entries = []
     for number, (name, (file, lightings, count)) in enumerate(FILES.items()):
         for light, lighting in enumerate(lightings):
             scene = load_scene(folder / file, lighting=lighting)
-            place = GeneratedScene(scene, standing(folder / file)[0], np.zeros((0, 2, 3)))
-            cameras = _cameras(place, np.random.default_rng([VALIDATION, seed, number, light]), count - 1)
-            own = scene.cameras[scene.default_camera].at(0.0)
-            found.append(({"scene": name, "lighting": lighting}, scene, [own, *cameras]))
-    return found
+            generated_scene = GeneratedScene(scene, find_camera_volumes(folder / file)[0], np.zeros((0, 2, 3)))
+            cameras = _cameras(generated_scene, np.random.default_rng([VALIDATION, seed, number, light]), count - 1)
+            default = scene.cameras[scene.default_camera].at(0.0)
+            entries.append(({"scene": name, "lighting": lighting}, scene, [default, *cameras]))
+    return entries
 
 
 def _of_generators(seed: int) -> list[tuple[dict[str, Any], Scene, list[Camera]]]:
-    found = []
-    for number, (source, own) in enumerate(GENERATED):
-        place = generated(source, own)
-        cameras = _cameras(place, np.random.default_rng([VALIDATION, seed, len(FILES) + number]), VIEWS_OF_GENERATED)
-        entry = {"scene": f"{source}-{own}", "source": source, "seed": own, "key": scene_key(place.scene)}
-        found.append((entry, place.scene, cameras))
-    return found
+    entries = []
+    for number, (source, own_seed) in enumerate(GENERATED):
+        generated_scene = generated(source, own_seed)
+        scene = generated_scene.scene
+        rng = np.random.default_rng([VALIDATION, seed, len(FILES) + number])
+        entry = {"scene": f"{source}-{own_seed}", "source": source, "seed": own_seed, "key": scene_key(scene)}
+        entries.append((entry, scene, _cameras(generated_scene, rng, VIEWS_OF_GENERATED)))
+    return entries
 
 
-def _cameras(place: GeneratedScene, rng: np.random.Generator, wanted: int) -> list[Camera]:
-    """Of those that show something, by the same measure as the dataset's, the ones that show most."""
-    tracer, edge = PathTracer(place.scene), place.scene.longest_edge
-    candidates = [random_camera(place, rng) for _ in range(CANDIDATES)]
-    fit = [candidates[k] for k in choose(tracer, edge, candidates, CANDIDATES, MIN_LIT, DARKEST)]
-    return sorted(fit, key=lambda camera: -_interest(probe(tracer, camera, edge), edge))[:wanted]
+def _cameras(generated_scene: GeneratedScene, rng: np.random.Generator, wanted: int) -> list[Camera]:
+    """The most interesting of the random cameras that pass the dataset's own test."""
+    tracer, edge = PathTracer(generated_scene.scene), generated_scene.scene.longest_edge
+    candidates = [random_camera(generated_scene, rng) for _ in range(CANDIDATES)]
+    suitable = [candidates[k] for k in choose_cameras(tracer, edge, candidates, CANDIDATES, MIN_LIT, MIN_LUMINANCE)]
+    return sorted(suitable, key=lambda camera: -_interest(trace_probe(tracer, camera, edge), edge))[:wanted]
 
 
 def _interest(samples: Samples, longest_edge: float) -> float:
-    """Grows with the depth's mean and spread, and with how many ways surfaces face."""
+    """A score that grows with the mean and spread of depth and with the spread of normals."""
     depth = samples.depth[samples.depth > 0] / longest_edge
     return normal_spread(samples) * min(float(depth.mean()), 0.3) * min(float(depth.std() / depth.mean()), 1.0)
 
@@ -100,15 +98,6 @@ def _interest(samples: Samples, longest_edge: float) -> float:
 def _picture(scene: Scene, camera: Camera, name: str) -> Image.Image:
     with Renderer(scene, Settings(SIZE, ("final",), taa=False, provider="cpu"), find_model("radiosity")) as renderer:
         final = renderer.render(camera)["final"]
-    picture = Image.fromarray((255 * tone_map(final, exposure_of(final))).astype(np.uint8))
+    picture = picture_of(final)
     ImageDraw.Draw(picture).text((4, 2), name, fill=(255, 255, 0), stroke_width=1, stroke_fill=(0, 0, 0))
     return picture
-
-
-def _contact_sheet(pictures: list[Image.Image]) -> Image.Image:
-    rows = -(-len(pictures) // COLUMNS)
-    sheet = Image.new("RGB", (COLUMNS * SIZE[0], rows * SIZE[1]))
-    for k, picture in enumerate(pictures):
-        sheet.paste(picture, (k % COLUMNS * SIZE[0], k // COLUMNS * SIZE[1]))
-    return sheet
-

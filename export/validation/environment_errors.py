@@ -1,128 +1,126 @@
-"""Judges what shades an environment: the light that comes straight from it, against the path tracer's."""
-
-from __future__ import annotations
+"""Compares models that shade an environment with the path-traced light that comes straight from it."""
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from app.arrays import F32, Bools
 from app.evaluation import metrics
 from app.evaluation.denoise import denoise, denoiser_version
 from app.io.image import read_exr, write_exr
-from app.network.contract import Model, find_model
+from app.network.selection import Model
 from app.renderer import Renderer
 from app.settings import Settings
-from export.dataset.key import scene_key
-from export.dataset.scenes.environments import under_sky
+from export.dataset.scene_key import scene_key
+from export.dataset.scenes.environments import with_random_environment
 from export.reference import environment_tracer
-from export.reference.environment_tracer import EnvironmentTracer, mean_shaded
+from export.reference.environment_tracer import EnvironmentTracer
+from export.reference.path_tracer import average_samples
 from export.reference.still import Still
+from export.validation.errors import Progress, Row, find_configurations
 from export.validation.views import View, views
 
-F32 = NDArray[np.float32]
-
-OPEN = ("sponza", "breakfast-room", "stanford", "cornell-box", "courtyard-2", "blocks-day-0")  # that a sky shines into
-EVERY = 2      # view of theirs
-SEED = 2       # first number of every seed: neither the dataset's nor that of the validation list
-ALL = "mean"   # of all views, in place of a scene's name
-NONE = "none"  # no light of the environment at all
-LIT = 0.2      # least share of the surfaces that get a hundredth of what comes from everywhere
-MADE_BY = [Path(environment_tracer.__file__).with_name(name) for name in ("environment_tracer.py", "path_tracer.py", "mitsuba_scene.py")]
-METRICS: dict[str, Callable[..., float]] = {"psnr": metrics.psnr, "ssim": metrics.ssim, "flip": metrics.flip}
+OPEN_SCENES = ("sponza", "breakfast-room", "stanford", "cornell-box", "courtyard-2", "blocks-day-0")  # a sky is seen
+VIEW_STEP = 2          # every second of their views
+SEED = 2               # first number of every seed: neither the dataset's nor that of the validation list
+MIN_LIT_SHARE = 0.2    # of the surfaces, which must receive ...
+MIN_LIGHT = 0.01       # ... this share of the environment's mean radiance
+SOURCES = sorted(Path(environment_tracer.__file__).parent.glob("*.py"))  # code that a reference depends on
+METRICS = ("psnr", "ssim", "flip")
+DENOISED = ("diffuse", "specular", "specular_with_fresnel")
 
 
 @dataclass(frozen=True, eq=False)
 class EnvironmentReference:
-    """Light straight from the environment, through pixels' centres.
+    """Light straight from the environment, sampled at pixel centres.
 
     Attributes
     ----------
     final : ndarray, float32, shape (H, W, 3)
-        albedo × diffuse light + highlights by Fresnel's law, W/(sr m²).
+        albedo × diffuse light + specular light with Fresnel's law, W/(sr m²).
     diffuse, specular : ndarray, float32, shape (H, W, 3)
         Demodulated; see ``EnvironmentSamples``.
-    seen : ndarray of bool, shape (H, W)
-        False: nothing but the sky.
+    visible : ndarray of bool, shape (H, W)
+        Where there is a surface.
     """
 
     final: F32
     diffuse: F32
     specular: F32
-    seen: NDArray[np.bool_]
+    visible: Bools
 
 
 def environment_views(scenes: Path) -> list[View]:
-    """Every other validation view of scenes that are open, each under a random environment of its own."""
-    found = []
-    for number, view in enumerate(views(scenes, OPEN)[::EVERY]):
+    """Every second validation view of the open scenes, each with its own random environment."""
+    chosen = []
+    for number, view in enumerate(views(scenes, OPEN_SCENES)[::VIEW_STEP]):
         rng = np.random.default_rng([SEED, number])
-        found.append(replace(view, still=replace(view.still, scene=under_sky(rng, view.still.scene))))
-    return found
+        chosen.append(replace(view, still=replace(view.still, scene=with_random_environment(rng, view.still.scene))))
+    return chosen
 
 
 def environment_reference(still: Still, spp: int, folder: Path) -> EnvironmentReference:
-    """Traced and denoised, kept in ``folder``."""
-    made_by = hashlib.sha256(b"".join(file.read_bytes() for file in MADE_BY)).hexdigest()
-    key = scene_key(still.scene, still.camera, still.size, still.time, spp, denoiser_version(), made_by)
+    """The path-traced and denoised reference, cached in ``folder``."""
+    version = hashlib.sha256(b"".join(file.read_bytes() for file in SOURCES)).hexdigest()
+    key = scene_key(still.scene, still.camera, still.size, still.time, spp, denoiser_version(), version)
     path = folder / f"{key}.exr"
-    names = ("diffuse", "specular", "highlight", "albedo")
     if not path.exists():
-        w, h = still.size
-        x, y = np.meshgrid((np.arange(w) + 0.5) / w, (np.arange(h) + 0.5) / h)
-        means = mean_shaded(EnvironmentTracer(still.scene, still.time), still, np.stack([x.ravel(), y.ravel()], axis=1), spp, 0)
-        layers = {name: getattr(means, name).reshape(h, w, 3) for name in names}
-        layers |= {name: denoise(layers[name], means.normal.reshape(h, w, 3)) for name in names[:3]}
-        layers["depth"] = means.depth.reshape(h, w, 1)
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_exr(path, layers)
+        write_exr(path, _trace(still, spp))
     layers = read_exr(path)
-    final = layers["albedo"] * layers["diffuse"] + layers["highlight"]
+    final = layers["albedo"] * layers["diffuse"] + layers["specular_with_fresnel"]
     return EnvironmentReference(final, layers["diffuse"], layers["specular"], layers["depth"][..., 0] > 0)
 
 
 def is_lit(reference: EnvironmentReference, still: Still) -> bool:
-    """Whether enough of the view gets light from the sky for its shading to be judged."""
+    """Whether enough surfaces of the view receive light from the environment for its shading to be compared."""
     assert still.scene.environment is not None
-    everywhere = float(still.scene.environment.radiance.mean())
-    lit = reference.diffuse.max(axis=-1)[reference.seen] > 0.01 * everywhere
-    return bool(reference.seen.any() and lit.mean() >= LIT)
+    mean_radiance = float(still.scene.environment.radiance.mean())
+    lit = reference.diffuse.max(axis=-1)[reference.visible] > MIN_LIGHT * mean_radiance
+    return bool(reference.visible.any() and lit.mean() >= MIN_LIT_SHARE)
 
 
-def judge(found: Sequence[View], models: Sequence[str], spp: int, folder: Path,
-          progress: Callable[[str], object]) -> list[dict[str, Any]]:
-    """Errors of the final picture where surfaces are, one row for each model and lit view."""
-    rows: list[dict[str, Any]] = []
-    for number, view in enumerate(found):
-        progress(f"{number + 1} of {len(found)}: {view.name}")
+def measure_errors(chosen: Sequence[View], models: Sequence[str], spp: int, folder: Path,
+                   progress: Progress) -> list[Row]:
+    """Errors of the final picture on visible surfaces, one row per model and lit view.
+
+    Raises
+    ------
+    AfterglowError
+        When a model, the path tracer or the device is not available.
+    """
+    configurations = find_configurations(models, chosen[0].still.size)
+    rows: list[Row] = []
+    for number, view in enumerate(chosen):
+        progress(f"{number + 1} of {len(chosen)}: {view.name}")
         reference = environment_reference(view.still, spp, folder)
         if not is_lit(reference, view.still):
             continue
-        for name in models:
-            made = drawn(view.still, None if name == NONE else find_model(name))
-            errors = {metric: f(made, reference.final, reference.seen) for metric, f in METRICS.items()}
-            rows.append({"view": view.name, "scene": view.scene, "model": Path(name).stem, **errors})
+        for configuration in configurations:
+            picture = draw(view.still, configuration.models)
+            errors = {name: metrics.METRICS[name].measure(picture, reference.final, reference.visible)
+                      for name in METRICS}
+            rows.append({"view": view.name, "scene": view.scene, "model": configuration.label, **errors})
     return rows
 
 
-def drawn(still: Still, model: Model | None) -> F32:
-    """Light straight from the environment as the renderer has it, one frame through pixels' centres."""
+def draw(still: Still, models: Sequence[Model]) -> F32:
+    """The renderer's light straight from the environment, one frame through pixel centres."""
     settings = Settings(still.size, ("direct", "specular"), taa=False, provider="cpu")
-    with Renderer(still.scene, settings, model) as renderer:
+    with Renderer(still.scene, settings, models) as renderer:
         images = renderer.render(still.camera, still.time)
     return np.asarray(images["direct"] + images["specular"])
 
 
-def by_scene(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Means over the views of each scene, and over all (scene ``mean``)."""
-    found = []
-    for scene in (*dict.fromkeys(row["scene"] for row in rows), ALL):
-        for model in dict.fromkeys(row["model"] for row in rows):
-            part = [row for row in rows if row["model"] == model and scene in (row["scene"], ALL)]
-            found.append({"scene": scene, "views": len(part), "model": model,
-                          **{name: float(np.mean([row[name] for row in part])) for name in METRICS}})
-    return found
+def _trace(still: Still, spp: int) -> dict[str, F32]:
+    """Layers of a reference by name, those of ``DENOISED`` denoised."""
+    w, h = still.size
+    x, y = np.meshgrid((np.arange(w) + 0.5) / w, (np.arange(h) + 0.5) / h)
+    centres = np.stack([x.ravel(), y.ravel()], axis=1)
+    means = average_samples(EnvironmentTracer(still.scene, still.time).shade, still, centres, spp, 0)
+    normal = means.normal.reshape(h, w, 3)
+    layers: dict[str, F32] = {name: denoise(getattr(means, name).reshape(h, w, 3), normal) for name in DENOISED}
+    return {**layers, "albedo": means.albedo.reshape(h, w, 3), "depth": means.depth.reshape(h, w, 1)}

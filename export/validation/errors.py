@@ -1,109 +1,95 @@
-"""Judges models on the validation views: errors of the final picture and of the demodulated indirect light."""
+"""Errors of models on the validation views: of the final picture and of demodulated indirect light."""
 
-from __future__ import annotations
-
-import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from app.errors import SettingsError
+from app.arrays import F32
 from app.evaluation.configurations import Configuration, expand
 from app.evaluation.denoise import denoiser_version
-from app.evaluation.picture_errors import (
-    AMBIENT,
-    METRICS,
-    Errors,
-    Layers,
-    best_ambient,
-    draw_ambient,
-    draw_layers,
-    errors_of,
-)
-from app.evaluation.reference import Reference, cache_folder, exporter_version, kept_reference, renderer_version
+from app.evaluation.metrics import METRICS
+from app.evaluation.picture_errors import AMBIENT, Layers, best_ambient, draw_ambient, draw_layers, errors_of
+from app.evaluation.reference import Reference, cache_folder, cache_reference
+from app.evaluation.versions import exporter_version, renderer_version
 from app.renderer import Renderer
 from app.settings import Settings
-from export.dataset.key import scene_key
+from export.dataset.scene_key import scene_key
 from export.reference.path_tracer import MAX_BOUNCES
 from export.reference.still import Still
 from export.reference.trace import write_reference
 from export.validation.views import View
 
-F32 = NDArray[np.float32]
-
+WHERE = "MODEL"      # the argument that names models
 LAYERS = ("final", "indirect")
-ORACLE = "× oracle"    # a model's light times the best constant of each colour and view
-ALL = "mean"          # of all views, in place of a scene's name
+ORACLE = "× oracle"  # suffix of a model whose light is scaled by the best constant per colour channel and view
+ALL = "mean"         # in place of a scene's name: the mean over all views
 
 Progress = Callable[[str], object]
+Row = dict[str, Any]  # one model on one view: ``model``, ``scene``, ``view``, and errors by ``layer.metric``
 
 
-@dataclass(frozen=True)
-class Row:
-    """One model on one view; ``errors`` by layer and metric."""
+def find_configurations(models: Sequence[str], size: tuple[int, int]) -> list[Configuration]:
+    """One configuration for each text; see ``app.network.selection.find_models``.
 
-    model: str
-    view: str
-    scene: str
-    errors: dict[str, Errors]
+    Raises
+    ------
+    AfterglowError
+        When a model does not exist or is named twice.
+    """
+    return expand(models, [size], where=WHERE)[0]
 
 
 def reference_of(view: View, spp: int, folder: Path | None) -> Reference:
-    """The path-traced and denoised reference, from ``folder`` (or the benchmark's cache) where it was made before."""
+    """The path-traced and denoised reference, cached in ``folder`` or in the benchmark's cache."""
     still = view.still
     key = scene_key(still.scene, still.camera, still.size, still.time, spp, denoiser_version(),
                     exporter_version(still.scene), renderer_version(still.scene))
-    return kept_reference((folder or cache_folder()) / f"{view.name}-{key}", lambda fresh: write_reference(
-        fresh, still, spp, 0, MAX_BOUNCES, {"view": view.name}, lambda share: None, denoised=True))
+    return cache_reference((folder or cache_folder()) / f"{view.name}-{key}", lambda temporary: write_reference(
+        temporary, still, spp, 0, MAX_BOUNCES, {"view": view.name}, lambda share: None, denoised=True))
 
 
-def judge(views: Sequence[View], models: Sequence[str], spp: int, references: Path | None, provider: str,
-          progress: Progress, oracle: bool = False) -> list[Row]:
+def measure_errors(views: Sequence[View], models: Sequence[str], spp: int, references: Path | None, provider: str,
+                   progress: Progress, oracle: bool = False) -> list[Row]:
     """Errors of every model on every view, and of the oracle ambient light.
 
     Parameters
     ----------
     models : sequence of str
-        Texts for ``app.evaluation.configurations.find_models``.
+        Texts for ``app.network.selection.find_models``.
     oracle : bool
-        Whether each model is judged as well with its light as strong as suits the reference best, colour by colour in each
-        view: what is wrong then is not how much light there is.
+        Also evaluate each model with its indirect light scaled by the constant, per colour channel and view, that fits
+        the reference best. The error that remains is not one of brightness.
 
     Raises
     ------
     AfterglowError
-        When a model, the path tracer or the device can't be had.
+        When a model, the path tracer or the device is not available.
     """
-    configurations, absent = expand(models, [view.still.size for view in views[:1]])
-    if absent:
-        raise SettingsError("; ".join(absent), "models", "expected models that exist")
-    rows = []
+    configurations = find_configurations(models, views[0].still.size)
+    rows: list[Row] = []
     for number, view in enumerate(views):
         progress(f"{number + 1} of {len(views)}: {view.name}")
         reference = reference_of(view, spp, references)
-        rows += [Row(label, view.name, view.scene, errors_of({name: layers[name] for name in LAYERS}, reference))
-                 for label, layers in _pictures(view.still, reference, configurations, provider, oracle)]
+        for label, layers in _pictures(view.still, reference, configurations, provider, oracle):
+            errors = errors_of({name: layers[name] for name in LAYERS}, reference)
+            flat = {f"{layer}.{metric}": errors[layer][metric] for layer in LAYERS for metric in METRICS}
+            rows.append({"model": label, "scene": view.scene, "view": view.name, **flat})
     return rows
 
 
-def by_scene(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Mean errors of each model on each scene, and on all views (scene ``mean``): as flat as CSV."""
-    models, scenes = dict.fromkeys(row.model for row in rows), dict.fromkeys(row.scene for row in rows)
-    return [_mean(model, scene, [row for row in rows if row.model == model and scene in (row.scene, ALL)])
-            for scene in (*scenes, ALL) for model in models]
-
-
-def by_view(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Each row as flat as CSV."""
-    return [{"model": row.model, "scene": row.scene, "view": row.view, **_flat(row.errors)} for row in rows]
-
-
-def to_json(rows: Sequence[Row], about: dict[str, Any]) -> str:
-    return json.dumps({**about, "scenes": by_scene(rows), "views": by_view(rows)}, indent=1) + "\n"
+def by_scene(rows: Sequence[Row]) -> list[Row]:
+    """Means of all errors for each model over the ``views`` of each scene, and over all (scene ``mean``)."""
+    models, scenes = dict.fromkeys(row["model"] for row in rows), dict.fromkeys(row["scene"] for row in rows)
+    metrics = [name for name, value in rows[0].items() if isinstance(value, float)]
+    means = []
+    for scene, model in product((*scenes, ALL), models):
+        if chosen := [row for row in rows if row["model"] == model and scene in (row["scene"], ALL)]:
+            means.append({"model": model, "scene": scene, "views": len(chosen),
+                          **{name: float(np.mean([row[name] for row in chosen])) for name in metrics}})
+    return means
 
 
 def _pictures(still: Still, reference: Reference, configurations: Sequence[Configuration],
@@ -111,30 +97,20 @@ def _pictures(still: Still, reference: Reference, configurations: Sequence[Confi
     albedo = _albedo(still) if oracle else np.float32(0)
     for c in configurations:
         layers = draw_layers(still.scene, still.camera, c, provider)
-        light = albedo * layers["indirect"]
+        reflected = albedo * layers["indirect"]
         yield c.label, layers
         if oracle and layers["indirect"].any():
-            best = best_ambient(layers["final"] - light, light, reference.layers["final"])
-            yield f"{c.label} {ORACLE}", _scaled(layers, light, best)
+            factor = best_ambient(layers["final"] - reflected, reflected, reference.layers["final"])
+            yield f"{c.label} {ORACLE}", _scale_indirect(layers, reflected, factor)
     yield AMBIENT, draw_ambient(still.scene, still.camera, reference, provider)[0]
 
 
 def _albedo(still: Still) -> F32:
-    """What indirect light is multiplied by in the picture."""
+    """The albedo that the renderer multiplies indirect light by."""
     with Renderer(still.scene, Settings(still.size, ("albedo",), taa=False)) as renderer:
         return renderer.render(still.camera, still.time)["albedo"]
 
 
-def _scaled(layers: Layers, reflected: F32, factor: F32) -> Layers:
-    """The layers with ``factor`` times the indirect light, of which the final picture has ``reflected``."""
+def _scale_indirect(layers: Layers, reflected: F32, factor: F32) -> Layers:
+    """The layers with indirect light scaled by ``factor``; ``reflected`` is its part of the final picture."""
     return {"final": np.maximum(layers["final"] + (factor - 1) * reflected, 0), "indirect": layers["indirect"] * factor}
-
-
-def _mean(model: str, scene: str, rows: Sequence[Row]) -> dict[str, Any]:
-    flat = [_flat(row.errors) for row in rows]
-    return {"model": model, "scene": scene, "views": len(rows),
-            **{key: float(np.mean([f[key] for f in flat])) for key in flat[0]}}
-
-
-def _flat(errors: dict[str, Errors]) -> dict[str, float]:
-    return {f"{layer}.{metric}": errors[layer][metric] for layer in LAYERS for metric in METRICS}

@@ -1,31 +1,29 @@
-"""How long the frames of models take on the validation scenes."""
+"""Frame times of models on the validation scenes."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
-from app.evaluation.configurations import NONE, expand
 from app.evaluation.timing import FRAME, InterleavedTimer, TimedRun
-from export.validation.errors import ALL
+from app.network.selection import NONE
+from export.validation.errors import ALL, Progress, find_configurations
 from export.validation.views import View
 
-TURNS = 3
+ROUNDS = 3
 
 
 @dataclass(frozen=True)
 class FrameTimes:
-    """How long frames take.
+    """Frame times of a run.
 
     Attributes
     ----------
     size : tuple of int
         Width and height in pixels.
     device : str
-        What draws, and the execution provider of the networks.
+        GL renderer and execution providers.
     milliseconds : dict of str to dict
-        Medians by scene, or ``mean``, and model.
+        Medians by scene (or ``mean``) and model.
     """
 
     size: tuple[int, int]
@@ -34,22 +32,22 @@ class FrameTimes:
 
 
 def frame_times(views: Sequence[View], models: Sequence[str], size: tuple[int, int], provider: str,
-                progress: Callable[[str], object]) -> FrameTimes:
-    """Median milliseconds of a frame while the camera moves: of the first view of each scene, and their mean."""
-    found: dict[str, dict[str, float]] = {}
+                progress: Progress) -> FrameTimes:
+    """Median frame times with a moving camera, on the first view of each scene, and their means."""
+    milliseconds: dict[str, dict[str, float]] = {}
     devices: dict[str, None] = {}
-    configurations, _ = expand(models, [size])
+    configurations = find_configurations(models, size)
     for view in views:
-        if view.scene in found:
+        if view.scene in milliseconds:
             continue
         progress(f"timing {view.name}")
-        timed_runs = [TimedRun(view.still.scene, view.still.camera, c) for c in configurations]
-        with InterleavedTimer(timed_runs, provider) as timer:
-            for _ in range(TURNS):
-                timer.turn()
-        devices |= dict.fromkeys(c.device["gl_renderer"] for c in timed_runs)
-        devices |= dict.fromkeys(c.device["provider"] for c in timed_runs if c.device["provider"] != NONE)
-        found[view.scene] = {c.configuration.label: c.stages[FRAME].median for c in timed_runs}
-    labels = next(iter(found.values()), {})
-    means = {label: fmean(times[label] for times in found.values()) for label in labels}
-    return FrameTimes(size, ", ".join(devices), {**found, ALL: means})
+        runs = [TimedRun(view.still.scene, view.still.camera, c) for c in configurations]
+        with InterleavedTimer(runs, provider) as timer:
+            for _ in range(ROUNDS):
+                timer.run_round()
+        devices |= dict.fromkeys(run.device["gl_renderer"] for run in runs)
+        devices |= dict.fromkeys(run.device["provider"] for run in runs if run.device["provider"] != NONE)
+        milliseconds[view.scene] = {run.configuration.label: run.stages[FRAME].median for run in runs}
+    labels = next(iter(milliseconds.values()), {})
+    means = {label: fmean(times[label] for times in milliseconds.values()) for label in labels}
+    return FrameTimes(size, ", ".join(devices), {**milliseconds, ALL: means})

@@ -1,10 +1,8 @@
-"""The views that networks are judged by: ``validation.json``, written by ``scripts/make_validation.py``.
+"""The validation views, listed in ``views.json``, which ``python -m export validate choose`` writes.
 
-They were chosen once, before the first training run. Their scene files are refused by the dataset, and their procedural
-scenes come from seeds that it never uses.
+They were chosen once, before the first training run. The dataset refuses their scene files, and their procedural scenes
+come from seeds that it never uses.
 """
-
-from __future__ import annotations
 
 import json
 from collections.abc import Collection
@@ -18,42 +16,41 @@ from app.errors import SceneError
 from app.load import load_scene
 from app.scene import Camera, Scene
 from export.dataset.held_out import LIST, read_list
-from export.dataset.key import scene_key
+from export.dataset.scene_key import scene_key
 from export.dataset.scenes.generated_scene import GeneratedScene
 from export.dataset.scenes.sources import SOURCES
 from export.reference.still import Still
 
-SCENES = Path("../shared/scenes")
 VALIDATION = 1  # first number of every seed; see ``export.dataset.plan``
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One picture to judge by; ``scene`` is the name of its scene, whatever the lighting."""
+    """One validation picture; ``scene`` names its scene regardless of the lighting."""
 
     name: str
     scene: str
     still: Still
 
 
-def views(scenes: Path = SCENES, only: Collection[str] = ()) -> list[View]:
-    """All views, those of one scene and lighting together, which share one ``Scene`` object.
+def views(scenes: Path, only: Collection[str] = ()) -> list[View]:
+    """All views; those of one scene and lighting are consecutive and share one ``Scene`` object.
 
     Parameters
     ----------
     scenes : Path
-        The folder that the scene files of the list lie in.
+        Folder of the scene files.
     only : collection of str
-        Names of the scenes that are wanted; all without any.
+        Names of scenes; all scenes if empty.
 
     Raises
     ------
     SceneError
-        When a scene file is missing or is not the one that the list was made for, or a generator has changed.
+        When a scene file is missing or differs from the listed one, or a generator has changed.
     """
     listed = read_list()
     loaded: dict[str, Scene] = {}
-    found = []
+    chosen = []
     for entry in listed["views"]:
         if only and entry["scene"] not in only:
             continue
@@ -62,8 +59,8 @@ def views(scenes: Path = SCENES, only: Collection[str] = ()) -> list[View]:
             loaded[group] = _scene(entry, listed["files"], scenes)
         values: dict[str, Any] = {key: tuple(x) if isinstance(x, list) else x for key, x in entry["camera"].items()}
         still = Still(loaded[group], Camera(**values), tuple(listed["size"]))
-        found.append(View(entry["name"], entry["scene"], still))
-    return found
+        chosen.append(View(entry["name"], entry["scene"], still))
+    return chosen
 
 
 def generated(source: str, seed: int) -> GeneratedScene:
@@ -76,6 +73,6 @@ def _scene(entry: dict[str, Any], files: dict[str, Any], folder: Path) -> Scene:
         return load_scene(folder / files[entry["scene"]]["file"], lighting=entry["lighting"])
     scene = generated(entry["source"], entry["seed"]).scene
     if scene_key(scene) != entry["key"]:
-        raise SceneError(f"the generator of {entry['source']!r} has changed since the list was made", LIST,
-                         "expected the same scene; make the list again: python -m export validate choose")
+        raise SceneError(f"the generator of {entry['source']!r} has changed since the list was written", LIST,
+                         "expected the same scene; write a new list with: python -m export validate choose")
     return scene

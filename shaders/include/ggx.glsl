@@ -1,4 +1,4 @@
-// GGX highlights of analytic lights. Lights with a size act through the point nearest to the mirrored ray
+// GGX specular light of analytic lights. Lights with a size act through the point nearest to the mirrored ray
 // (Karis 2013, "Real Shading in Unreal Engine 4"), with alpha widened to conserve energy.
 #include "lights.glsl"
 #include "ggx_lobe.glsl"
@@ -12,12 +12,12 @@ vec3 environment_reflectance(vec4 specular_roughness, float n_v)
 }
 
 // Radiance towards the viewer (at the origin of relative space) from point p; specular_roughness holds F0 and roughness.
-vec3 ggx_highlight(Light light, vec3 p, vec3 n, vec4 specular_roughness)
+vec3 ggx_specular(Light light, vec3 p, vec3 n, vec4 specular_roughness)
 {
     if (max(max(specular_roughness.r, specular_roughness.g), specular_roughness.b) <= 0.0) return vec3(0.0);
     vec3 v = -normalize(p);
     vec3 mirrored = reflect(-v, n);
-    float alpha = max(specular_roughness.a * specular_roughness.a, SHARPEST);
+    float alpha = max(specular_roughness.a * specular_roughness.a, MIN_ALPHA);
     int kind = int(light.color.w);
     vec3 l = light.position.xyz;
     vec3 arriving = light.color.rgb;  // irradiance on a facing surface

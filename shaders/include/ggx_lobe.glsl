@@ -1,7 +1,7 @@
 // The lobe of a rough surface's reflections.
 #include "numbers.glsl"
 
-const float SHARPEST = 2e-3;  // least alpha
+const float MIN_ALPHA = 2e-3;  // least alpha
 
 // Trowbridge-Reitz distribution times height-correlated Smith visibility (Heitz 2014).
 float ggx_lobe(float n_h, float n_v, float n_l, float alpha)

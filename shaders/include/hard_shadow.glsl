@@ -8,12 +8,12 @@
 const float SNAP = 1.0 / 64.0;  // texels by which rasterisation shifts surfaces, rounded up
 const float ROUNDING = 2e-6;    // of inverse_depth
 const float RELIEF = 1.5;       // texels; parallel steps that are lower are too fine for the map
-const float STEEPEST = 1e5;     // slope of a receiver
+const float MAX_RECEIVER_SLOPE = 1e5;
 
 uniform sampler2D shadow_slope;
 
-// A receiver in its light's map, whose places go from -1 to 1. Inverse depth is what changes evenly over the map along a
-// plane: the receiver's depth over the depth, or for parallel light the negative depth in half widths of the map.
+// A receiver in its light's map, whose places go from -1 to 1. The inverse depth is linear over the
+// map along a plane: the receiver's depth divided by the depth, or for parallel light the negative depth in half widths of the map.
 struct MapPlane {
     vec2 corner;     // of the light's square, in texels of the atlas
     vec2 at;
@@ -74,7 +74,7 @@ MapPlane map_plane(Light light, vec3 p, vec3 n)
 #ifdef HAS_PARALLEL_MAP
     if (int(light.tile.w) == PARALLEL_MAP) r = parallel_plane(light, p, n);
 #endif
-    r.slope = clamp(r.slope, -STEEPEST, STEEPEST);
+    r.slope = clamp(r.slope, -MAX_RECEIVER_SLOPE, MAX_RECEIVER_SLOPE);
     return r;
 }
 
@@ -108,7 +108,7 @@ MapTexels texels_around(Light light, MapPlane r)
     vec4 high = vec4(texelFetch(shadow_slope, at + Y, 0).xy, texelFetch(shadow_slope, at + X + Y, 0).xy);
     t.slope_x = clamp(vec4(low.xz, high.xz), -HALF_MAX, HALF_MAX);
     t.slope_y = clamp(vec4(low.yw, high.yw), -HALF_MAX, HALF_MAX);
-    t.surface = vec4(lessThan(stored, vec4(FAR)));
+    t.surface = vec4(lessThan(stored, vec4(MAX_DISTANCE)));
 
     vec2 first = (base + 0.5) * unit - 1.0;
     t.x = first.x + vec4(0.0, unit, 0.0, unit);

@@ -1,5 +1,5 @@
-// Inverse depth: the inverse of depth, 1 at UNIT_INVERSE_DEPTH near planes from the camera; 0 for sky and for what is no depth.
-// So half precision holds it to 1 % from the near plane to where the scene is a dot.
+// Inverse depth, 1 at UNIT_INVERSE_DEPTH near planes from the camera; 0 for the sky and for invalid
+// depths. So half precision holds it to 1 % from the near plane to where the scene is a dot.
 const float UNIT_INVERSE_DEPTH = 1000.0;
 
 float inverse_depth(float depth, float near)

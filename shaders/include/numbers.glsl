@@ -1,7 +1,7 @@
 // Constants, and the border control that keeps numbers numbers.
 const float PI = 3.14159265359;
 const float HALF_MAX = 65504.0;
-const float FAR = 1e18;  // distances from here on count as no surface
+const float MAX_DISTANCE = 1e18;  // distances from here on count as no surface
 
 bool is_finite(float x)
 {
@@ -29,5 +29,5 @@ vec3 sanitize_normal(vec3 n)
 // Depth 0 is sky; NaN, infinities and negative depths count as sky too.
 bool is_surface(float depth)
 {
-    return depth > 0.0 && depth < FAR;
+    return depth > 0.0 && depth < MAX_DISTANCE;
 }

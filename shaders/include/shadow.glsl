@@ -11,12 +11,12 @@ const int SINGLE_MAP = 1;
 const int CUBE_MAP = 2;
 const int PARALLEL_MAP = 3;
 
-const int TAPS = 2;                    // of a texel's search, and of its look for an edge; a quad shares them
+const int TAPS = 2;                    // blocker-search and edge-test samples per texel; the four texels of a quad share theirs
 const int PENUMBRA_TAPS = 14;          // of the filter
 const float HARD_KERNEL = 1.0;         // smallest radius of the filter, in texels
 const float WIDE_KERNEL = 256.0;       // texels across from which the filter always runs
 const float MAX_THROW = 0.5;       // of the map: blockers of parallel light farther away are not searched
-const float NEAREST_BLOCKER = 0.15;    // blockers nearer to the light than this share of the way are not searched
+const float MIN_BLOCKER_SHARE = 0.15;    // of the distance to the light; blockers nearer to the light are not searched
 const float SLACK = 2.0;               // on the light's squared radius, when asking whether a line meets it
 const float NORMAL_OFFSET = 1.5;       // texels
 const float DISTANCE_BIAS = 5e-4;      // relative
@@ -29,7 +29,7 @@ uniform sampler2D shadow;
 #ifdef HAS_SOFT_LIGHT
 uniform sampler2D shadow_nearest;
 #endif
-uniform int edge_taps = TAPS;  // no constant: unrolled, the program outgrows a CPU's instruction cache (1.4 times slower)
+uniform int edge_taps = TAPS;  // not a constant: the unrolled program outgrows a CPU's instruction cache (1.4 times slower)
 
 // The same for all texels of a quad, so that they share their points: noise, and where angles start.
 struct QuadNoise {
@@ -233,7 +233,7 @@ float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool want
     vec3 side = abs(r.p.y) < 0.9 * reach ? vec3(r.p.z, 0.0, -r.p.x) : vec3(0.0, -r.p.z, r.p.y);
     float radius = r.radius;
     vec3 axis_u = side * (radius * inversesqrt(max(dot(side, side), 1e-30)));
-    Disc disc = Disc(axis_u, cross(axis_u, r.p) / reach, max(NEAREST_BLOCKER, min(radius / reach, 0.9)));
+    Disc disc = Disc(axis_u, cross(axis_u, r.p) / reach, max(MIN_BLOCKER_SHARE, min(radius / reach, 0.9)));
 #ifdef HAS_RECT_LIGHT
     if (square) {
         disc.axis_u = light.u.xyz;

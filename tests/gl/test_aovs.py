@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.golden.scenes import lamps
+from app.golden.scenes import area_lights
 from app.renderer import Renderer
 from app.settings import Settings
 
@@ -15,7 +15,7 @@ AOVS = ("albedo", "normal", "depth", "position", "motion", "direct", "specular",
 
 
 def test_an_image_does_not_depend_on_what_else_is_written() -> None:
-    scene = lamps()  # its emission comes from a texture
+    scene = area_lights()  # its emission comes from a texture
     camera = scene.cameras[scene.default_camera].at(0.0)
 
     def draw(*outputs: str) -> dict[str, np.ndarray]:

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from app.cli import cli
 from app.io.image import write_exr
 from app.load import load_scene
-from app.network.contract import find_model
+from app.network.selection import find_model
 from app.renderer import Renderer
 from app.settings import Settings
 
@@ -62,13 +62,14 @@ def write_reference(scene_file: Path, folder: Path) -> None:
         layers["final"] = [renderer.render(camera)["final"] for _ in range(16)][-1]
     folder.mkdir(parents=True)
     write_exr(folder / "reference.exr", {"" if name == "final" else name: image for name, image in layers.items()})
-    (folder / "reference.json").write_text(json.dumps({"spp": 64, "noise": {"final": 0.01}, "seconds": 1.0,
-                                                   "notices": ["no fog"]}))
+    about = {"spp": 64, "noise": {"final": 0.01}, "seconds": 1.0, "notices": ["no fog"]}
+    (folder / "reference.json").write_text(json.dumps(about))
     random = np.random.default_rng(3)
     for spp in (1, 16):
         noisy = layers["final"] * random.gamma(4 * spp, 1 / (4 * spp), layers["final"].shape).astype(np.float32)
-        write_exr(folder / f"plain_{spp:04d}.exr", {"": noisy, "albedo": layers["albedo"], "normal": layers["normal"]})
-    (folder / "plain.json").write_text(json.dumps({"1": 0.001, "16": 30.0}))
+        guides = {name: layers[name] for name in ("albedo", "normal")}
+        write_exr(folder / f"baseline_{spp:04d}.exr", {"": noisy, **guides})
+    (folder / "baselines.json").write_text(json.dumps({"1": 0.001, "16": 30.0}))
 
 
 def bench(folder: Path, out: str, *more: str) -> Any:
@@ -90,25 +91,26 @@ def test_a_whole_benchmark(whole: tuple[Path, str]) -> None:
     results = json.loads((out / "bench.json").read_text())
     (scene,) = results["scenes"]
     assert scene["name"] == "room" and scene["lighting"] == "lamp" and scene["triangles"] == 4
-    found = {(c["label"], tuple(c["size"])): c for c in scene["configurations"]}
-    assert set(found) == {(n, s) for n in ("none", "gather float32") for s in (SIZE, LARGER)}
+    configurations = {(c["label"], tuple(c["size"])): c for c in scene["configurations"]}
+    assert set(configurations) == {(n, s) for n in ("none", "gather float32") for s in (SIZE, LARGER)}
     assert "gather in float16 is not available" in results["absent"][0] and "float16" in text
 
     # The reference is gather's own picture, so gather is exactly right, and no indirect light is not.
-    gather, none = found["gather float32", SIZE], found["none", SIZE]
+    gather, none = configurations["gather float32", SIZE], configurations["none", SIZE]
     assert gather["errors"]["final"] == {"flip": 0, "psnr": None, "ssim": pytest.approx(1), "rel_mse": 0}
     assert gather["errors"]["indirect"]["rel_mse"] == pytest.approx(0, abs=1e-9)
     assert none["errors"]["direct"]["flip"] == 0
     assert none["errors"]["indirect"]["flip"] > scene["ambient"]["errors"]["indirect"]["flip"] > 0
-    assert found["gather float32", LARGER]["errors"] is None
+    assert configurations["gather float32", LARGER]["errors"] is None
 
     assert {"gbuffer", "direct", "network", "taa", "copy", "frame"} <= set(gather["stages"])
     assert "network" not in none["stages"]
-    for c in found.values():
+    for c in configurations.values():
         parts = [s["median"] for name, s in c["stages"].items() if name not in ("frame", "copy")]
         assert c["stages"]["frame"]["median"] >= max(parts)
-        assert all(len(s["turns"]) == 2 and s["p95"] >= s["median"] >= 0 for s in c["stages"].values())
-    assert found["none", LARGER]["fresh"]["startup_s"] > 0 and found["none", LARGER]["fresh"]["peak_mb"] > 50
+        assert all(len(s["rounds"]) == 2 and s["p95"] >= s["median"] >= 0 for s in c["stages"].values())
+    cold_start = configurations["none", LARGER]["cold_start"]
+    assert cold_start["startup_s"] > 0 and cold_start["peak_mb"] > 50
 
     baselines = {(r["name"], r["spp"]): r for r in scene["baselines"]}
     assert len(baselines) == 6
@@ -127,11 +129,11 @@ def test_a_whole_benchmark(whole: tuple[Path, str]) -> None:
     assert (out / "pareto.svg").read_text().startswith("<svg xmlns")
 
 
-def test_a_run_can_be_compared_with_one_before(folder: Path, whole: tuple[Path, str]) -> None:
+def test_a_run_can_be_compared_with_an_earlier_one(folder: Path, whole: tuple[Path, str]) -> None:
     old = json.loads((whole[0] / "bench.json").read_text())
     stages = old["scenes"][0]["configurations"][0]["stages"]
     for stage in (stages[name] for name in stages if name != "copy"):
-        stage |= {"median": 1e-3 * stage["median"], "turns": [1e-3 * (1 + n / 100) for n in range(5)]}
+        stage |= {"median": 1e-3 * stage["median"], "rounds": [1e-3 * (1 + n / 100) for n in range(5)]}
     (folder / "old.json").write_text(json.dumps(old))
     run = bench(folder, "again", "--models", "none", "--sizes", "32x24", "--repeats", "5", "--compare",
                 str(folder / "old.json"))
@@ -144,4 +146,4 @@ def test_a_run_can_be_compared_with_one_before(folder: Path, whole: tuple[Path, 
 def test_a_reference_of_another_size_is_refused(folder: Path) -> None:
     run = bench(folder, "refused", "--sizes", "40x30")
     assert run.exit_code == 2
-    assert "error: a reference of 32x24" in run.output
+    assert "the reference is 32x24" in run.output

@@ -16,14 +16,15 @@ from app.evaluation.picture_errors import Layers, draw_layers, errors_of
 from app.evaluation.reference import Reference
 from app.io.image import write_exr
 from app.load import load_scene
-from app.network.contract import UNSHADOWED, Model, TensorSpec
+from app.network.contract import TensorSpec
+from app.network.selection import UNSHADOWED, Model
 from app.paths import data_dir
 from app.renderer import Renderer
 from app.scene import Camera, Scene
 from app.settings import Settings
 from tests.gl.scenes import floor
 from tests.gl.test_environment import under
-from tests.gl.test_environment_shading import PASS, WHITE, has_specular, write_pass
+from tests.gl.test_environment_shading import PASS, WHITE, glossy, write_pass
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
@@ -39,18 +40,18 @@ def layers_of(scene: Scene, *models: Model) -> Layers:
 @pytest.mark.usefixtures("path_tracer")
 @pytest.mark.parametrize("polished", [False, True], ids=["matte", "polished"])
 def test_the_reference_has_the_light_that_shading_gives(polished: bool) -> None:
-    """On a floor that nothing shades light straight from the sky is all there is, and ``coarse`` has nearly that."""
+    """On an unshadowed floor all light comes straight from the sky, which ``unshadowed_environment`` reproduces."""
     from export.reference.still import Still
     from export.reference.trace import trace_reference
 
-    material = has_specular(0.6, 0.3, 0.4) if polished else has_specular(1.0, 0.0, 0.8)
+    material = glossy(0.6, 0.3, 0.4) if polished else glossy(1.0, 0.0, 0.8)
     camera = Camera((0.0, 1.0, 3.0), (0.0, 0.4, 0.0), fov_y_deg=50.0)  # sees sky, too
     scene = under(WHITE, floor(2.0, material=material), camera=camera)
     reference = Reference(trace_reference(Still(scene, camera, SIZE), SPP).layers, {}, "")
-    found = layers_of(scene, UNSHADOWED)
-    assert set(found) == {"final"}, "who makes an environment's light is not judged part by part"
-    assert errors_of(found, reference)["final"]["psnr"] > (32 if polished else 38)
-    assert found["final"].mean() == pytest.approx(reference.layers["final"].mean(), rel=0.02)
+    layers = layers_of(scene, UNSHADOWED)
+    assert set(layers) == {"final"}, "light of an environment is not compared by parts"
+    assert errors_of(layers, reference)["final"]["psnr"] > (32 if polished else 38)
+    assert layers["final"].mean() == pytest.approx(reference.layers["final"].mean(), rel=0.02)
     assert errors_of(layers_of(scene), reference)["final"]["psnr"] < 15
 
 
@@ -62,7 +63,7 @@ def bench(folder: Path, models: str) -> Any:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """With ``reference``: the embedded patio as ``coarse`` draws it."""
+    """With ``reference``: the embedded patio as ``unshadowed_environment`` draws it."""
     scene = load_scene(PATIO)
     camera = scene.cameras["main"].at(0.0)
     outputs = ("final", "direct", "indirect", "albedo", "depth")
@@ -74,26 +75,40 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_rows_of_two_models_tell_what_each_pass_takes(folder: Path) -> None:
-    """A network that reads no coarse shading is measured without it."""
+def test_rows_of_two_models_have_the_times_of_their_passes(folder: Path) -> None:
+    """A network that does not read unshadowed shading is measured without that pass."""
     own = replace(PASS, inputs={"x": TensorSpec(("albedo.rgb", "normal.view.xyz")), "sky": PASS.inputs["sky"]})
     (folder / "own").mkdir()
     corrects, alone = write_pass(folder), write_pass(folder / "own", own).rename(folder / "own.onnx")
-    run = bench(folder, f"none,coarse,gather+{corrects},gather + {alone}")
+    run = bench(folder, f"none,unshadowed_environment,gather+{corrects},gather + {alone}")
     assert run.exit_code == 0, run.output
     (scene,) = json.loads((folder / "out" / "bench.json").read_text())["scenes"]
     rows = {c["label"]: c for c in scene["configurations"]}
     assert list(rows) == ["none", "unshadowed_environment", "gather+pass", "gather+own"]
     shading = {"environment_pack_screen", "environment_network", "upsample_diffuse", "upsample_specular"}
-    for label, expected in (("none", set()), ("unshadowed_environment", {"unshadowed_environment", "upsample_diffuse", "upsample_specular"}),
-                            ("gather+pass", {"unshadowed_environment"} | shading), ("gather+own", shading)):
-        assert set(rows[label]["stages"]) & ({"unshadowed_environment"} | shading) == expected, label
+    unshadowed = {"unshadowed_environment"}
+    upsample = {"upsample_diffuse", "upsample_specular"}
+    for label, expected in (("none", set()), ("unshadowed_environment", unshadowed | upsample),
+                            ("gather+pass", unshadowed | shading), ("gather+own", shading)):
+        assert set(rows[label]["stages"]) & (unshadowed | shading) == expected, label
         assert set(rows[label]["errors"]) == {"final"}
-        assert rows[label]["fresh"]["startup_s"] > 0
+        assert rows[label]["cold_start"]["startup_s"] > 0
     assert rows["unshadowed_environment"]["errors"]["final"]["flip"] < 0.5 * rows["none"]["errors"]["final"]["flip"]
     assert set(scene["ambient"]["errors"]) == {"final"}
-    assert "under an environment the final picture alone is judged" in run.output
+    assert "under an environment only the final picture is compared" in run.output
     assert "gather+pass" in (folder / "out" / "report.html").read_text()
+
+
+def test_embedded_scenes_without_work_for_any_model_are_skipped(folder: Path) -> None:
+    (folder / "references").mkdir()
+    (folder / "reference").rename(folder / "references" / "patio")
+    done = CliRunner().invoke(cli, ["bench", "--reference", str(folder / "references"), "--sizes", "32x24",
+                                    "--repeats", "1", "--provider", "cpu", "--models", "unshadowed_environment",
+                                    "--out", str(folder / "out")])
+    assert done.exit_code == 0, done.output
+    assert "note: cornell-box has no environment for unshadowed_environment" in done.output
+    results = json.loads((folder / "out" / "bench.json").read_text())
+    assert [scene["name"] for scene in results["scenes"]] == ["patio"]
 
 
 def test_the_ambient_oracle_has_the_sky_behind_it(folder: Path) -> None:
@@ -103,15 +118,16 @@ def test_the_ambient_oracle_has_the_sky_behind_it(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(("scene", "models", "said"), [
-    ("patio.obj", "ember+gather", "two models that make indirect light"),
+    ("patio.obj", "ember+gather", "two models that compute indirect light"),
     ("patio.obj", "unshadowed_environment+unshadowed_environment", "two models that shade an environment"),
-    ("patio.obj", "ember+unshadowed_environment+ssgi", "two models that make indirect light"),
-    ("patio.obj", "ember+", "no network ''"),
-    ("cornell-box.obj", "coarse,ember+unshadowed_environment", "cornell-box has no environment for coarse, ember+unshadowed_environment"),
+    ("patio.obj", "ember+unshadowed_environment+ssgi", "two models that compute indirect light"),
+    ("patio.obj", "ember+", "no model ''"),
+    ("cornell-box.obj", "unshadowed_environment,ember+unshadowed_environment",
+     "cornell-box has no environment for unshadowed_environment, ember+unshadowed_environment"),
 ])
 @pytest.mark.parametrize("command", ["bench", "compare"])
 def test_pairs_that_make_no_sense_are_refused(command: str, scene: str, models: str, said: str, tmp_path: Path) -> None:
-    listed = f"{models},none" if command == "compare" else models  # which takes two at least
+    listed = f"{models},none" if command == "compare" else models  # which needs at least two
     done = CliRunner().invoke(cli, [command, str(data_dir() / scene), "--models", listed, "--out",
                                     str(tmp_path / "out.html")])
     assert done.exit_code == 2

@@ -17,12 +17,13 @@ from app.errors import SettingsError
 from app.load import embedded_scene
 from app.network.bounces import with_bounces
 from app.network.channels import ALL_BOUNCES
-from app.network.contract import bundled_models, find_model
+from app.network.selection import bundled_models, find_model
 from app.network.session import Network
 from app.renderer import Renderer
 from app.scene import Camera, Material, PointLight, Scene
 from tests.gl.scenes import box, make_scene
 from tests.gl.test_indirect import WALLS, mean_around
+from tests.override import override
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
@@ -53,7 +54,7 @@ def renderers(scene: Scene, name: str) -> Iterator[tuple[int, Renderer]]:
         return
     with Renderer(scene, WALLS, find_model(name)) as renderer:
         for bounces in BOUNCES:
-            renderer.override("tensor_bounces", bounces)
+            override(renderer, "tensor_bounces", bounces)
             yield bounces, renderer
 
 
@@ -116,7 +117,7 @@ def test_the_path_tracer_counts_alike() -> None:
     still = Still(scene, scene.cameras[scene.default_camera].at(0.0), size)
     with Renderer(scene, replace(WALLS, size=size), find_model("ember")) as renderer:
         for bounces in (1, 2, 4):
-            renderer.override("tensor_bounces", bounces)
+            override(renderer, "tensor_bounces", bounces)
             found = renderer.render(still.camera)["indirect"].mean()
             reference = mean_samples(PathTracer(scene, max_bounces=bounces), still, 32)["indirect"].mean()
             print(f"TRACED {bounces}: {found / reference - 1:+.2%}")
@@ -141,6 +142,6 @@ def test_the_number_reaches_a_network_that_counts(bounces: int | None, expected:
 def test_albedo_is_packed_only_for_a_network_that_is_applied_again(bounces: int | None, packed: bool) -> None:
     with drawn("bcnn-8-single", bounces) as renderer:
         assert ("tensor_bounces.albedo" in renderer.plan.resources) == packed
-        assert renderer.plan.culled["pack_globals"] == "the network reads no vector"
+        assert renderer.plan.culled["pack_globals"] == "the network reads no globals"
         if packed:
             np.testing.assert_allclose(renderer.resource("tensor_bounces.albedo"), RHO, rtol=2e-3)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from app.network.contract import find_model
+from app.network.selection import find_model
 from app.renderer import Renderer
 from app.scene import Material, PointLight, Scene
 from app.settings import Settings

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 from app.load import embedded_scene
-from app.network.contract import find_model
+from app.network.selection import find_model
 from app.renderer import Renderer
 from app.settings import Settings
 from tests.gl.scenes import Images
+from tests.override import override
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
@@ -118,12 +119,12 @@ def test_non_finite_texels_are_counted_where_they_arise(value: float) -> None:
         camera = scene.cameras[scene.default_camera].at(0.0)
         renderer.render(camera)
         assert all(p.get("non_finite", 0) == 0 for p in renderer.timing()["passes"].values())
-        renderer.override("direct", value)
+        override(renderer, "direct", value)
         renderer.render(camera)
         counts = {name: p.get("non_finite", 0) for name, p in renderer.timing()["passes"].items()}
         assert counts.pop("direct") == 40 * 30
         assert not any(counts.values())
         renderer.reset_timing()
-        renderer.override("direct", None)
+        override(renderer, "direct", None)
         renderer.render(camera)
         assert all(p.get("non_finite", 0) == 0 for p in renderer.timing()["passes"].values())

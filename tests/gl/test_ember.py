@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.gl.lights import radiance_scale
 from app.load import embedded_scene
 from app.math3d import View
-from app.network.contract import find_model
+from app.network.selection import find_model
+from app.radiance_scale import radiance_scale
 from app.renderer import NEAR, Renderer
 from app.scene import Camera, Light, Material, PointLight, RectLight, Scene, SpotLight
 from app.settings import Settings
@@ -153,7 +153,8 @@ def test_indirect_light_scales_with_the_light(small: Path, glows: bool) -> None:
     for factor in (1e-4, 0.03, 7.0, 1e4):
         found = draw(brighter(scene, factor), SIZE, ("indirect",), model=small)["indirect"] / factor
         error = np.abs(found - reference)
-        print(f"EXPOSURE {factor:g}: mean {error.mean() / reference.mean():.1e}, largest {error.max() / reference.max():.1e}")
+        print(f"EXPOSURE {factor:g}: mean {error.mean() / reference.mean():.1e}, "
+              f"max {error.max() / reference.max():.1e}")
         assert error.mean() < 1e-3 * reference.mean()
         assert error.max() < 2e-3 * reference.max()
 

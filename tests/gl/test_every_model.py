@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from app.load import load_scene
-from app.network.contract import HALF, SSGI, UNSHADOWED, Model, bundled_models, read_contract
-from app.network.selection import shades_environment
+from app.network.contract_json import read_contract
+from app.network.selection import HALF_SUFFIX, SSGI, UNSHADOWED, Model, bundled_models, shades_environment
 from app.scene import Environment, Scene
 from tests.coarse_shadows import coarse_shadow_maps
 from tests.gl.scenes import Images, draw
@@ -57,7 +57,7 @@ def drawn(scene: Scene, models: Sequence[Model]) -> Images:
 
 
 def single(models: dict[str, Model]) -> dict[str, Model]:
-    return {name: model for name, model in models.items() if not name.endswith(HALF)}
+    return {name: model for name, model in models.items() if not name.endswith(HALF_SUFFIX)}
 
 
 def all_differ(found: dict[str, Images]) -> None:
@@ -86,10 +86,10 @@ def test_two_models_share_a_scene_with_an_environment(stage: Stage, small_ember:
     all_differ(found)
 
 
-@pytest.mark.parametrize("name", [n for n in NETWORKS if n.endswith(HALF)])
+@pytest.mark.parametrize("name", [n for n in NETWORKS if n.endswith(HALF_SUFFIX)])
 def test_half_precision_shows_what_single_precision_does(name: str, scenes: Path) -> None:
     scene = replace(load_scene(scenes / "cornell-box" / "CornellBox-Original.obj"), environment=SKY)
     output = "direct" if shades_environment(NETWORKS[name]) else "indirect"
-    half, whole = (drawn(scene, (NETWORKS[n],))[output] for n in (name, name.removesuffix(HALF)))
+    half, whole = (drawn(scene, (NETWORKS[n],))[output] for n in (name, name.removesuffix(HALF_SUFFIX)))
     assert read_contract(NETWORKS[name]).dtype == "float16"
     np.testing.assert_allclose(half.mean(), whole.mean(), rtol=0.05)

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from app.math3d import CUBE_FACES
-from app.network.contract import find_model
+from app.network.selection import find_model
 from app.renderer import Renderer
 from app.scene import Camera, Material, PointLight, Scene
 from app.settings import Settings
 from tests.gl.closed_forms import polygon_irradiance
 from tests.gl.scenes import Point, box, draw, floor, make_scene, quad
+from tests.override import override
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "coarse_shadows")]
 
@@ -109,7 +110,7 @@ def test_a_wire_before_the_sky_is_lit_like_what_surrounds_it(taa: bool) -> None:
     settings = Settings(size=(256, 192), outputs=("indirect", "depth"), taa=taa, provider="cpu")
     inferred = np.where(np.arange(48)[:, None, None] > 24, 0.5, 9.0)  # 9: the sky's, which means nothing
     with Renderer(scene, settings, find_model("gather")) as renderer:
-        renderer.override("indirect_now" if taa else "indirect_low", inferred)
+        override(renderer, "indirect_now" if taa else "indirect_low", inferred)
         images = renderer.render(camera)
     seen, found = images["depth"][..., 0] > 0, images["indirect"]
     assert seen[:90].any(axis=0).sum() == 1

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from app.gl.frame_state import HISTORY, MotionKind
-from app.network.contract import find_model
+from app.gl.frame_state import MAX_HISTORY, MotionKind
+from app.network.selection import find_model
 from app.renderer import Renderer
 from app.scene import Camera
 from app.settings import Settings
 from tests.gl.scenes import Part, floor, make_scene, quad
+from tests.override import override
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
@@ -24,7 +25,7 @@ PICKED = np.s_[2::4, 2::4]  # what a network sees of it
 PIXEL = 4.0 / SIZE[1]  # at the post, where the picture is 4 high
 WALL = quad((-30, -30, -20), (60, 0, 0), (0, 60, 0))
 POST = quad((0, -4, -2), (2 * PIXEL, 0, 0), (0, 8, 0))
-KEPT = 1 - 1 / HISTORY[MotionKind.CAMERA]  # of what a pixel had, in a frame in which no pick shows it
+KEPT = 1 - 1 / MAX_HISTORY[MotionKind.CAMERA]  # of what a pixel had, in a frame in which no pick shows it
 
 
 @pytest.mark.parametrize("pace", [0.05, -0.05, 0.2], ids=["forward", "backward", "fast"])
@@ -37,13 +38,13 @@ def test_light_does_not_creep_along_a_floor(pace: float) -> None:
             camera = walking(pace * frame)
             seen = eye.render(camera)
             light = falling_off(seen["position"][PICKED])
-            renderer.override("indirect_now", light)
+            override(renderer, "indirect_now", light)
             renderer.advance(camera)
         gathered = renderer.resource("indirect_low")
     depth = seen["depth"][PICKED][..., 0]
     near = (depth > 0) & (depth < 20)
     near[-2:] = False  # was below the picture when the camera camera_paths backward
-    assert gathered[near, 3].mean() > 0.8 * HISTORY[MotionKind.CAMERA]
+    assert gathered[near, 3].mean() > 0.8 * MAX_HISTORY[MotionKind.CAMERA]
     np.testing.assert_allclose(gathered[near, 0], light[near, 0], rtol=0.01)
 
 
@@ -78,7 +79,7 @@ def test_what_is_too_thin_for_the_picks_keeps_its_light() -> None:
             camera = beside(min(frame, 9), min(frame, 9) * 4)
             seen = eye.render(camera)
             post, own = seen["depth"][..., 0] < 10, 4.5 + seen["position"][..., 1]
-            renderer.override("indirect_now", np.where(post, own, 9.0)[PICKED][..., None])
+            override(renderer, "indirect_now", np.where(post, own, 9.0)[PICKED][..., None])
             light = renderer.render(camera)["indirect"]
             if post[PICKED].any():
                 hidden = 0
@@ -101,7 +102,7 @@ def second_frame(things: list[Part], first: tuple[Camera, Light], second: tuple[
           Renderer(scene, Settings(SIZE, ("indirect",), provider="cpu"), find_model("gather")) as renderer):
         for camera, light in (first, second):
             depth = eye.render(camera)["depth"][..., 0]
-            renderer.override("indirect_now", light(depth)[PICKED][..., None])
+            override(renderer, "indirect_now", light(depth)[PICKED][..., None])
             found = renderer.render(camera)["indirect"]
             if cut:
                 renderer.cut()
@@ -150,10 +151,10 @@ def test_light_that_went_out_is_held_down() -> None:
 def test_light_that_was_no_number_is_not_kept() -> None:
     scene = make_scene([WALL, POST])
     with Renderer(scene, Settings(SIZE, ("indirect",), provider="cpu"), find_model("gather")) as renderer:
-        renderer.override("indirect_now", np.full((SIZE[1] // 4, SIZE[0] // 4, 1), 9.0))
-        renderer.override("indirect", lambda light: np.where(np.arange(4) < 3, np.nan, light))
+        override(renderer, "indirect_now", np.full((SIZE[1] // 4, SIZE[0] // 4, 1), 9.0))
+        override(renderer, "indirect", lambda light: np.where(np.arange(4) < 3, np.nan, light))
         renderer.advance(beside(0))
-        renderer.override("indirect", None)
+        override(renderer, "indirect", None)
         light = renderer.render(beside(0.1))["indirect"]
     np.testing.assert_allclose(light, 9.0, rtol=0.01)
 

@@ -12,15 +12,16 @@ pytest.importorskip("onnx")
 from onnx import TensorProto, helper, save
 
 from app.environment import radiance_along
-from app.gl.lights import radiance_scale
 from app.golden import scenes
 from app.math3d import View, cube_rotations
 from app.network.contract import KEY, ModelContract, TensorSpec
-from app.network.session import feed
+from app.network.contract_json import contract_to_json
+from app.network.inputs import prepare_inputs
+from app.radiance_scale import radiance_scale
 from app.renderer import Renderer
 from app.scene import PointLight
 from app.settings import Settings
-from export.models.panorama import directions, merged
+from export.models.panorama import directions, merge_cube
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
@@ -43,7 +44,7 @@ def network(path: Path, axes: str) -> Path:
     made = helper.make_model(
         helper.make_graph([helper.make_node("Mul", ["screen", "none"], ["y"])], "around", inputs, [output], [none]),
         opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    helper.set_model_props(made, {KEY: contract.to_json()})
+    helper.set_model_props(made, {KEY: contract_to_json(contract)})
     save(made, path)
     return path
 
@@ -75,7 +76,7 @@ def test_depth_lies_along_directions(packed: dict[str, np.ndarray], axes: str) -
 
 def test_the_panorama_is_the_merged_cube(packed: dict[str, np.ndarray]) -> None:
     assert packed["panorama"].shape == (20, 2 * FACE, 4 * FACE)
-    np.testing.assert_array_equal(packed["panorama"], merged(packed["cube"]))
+    np.testing.assert_array_equal(packed["panorama"], merge_cube(packed["cube"]))
 
 
 def test_lumination_shows_the_environment_all_around(axes: str, tmp_path: Path) -> None:
@@ -116,8 +117,8 @@ def test_what_a_network_is_given_keeps_the_sky_of_lumination_alone() -> None:
     given[6, :2] = 0.0
     given[3:6, :2] = 10.0
     out = {"x": np.empty_like(given)}
-    mean = (24 * 2.0 + 24 * 2.0 + 24 * 10.0) / 72  # direct light on surfaces, surface_and_sky_radiance there and in the sky
-    assert feed(contract, {"x": given}, out) == pytest.approx(mean)
+    mean = (24 * 2.0 + 24 * 2.0 + 24 * 10.0) / 72  # direct light; surface_and_sky_radiance of surfaces, and of the sky
+    assert prepare_inputs(contract, {"x": given}, out) == pytest.approx(mean)
     assert not out["x"][:3, :2].any()
     np.testing.assert_allclose(out["x"][3:6, :2], 10 / mean)
     np.testing.assert_allclose(out["x"][:6, 2:], 2 / mean)

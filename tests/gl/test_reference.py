@@ -1,4 +1,4 @@
-"""The renderer and the path tracer check each other, and closed forms check the path tracer."""
+"""The renderer and the path tracer agree with each other, and the path tracer with closed forms."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation, gaussian_filter, maximum_filter, minimum_filter
 
+from app.evaluation.denoise import denoise
 from app.evaluation.metrics import psnr
 from app.io.image import read_exr
+from app.renderer import Renderer
 from app.scene import (
     Camera,
     DirectionalLight,
@@ -24,14 +26,16 @@ from app.scene import (
     SpotLight,
     Texture,
 )
+from app.settings import Settings
 from tests.gl.closed_forms import point_irradiance
-from tests.gl.scenes import F32, GREY, Images, Part, box, draw, floor, make_scene, quad, sphere, without_shadows
+from tests.gl.scenes import F32, GREY, Images, Part, box, draw, floor, make_scene, quad, slide, sphere, without_shadows
 
 if importlib.util.find_spec("mitsuba") is None:
     pytest.skip("Mitsuba, of the extra 'export', is not installed", allow_module_level=True)
 
+from export.reference.path_tracer import PathTracer
 from export.reference.still import Still
-from export.reference.trace import plain, trace_reference, write_reference
+from export.reference.trace import mean_samples, trace_baselines, trace_reference, write_reference
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "path_tracer")]
 
@@ -48,7 +52,7 @@ HARD: dict[str, Light] = {
     "spot": SpotLight((-0.8, 2.0, 1.0), (0.7, -1.9, -0.9), WHITE, 15.0, 35.0),
     "directional": DirectionalLight((0.5, -1.0, -0.4), (3.0, 2.5, 2.0)),
 }
-SOFT: dict[str, tuple[Light, Light]] = {  # and the same without a size
+SOFT: dict[str, tuple[Light, Light]] = {  # with a size, and the same light without
     "sphere": (PointLight((-0.8, 2.0, 1.0), WHITE, 0.15), HARD["point"]),
     "spot": (SpotLight((-0.8, 2.0, 1.0), (0.7, -1.9, -0.9), WHITE, 15.0, 35.0, 0.1), HARD["spot"]),
     "sun": (DirectionalLight((0.5, -1.0, -0.4), (3.0, 2.5, 2.0), 3.0), HARD["directional"]),
@@ -56,26 +60,22 @@ SOFT: dict[str, tuple[Light, Light]] = {  # and the same without a size
 }
 
 
-def stage(*lights: Light) -> Scene:
-    """A block, a ball and a checked card with holes, on a floor before a wall."""
+def hard_scene(*lights: Light) -> Scene:
+    """A box, a sphere and a chequered card with holes, on a floor in front of a wall."""
     card = quad((0.35, 0.0, 0.55), (0.5, 0, -0.2), (0, 0.5, 0), CARD)
     wall = quad((-2, 0, -0.8), (4, 0, 0), (0, 2, 0), Material(albedo=(0.6, 0.3, 0.2)))
     return make_scene([floor(2.0), wall, box((-0.7, 0.0, -0.4), (0.5, 0.7, 0.5), Material(albedo=(0.2, 0.5, 0.7))),
                        sphere((0.25, 0.3, -0.1), 0.3), card], lights, CAMERA)
 
 
-def soft_stage(*lights: Light) -> Scene:
-    """A block and a ball on a floor, from above: penumbras that begin at a contact and grow to a quarter unit."""
+def soft_scene(*lights: Light) -> Scene:
+    """A box and a sphere on a floor, from above: penumbras that widen from the contact to a quarter unit."""
     camera = Camera((0.5, 1.9, 0.6), (0.3, 0.0, -0.3), fov_y_deg=50.0)
     return make_scene([floor(2.0), box((-0.5, 0.0, -0.4), (0.4, 0.8, 0.4)), sphere((0.4, 0.35, 0.1), 0.25)],
                       lights, camera)
 
 
 def trace(scene: Scene, spp: int, bounces: int = 0, size: tuple[int, int] = SIZE) -> Images:
-    from export.reference.path_tracer import PathTracer
-    from export.reference.still import Still
-    from export.reference.trace import mean_samples
-
     return mean_samples(PathTracer(scene, max_bounces=bounces), Still(scene, scene.cameras["main"].at(0.0), size), spp)
 
 
@@ -85,18 +85,18 @@ def free_light(scene: Scene, size: tuple[int, int] = SIZE) -> F32:
 
 
 def edges(image: F32, width: int) -> np.ndarray:
-    """Texels within ``width`` of a place where ``image`` [h, w] jumps."""
+    """Texels within ``width`` of a discontinuity of ``image`` [h, w]."""
     jump = maximum_filter(image, 3) - minimum_filter(image, 3) > 0.05
     return binary_dilation(jump, iterations=width - 1) if width > 1 else jump
 
 
 @pytest.fixture(scope="module")
 def traced() -> Images:
-    return trace(stage(HARD["point"]), 8)
+    return trace(hard_scene(HARD["point"]), 8)
 
 
-def test_both_see_the_same_surfaces(traced: Images) -> None:
-    drawn = draw(stage(HARD["point"]), SIZE, OUTPUTS)
+def test_both_render_the_same_surfaces(traced: Images) -> None:
+    drawn = draw(hard_scene(HARD["point"]), SIZE, OUTPUTS)
     both = (drawn["depth"][..., 0] > 0) & (traced["depth"][..., 0] > 0)
     either = (drawn["depth"][..., 0] > 0) | (traced["depth"][..., 0] > 0)
     difference = np.abs(drawn["depth"] / np.where(both[..., None], traced["depth"], 1) - 1)[..., 0]
@@ -113,37 +113,37 @@ def test_both_see_the_same_surfaces(traced: Images) -> None:
 
 @pytest.mark.parametrize("kind", HARD)
 def test_hard_light_away_from_shadow_edges(kind: str) -> None:
-    scene = stage(HARD[kind])
+    scene = hard_scene(HARD[kind])
     drawn, reference = draw(scene, SIZE, OUTPUTS), trace(scene, 4)
     share = reference["direct"][..., 1] / np.maximum(free_light(scene), 1e-6)
     away = ~edges(share, 2)
-    found = psnr(drawn["direct"], reference["direct"], away)
-    print(f"HARD {kind}: {found:.1f} dB over {away.mean():.0%} of the picture")
+    decibels = psnr(drawn["direct"], reference["direct"], away)
+    print(f"HARD {kind}: {decibels:.1f} dB over {away.mean():.0%} of the image")
     assert away.mean() > 0.7
-    assert found >= 40
+    assert decibels >= 40
 
 
 @pytest.mark.parametrize("kind", [
     pytest.param(kind, marks=() if kind == "sphere" else pytest.mark.long) for kind in SOFT])
 def test_soft_shadows(kind: str) -> None:
     """Mean visibility error inside the true penumbra, against that of hard shadows."""
-    soft, hard = (soft_stage(light) for light in SOFT[kind])
+    soft, hard = (soft_scene(light) for light in SOFT[kind])
     free = free_light(soft, SOFT_SIZE)
-    spp = 768 if kind == "rectangle" else 192  # Mitsuba picks points on a rectangle by area, which is noisier
+    spp = 768 if kind == "rectangle" else 192  # Mitsuba samples rectangles by area, which is noisier
     reference = trace(soft, spp, size=SOFT_SIZE)["direct"][..., 1] / np.maximum(free, 1e-6)
-    smooth = gaussian_filter(reference, 1.0)  # or noise alone would make penumbras
+    smooth = gaussian_filter(reference, 1.0)  # otherwise noise counts as penumbra
     penumbra = (free > 0.1 * free.max()) & (smooth > 0.05) & (smooth < 0.95)
-    error, worst = (np.abs(draw(s, SOFT_SIZE, ("direct",))["direct"][..., 1]
+    error, hard_error = (np.abs(draw(s, SOFT_SIZE, ("direct",))["direct"][..., 1]
                            / np.maximum(free_light(s, SOFT_SIZE), 1e-6) - reference) for s in (soft, hard))
-    print(f"SOFT {kind}: penumbra {penumbra.mean():.1%} of the picture, mean error {error[penumbra].mean():.4f}, "
-          f"with hard shadows {worst[penumbra].mean():.4f}")
+    print(f"SOFT {kind}: penumbra {penumbra.mean():.1%} of the image, mean error {error[penumbra].mean():.4f}, "
+          f"with hard shadows {hard_error[penumbra].mean():.4f}")
     assert penumbra.mean() > 0.01
     assert error[penumbra].mean() <= 0.06
-    assert error[penumbra].mean() <= 0.5 * worst[penumbra].mean()
+    assert error[penumbra].mean() <= 0.5 * hard_error[penumbra].mean()
 
 
 def test_light_comes_through_the_holes_of_a_mask() -> None:
-    """A card with every other texel gone lets half of the light pass, in both."""
+    """A card in which every other texel is a hole lets half of the light through, in both."""
     light = DirectionalLight((0.0, -1.0, 0.0), (1.0, 1.0, 1.0))
     card = quad((-2, 0.5, 2), (4, 0, 0), (0, 0, -4), CARD)
     camera = Camera((0.0, 0.3, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 120.0)
@@ -153,7 +153,7 @@ def test_light_comes_through_the_holes_of_a_mask() -> None:
     assert draw(scene, SIZE, ("direct",))["direct"].mean() == pytest.approx(lit / 2, rel=0.05)
 
 
-def test_the_path_tracer_knows_the_inverse_square_law() -> None:
+def test_the_path_tracer_obeys_the_inverse_square_law() -> None:
     camera = Camera((0.0, 2.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 60.0)
     light = (0.3, 1.0, -0.2)
     scene = make_scene([floor(3.0)], [PointLight(light, (2.0, 1.0, 0.5))], camera)
@@ -164,23 +164,23 @@ def test_the_path_tracer_knows_the_inverse_square_law() -> None:
 
 @pytest.mark.parametrize("albedo", [0.2, 0.5, 0.8])
 def test_the_path_tracer_sums_all_bounces(albedo: float) -> None:
-    """In a closed box whose walls glow with radiance 1, each wall receives the series 1 + ρ + ρ² + …"""
-    glowing = Material(albedo=(albedo,) * 3, emission=(1.0, 1.0, 1.0))
-    scene = make_scene([box((-1, -1, -1), (2, 2, 2), glowing)], [], Camera((0, 0, 0.9), (0.2, 0.1, 0.0), fov_y_deg=60))
-    found = trace(scene, 64, bounces=64)
-    assert found["indirect"].mean() == pytest.approx(1 / (1 - albedo), rel=0.02)
-    assert found["indirect_single"].mean() == pytest.approx(1, rel=0.02)
-    assert np.all(found["direct"] == 0)
+    """In a closed box whose walls emit radiance 1, each wall receives the series 1 + ρ + ρ² + …"""
+    emissive = Material(albedo=(albedo,) * 3, emission=(1.0, 1.0, 1.0))
+    scene = make_scene([box((-1, -1, -1), (2, 2, 2), emissive)], [], Camera((0, 0, 0.9), (0.2, 0.1, 0.0), fov_y_deg=60))
+    light = trace(scene, 64, bounces=64)
+    assert light["indirect"].mean() == pytest.approx(1 / (1 - albedo), rel=0.02)
+    assert light["indirect_single"].mean() == pytest.approx(1, rel=0.02)
+    assert np.all(light["direct"] == 0)
 
 
-def test_one_bounce_is_one_bounce() -> None:
-    """A floor under a hard lamp lights a black wall, which lights nothing back."""
+def test_single_bounce_light_excludes_further_bounces() -> None:
+    """A lit floor lights a black wall, which reflects nothing back."""
     camera = Camera((0.0, 0.5, 1.5), (0.0, 0.5, 0.0))
     dark = Material(albedo=(1e-3,) * 3)
     scene = make_scene([floor(2.0), quad((-2, 0, -1), (4, 0, 0), (0, 2, 0), dark)], [HARD["point"]], camera)
-    found = trace(scene, 64, bounces=8)
-    assert found["indirect_single"].max() > 0.01
-    np.testing.assert_allclose(found["indirect"].mean(), found["indirect_single"].mean(), rtol=2e-3)
+    light = trace(scene, 64, bounces=8)
+    assert light["indirect_single"].max() > 0.01
+    np.testing.assert_allclose(light["indirect"].mean(), light["indirect_single"].mean(), rtol=2e-3)
 
 
 def colored(part: Part, rgba: tuple[float, float, float, float], material: Material) -> Scene:
@@ -206,60 +206,60 @@ def test_vertex_colors_and_alpha(rgba: tuple[float, float, float, float], materi
 
 @pytest.fixture(scope="module")
 def corner() -> Still:
-    """A corner under a round lamp: noisy direct and indirect light."""
+    """A corner under a sphere light: noisy direct and indirect light."""
     walls = [floor(1.0), quad((-1, 0, -1), (2, 0, 0), (0, 1.5, 0)), quad((-1, 0, 1), (0, 0, -2), (0, 1.5, 0))]
-    lamp = PointLight((0.2, 0.8, 0.1), (1.0, 0.8, 0.6), 0.2)
+    light = PointLight((0.2, 0.8, 0.1), (1.0, 0.8, 0.6), 0.2)
     camera = Camera((0.8, 0.9, 1.4), (-0.3, 0.3, -0.3))
-    return Still(make_scene(walls, [lamp], camera), camera, (32, 24))
+    return Still(make_scene(walls, [light], camera), camera, (32, 24))
 
 
-def test_the_noise_that_is_stated_is_the_noise(corner: Still) -> None:
+def test_the_estimated_noise_is_the_standard_error(corner: Still) -> None:
     runs = [trace_reference(corner, 20, seed) for seed in range(6)]
     for name in ("final", "direct", "indirect"):
         layers = np.stack([run.layers[name] for run in runs]).astype(np.float64)
         noise = np.sqrt(layers.var(axis=0, ddof=1).mean()) / layers.mean()
-        stated = np.sqrt(np.mean([run.noise[name] ** 2 for run in runs]))  # type: ignore[operator]
-        assert stated == pytest.approx(noise, rel=0.15), name
+        estimated = np.sqrt(np.mean([run.noise[name] ** 2 for run in runs]))  # type: ignore[operator]
+        assert estimated == pytest.approx(noise, rel=0.15), name
 
 
-def test_a_denoised_reference_is_nearer_to_the_reference(corner: Still) -> None:
+def test_a_denoised_reference_is_closer_to_the_converged_one(corner: Still) -> None:
     large = replace(corner, size=SIZE)
-    reference, raw, denoised = trace_reference(large, 512, 1), trace_reference(large, 16), trace_reference(large, 16, denoised=True)
+    converged, raw = trace_reference(large, 512, 1), trace_reference(large, 16)
+    denoised = trace_reference(large, 16, denoised=True)
     for name in ("final", "indirect"):
-        before, after = (np.sqrt(((found.layers[name] - reference.layers[name]) ** 2).mean()) for found in (raw, denoised))
-        assert after < 0.6 * before, name
-        assert denoised.layers[name].mean() == pytest.approx(reference.layers[name].mean(), rel=0.03), name
+        raw_error, error = (np.sqrt(((reference.layers[name] - converged.layers[name]) ** 2).mean())
+                            for reference in (raw, denoised))
+        assert error < 0.6 * raw_error, name
+        assert denoised.layers[name].mean() == pytest.approx(converged.layers[name].mean(), rel=0.03), name
     assert np.array_equal(raw.layers["direct"], denoised.layers["direct"])
-    assert denoised.noise == raw.noise  # that before denoising
+    assert denoised.noise == raw.noise  # before denoising
 
 
 def test_denoising_spreads_no_light_into_the_sky() -> None:
-    from app.evaluation.denoise import denoise
-
     light = np.random.default_rng(0).gamma(1.0, 1.0, (48, 64, 3)).astype(np.float32)
     normal = np.zeros_like(light)
     normal[24:, :, 1] = 1.0
     light[:24] = 0.0
-    found = denoise(light, normal)
-    assert not found[:24].any() and found[24:].mean() == pytest.approx(1.0, rel=0.1)
-    assert found[26:].std() < 0.2
+    denoised = denoise(light, normal)
+    assert not denoised[:24].any() and denoised[24:].mean() == pytest.approx(1.0, rel=0.1)
+    assert denoised[26:].std() < 0.2
 
 
-def test_the_same_seed_gives_the_same_picture() -> None:
-    """However often the scene is converted: lights keep their order, by which the path tracer chooses among them."""
+def test_the_same_seed_gives_the_same_image() -> None:
+    """Each conversion of the scene keeps the order of the lights, by which the path tracer samples them."""
     lights = [PointLight((-0.8, 2.0, 1.0), WHITE, 0.15),
               *(RectLight((x, 2.0, 1.0), (0.4, 0.0, 0.0), (0.0, 0.0, 0.4), (9.0 + x, 9.0, 9.0)) for x in (-1, 0, 1))]
-    first = trace(stage(*lights), 1, 2, (16, 12))
+    first = trace(hard_scene(*lights), 1, 2, (16, 12))
     for _ in range(60):
-        again = trace(stage(*lights), 1, 2, (16, 12))
+        again = trace(hard_scene(*lights), 1, 2, (16, 12))
         assert all(np.array_equal(first[name], again[name]) for name in first)
 
 
-def test_plain_pictures_keep_their_samples(corner: Still) -> None:
-    """Noise falls with the square root of the count, whatever counts lie between."""
+def test_baseline_images_accumulate_samples(corner: Still) -> None:
+    """Noise falls with the square root of the number of samples, whatever numbers come before."""
     reference = trace_reference(corner, 256).layers["final"]
     rms = {}
-    for count, layers, seconds in plain(corner, [1, 4, 16]):
+    for count, layers, seconds in trace_baselines(corner, [1, 4, 16]):
         rms[count] = np.sqrt(((layers["final"] - reference) ** 2).mean())
         assert seconds > 0
         assert {name: image.shape for name, image in layers.items()} == dict.fromkeys(
@@ -268,29 +268,22 @@ def test_plain_pictures_keep_their_samples(corner: Still) -> None:
     assert rms[4] / rms[16] == pytest.approx(2, rel=0.25)
 
 
-def test_what_a_reference_writes(corner: Still, tmp_path: Path) -> None:
-    found = write_reference(tmp_path, corner, 1, 0, 4, {"scene": "corner"}, lambda share: None)
+def test_files_of_a_reference(corner: Still, tmp_path: Path) -> None:
+    reference = write_reference(tmp_path, corner, 1, 0, 4, {"scene": "corner"}, lambda share: None)
     about = json.loads((tmp_path / "reference.json").read_text())
     assert about["spp"] == 1 and about["size"] == [32, 24] and about["scene"] == "corner"
-    assert about["noise"]["final"] is None  # one batch tells nothing
+    assert about["noise"]["final"] is None  # unknown from one batch
     layers = read_exr(tmp_path / "reference.exr")
-    np.testing.assert_allclose(layers[""], found.layers["final"], rtol=2e-3, atol=1e-4)
+    np.testing.assert_allclose(layers[""], reference.layers["final"], rtol=2e-3, atol=1e-4)
     assert {"direct", "indirect", "indirect_single", "albedo", "normal", "depth"} <= set(layers)
     np.testing.assert_allclose(read_exr(tmp_path / "aovs.exr")["depth"], layers["depth"], rtol=1e-2)
 
 
-def test_moving_things_are_traced_where_they_are() -> None:
-    from export.reference.path_tracer import PathTracer
-    from export.reference.still import Still
-    from export.reference.trace import mean_samples
-    from tests.gl.scenes import slide
-
+def test_moving_objects_are_traced_at_their_place() -> None:
     block = replace(box((-0.2, 0.0, -0.2), (0.4, 0.4, 0.4), GREY), motion=slide([0, 1], [(-0.5, 0, 0), (0.5, 0, 0)]))
     scene = make_scene([floor(2.0), block], [HARD["point"]], CAMERA)
     for time in (0.0, 0.7):
         depth = mean_samples(PathTracer(scene, time, 0), Still(scene, CAMERA, SIZE, time), 1)["depth"]
-        from app.renderer import Renderer
-        from app.settings import Settings
         with Renderer(scene, Settings(SIZE, ("depth",), taa=False, provider="cpu")) as renderer:
             drawn = renderer.render(CAMERA, time)["depth"]
         assert (np.abs(drawn - depth) > 1e-3 * depth).mean() < 0.003

@@ -1,4 +1,4 @@
-"""StaticCache references depend on just those shaders that draw what the renderer adds to them."""
+"""Cached references depend on exactly the shaders of what the renderer adds to them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from app.evaluation.reference import OWN_SHADERS, SKY_SHADERS, renderer_version
+from app.evaluation.versions import BACKGROUND_SHADERS, SURFACE_SHADERS, renderer_version
 from app.gl import shader
 from app.golden.scenes import dusk, room
 from app.load import embedded_scene
@@ -21,8 +21,9 @@ TRIVIAL = {"fullscreen.vert"}
 
 
 @pytest.mark.parametrize(("scene", "outputs", "listed"), [
-    (room(), ("emission", "specular"), OWN_SHADERS), (dusk(), ("background",), SKY_SHADERS)], ids=["own", "sky"])
-def test_the_listed_shaders_are_those_that_the_reference_takes_from(
+    (room(), ("emission", "specular"), SURFACE_SHADERS),
+    (dusk(), ("background",), BACKGROUND_SHADERS)], ids=["surface", "background"])
+def test_the_listed_shaders_are_those_that_run(
         scene: Scene, outputs: tuple[str, ...], listed: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     compiled: set[str] = set()
     resolve = shader.resolve
@@ -37,12 +38,12 @@ def test_the_listed_shaders_are_those_that_the_reference_takes_from(
     assert compiled - TRIVIAL == set(listed)
 
 
-def test_only_what_the_renderer_adds_ties_a_reference_to_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reference_depends_only_on_what_the_renderer_adds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "shaders"
     (folder / "include").mkdir(parents=True)
     for path in shader.shader_dir().rglob("*.*"):
         (folder / path.relative_to(shader.shader_dir())).write_text(path.read_text())
-    monkeypatch.setattr("app.evaluation.reference.shader_dir", lambda: folder)
+    monkeypatch.setattr("app.evaluation.versions.shader_dir", lambda: folder)
     monkeypatch.setattr(shader, "shader_dir", lambda: folder)
     version, plain = renderer_version(room()), renderer_version(embedded_scene())
     for name, changes in (("upsample.frag", False), ("include/ggx.glsl", True), ("gbuffer.frag", True)):

@@ -1,4 +1,4 @@
-"""Renderer and path tracer on the real scenes: the same surfaces, and the same light of lights without a size."""
+"""Renderer and path tracer agree on the real scenes: on surfaces, and on direct light of lights without a size."""
 
 from __future__ import annotations
 
@@ -19,33 +19,34 @@ from tests.gl.test_scenes import NAMES
 if importlib.util.find_spec("mitsuba") is None:
     pytest.skip("Mitsuba, of the extra 'export', is not installed", allow_module_level=True)
 
+from export.reference.path_tracer import PathTracer
+from export.reference.still import Still
+from export.reference.trace import mean_samples
+
 pytestmark = [pytest.mark.long, pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
 SIZE = (256, 192)
-SPREAD = 5          # rays a side through each texel, the middle one through its centre
-DARKEST = 0.01      # albedo below which demodulated light says nothing
-LEAST = 40          # dB
-MAX_EDGES = 0.4    # share of the surfaces
+SUBTEXELS = 5         # rays along each side of a texel; the middle one goes through its centre
+MIN_ALBEDO = 0.01     # of surfaces whose demodulated light is compared
+MIN_PSNR = 40         # dB
+MAX_EDGE_SHARE = 0.4  # of the surfaces
 
 
 def traced(scene: Scene) -> Images:
-    """Through the centres of finer texels; every ``SPREAD``-th is the centre of one of the picture's."""
-    from export.reference.path_tracer import PathTracer
-    from export.reference.still import Still
-    from export.reference.trace import mean_samples
-
+    """Through the centres of subtexels, the middle ones of which are the centres of texels."""
     camera = scene.cameras[scene.default_camera].at(0.0)
-    return mean_samples(PathTracer(scene, max_bounces=0), Still(scene, camera, (SIZE[0] * SPREAD, SIZE[1] * SPREAD)), 1)
+    still = Still(scene, camera, (SIZE[0] * SUBTEXELS, SIZE[1] * SUBTEXELS))
+    return mean_samples(PathTracer(scene, max_bounces=0), still, 1)
 
 
 def centres(images: Images) -> Images:
-    return {name: image[SPREAD // 2::SPREAD, SPREAD // 2::SPREAD] for name, image in images.items()}
+    return {name: image[SUBTEXELS // 2::SUBTEXELS, SUBTEXELS // 2::SUBTEXELS] for name, image in images.items()}
 
 
 def shadow_edges(light: F32, free: F32) -> np.ndarray:
-    """Texels where light, finely traced, reaches some of their points or neighbours' and is kept from others."""
-    def anywhere(what: np.ndarray) -> np.ndarray:
-        return maximum_filter(what.reshape(SIZE[1], SPREAD, SIZE[0], SPREAD).any(axis=(1, 3)), 3)
+    """Texels that are, with their neighbours, partly lit and partly in shadow."""
+    def anywhere(subtexels: np.ndarray) -> np.ndarray:
+        return maximum_filter(subtexels.reshape(SIZE[1], SUBTEXELS, SIZE[0], SUBTEXELS).any(axis=(1, 3)), 3)
 
     return anywhere(light > 0) & anywhere((free > 0) & (light <= 0))
 
@@ -56,7 +57,7 @@ def hard(scene: Scene) -> bool:
 
 
 def demodulated(images: Images, inside: np.ndarray) -> F32:
-    return np.where(inside[..., None], images["direct"] / np.maximum(images["albedo"], DARKEST), 0)
+    return np.where(inside[..., None], images["direct"] / np.maximum(images["albedo"], MIN_ALBEDO), 0)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -68,17 +69,18 @@ def test_real_scene(name: str, scenes: Path) -> None:
         reference = centres(fine)
         seen = (drawn["depth"][..., 0] > 0) | (reference["depth"][..., 0] > 0)
         near = np.abs(drawn["depth"] - reference["depth"])[..., 0] <= 1e-3 * reference["depth"][..., 0]
-        turned = near & seen & ((drawn["normal"] * reference["normal"]).sum(-1) < np.cos(np.radians(2)))
-        print(f"AGREE {name} {lighting}: depth differs in {(seen & ~near).mean():.3%}, normals in {turned.mean():.3%}")
-        assert (seen & ~near).mean() < 0.01  # silhouettes, and texels that a mask's threshold parts otherwise
-        assert turned.mean() < 0.01
+        off_normal = near & seen & ((drawn["normal"] * reference["normal"]).sum(-1) < np.cos(np.radians(2)))
+        print(f"AGREE {name} {lighting}: depth differs in {(seen & ~near).mean():.3%}, "
+              f"normals in {off_normal.mean():.3%}")
+        assert (seen & ~near).mean() < 0.01  # silhouettes, and texels at the threshold of a mask
+        assert off_normal.mean() < 0.01
         if not hard(scene):
             continue
-        inside = seen & near & ~turned & (np.minimum(drawn["albedo"], reference["albedo"]).min(-1) > DARKEST)
+        inside = seen & near & ~off_normal & (np.minimum(drawn["albedo"], reference["albedo"]).min(-1) > MIN_ALBEDO)
         a, b = demodulated(drawn, inside), demodulated(reference, inside)
         edge = shadow_edges(fine["direct"][..., 1], traced(without_shadows(scene))["direct"][..., 1])
-        found = psnr(a, b, inside & ~edge)
+        decibels = psnr(a, b, inside & ~edge)
         left_out = (inside & edge).sum() / inside.sum()
-        print(f"AGREE {name} {lighting}: {found:.1f} dB, {left_out:.0%} of the surfaces at edges of shadows")
-        assert found >= LEAST
-        assert left_out < MAX_EDGES
+        print(f"AGREE {name} {lighting}: {decibels:.1f} dB, {left_out:.0%} of the surfaces at shadow edges")
+        assert decibels >= MIN_PSNR
+        assert left_out < MAX_EDGE_SHARE

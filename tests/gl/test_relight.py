@@ -32,7 +32,7 @@ def test_it_draws_what_a_new_renderer_would() -> None:
             Renderer(SCENE.with_lights(MOVED), replace(SETTINGS, exposure=2.0), "ssgi") as fresh:
         before = draw(renderer)
         assert renderer.relight((MOVED,))
-        renderer.expose(2.0)
+        renderer.set_exposure(2.0)
         now, wanted = draw(renderer), draw(fresh)
         assert all(np.array_equal(now[name], wanted[name]) for name in wanted)
         assert np.abs(now["direct"] - before["direct"]).mean() > 0.05

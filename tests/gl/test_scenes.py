@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from app.load import embedded_scene, load_scene
-from app.network.contract import find_model
+from app.network.selection import find_model
 from app.renderer import Renderer
 from app.scene import DirectionalLight, Material, PointLight, RectLight, Scene, SpotLight
 from app.settings import Settings
@@ -63,10 +63,11 @@ def lights() -> tuple[PointLight | SpotLight | DirectionalLight | RectLight, ...
 
 
 def parts_scene() -> Scene:
-    glow = Material(emission=(0.5, 0.6, 0.2))
-    has_specular = Material(albedo=(0.7, 0.2, 0.2), specular=(0.04,) * 3, roughness=0.3)
-    scene = make_scene([floor(1.5), sphere((-0.3, 0.4, 0.0), 0.4, 32, has_specular), box((0.3, 0.0, -0.2), (0.4, 0.6, 0.4)),
-                        box((0.4, 0.0, 0.6), (0.1, 0.1, 0.1), glow)], lights())
+    emissive = Material(emission=(0.5, 0.6, 0.2))
+    polished = Material(albedo=(0.7, 0.2, 0.2), specular=(0.04,) * 3, roughness=0.3)
+    scene = make_scene([floor(1.5), sphere((-0.3, 0.4, 0.0), 0.4, 32, polished),
+                        box((0.3, 0.0, -0.2), (0.4, 0.6, 0.4)),
+                        box((0.4, 0.0, 0.6), (0.1, 0.1, 0.1), emissive)], lights())
     camera = replace(scene.cameras["main"].keys[0], eye=(0.3, 1.0, 2.4), target=(0, 0.3, 0), up=(0, 1, 0))
     return replace(scene, cameras={"main": replace(scene.cameras["main"], keys=(camera,))})
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.gl.lights import FACE_TEXELS, HARD_CUBE_TEXELS, PARALLEL_MAP, lay_out
+from app.gl.shadow_atlas import FACE_TEXELS, HARD_CUBE_TEXELS, PARALLEL_MAP, lay_out
 from app.scene import Camera, DirectionalLight, Light, Material, PointLight, RectLight, SpotLight, Texture
 from tests.gl import closed_forms as exact
 from tests.gl.closed_forms import F64

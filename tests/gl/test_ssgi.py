@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from app.network.contract import SSGI, Model, find_model
+from app.network.selection import SSGI, Model, find_model
 from app.renderer import Renderer
 from app.scene import Camera, Material, PointLight, Scene
 from app.settings import Settings

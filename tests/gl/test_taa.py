@@ -14,11 +14,12 @@ from scipy.ndimage import binary_dilation, binary_erosion
 from skimage.metrics import structural_similarity
 
 from app.load import embedded_scene
-from app.network.contract import find_model
+from app.network.selection import find_model
 from app.renderer import Renderer
 from app.scene import Camera, Material, PointLight, Scene
 from app.settings import Settings
 from tests.gl.scenes import Images, box, draw, floor, make_scene, quad, slide
+from tests.override import override
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "coarse_shadows")]
 
@@ -96,7 +97,7 @@ def test_gathered_penumbras_lose_their_grain() -> None:
 
 def passing_box(casts: bool) -> Scene:
     """A bright box slides by before a grey wall, some three texels a frame."""
-    bright = Material(albedo=(0.9, 0.2, 0.1), analytic=not casts)
+    bright = Material(albedo=(0.9, 0.2, 0.1), is_light_proxy=not casts)
     mover = box((-0.2, 0.2, 0.0), (0.4, 0.5, 0.4), bright, slide([0, 2], [(-0.8, 0, 0), (1.6, 0, 0)]))
     wall = quad((-3, -1, -1.0), (6, 0, 0), (0, 4, 0), Material(albedo=(0.5, 0.5, 0.5)))
     floor_quad = quad((-3, 0, 3), (6, 0, 0), (0, 0, -4), Material(albedo=(0.3, 0.5, 0.3)))
@@ -198,9 +199,9 @@ def after_poison(moving: bool, resource: str, poison: Poison | None) -> list[Ima
     with renderer(BOX, (96, 72)) as r:
         for frame in range(5):
             r.advance(at(frame))
-        r.override(resource, poison)
+        override(r, resource, poison)
         r.advance(at(5))
-        r.override(resource, None)
+        override(r, resource, None)
         return [r.render(at(frame)) for frame in (6, 7)]
 
 

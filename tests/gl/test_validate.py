@@ -1,4 +1,4 @@
-"""Judging models on views: what is better gets better figures, and references are traced once."""
+"""Models on the validation views: better models get better figures, and references are traced once."""
 
 from __future__ import annotations
 
@@ -14,9 +14,8 @@ from app.evaluation.picture_errors import AMBIENT
 from app.load import embedded_scene
 from export.__main__ import cli
 from export.reference.still import Still
-from export.validation.card_section import with_figures
-from export.validation.errors import ORACLE, by_scene, judge
-from export.validation.tables import to_markdown
+from export.validation.errors import ORACLE, by_scene, measure_errors
+from export.validation.tables import HEADER, table_lines, to_markdown, with_figures
 from export.validation.timing import frame_times
 from export.validation.views import View
 from tests.tiny_network import write_tiny_network
@@ -24,48 +23,47 @@ from tests.tiny_network import write_tiny_network
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
 
-def test_models_are_judged_against_references_that_are_kept(tmp_path: Path) -> None:
+def test_models_are_compared_with_cached_references(tmp_path: Path) -> None:
     scene = embedded_scene()
     still = Still(scene, scene.cameras[scene.default_camera].at(0.0), (64, 48))
     views = [View("box-0", "box", still), View("box-1", "box", still)]
-    rows = judge(views, ["none", "radiosity"], 8, tmp_path, 2.0, "cpu", lambda line: None, oracle=True)
-    labels = ["none", "radiosity", "radiosity × 2", f"radiosity {ORACLE}", AMBIENT]
-    assert [row.model for row in rows] == 2 * labels
-    psnr = {row.model: row.errors["final"]["psnr"] for row in rows}
+    rows = measure_errors(views, ["none", "radiosity"], 8, tmp_path, "cpu", lambda line: None, oracle=True)
+    labels = ["none", "radiosity", f"radiosity {ORACLE}", AMBIENT]
+    assert [row["model"] for row in rows] == 2 * labels
+    psnr = {row["model"]: row["final.psnr"] for row in rows}
     assert psnr["none"] < psnr[AMBIENT] < psnr["radiosity"] < psnr[f"radiosity {ORACLE}"]
-    assert psnr["radiosity × 2"] < psnr["radiosity"]
     means = by_scene(rows)
     assert [(m["scene"], m["model"], m["views"]) for m in means] == [
         (scene, label, 2) for scene in ("box", "mean") for label in labels]
     assert means[0]["final.psnr"] == pytest.approx(psnr["none"])
 
-    kept = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.exr")}
-    assert judge(views, ["none"], 8, tmp_path, None, "cpu", lambda line: None)[0] == rows[0]
-    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.exr")} == kept
+    cached = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.exr")}
+    assert measure_errors(views, ["none"], 8, tmp_path, "cpu", lambda line: None)[0] == rows[0]
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.exr")} == cached
 
     times = frame_times(views, ["none", "radiosity"], (64, 48), "cpu", lambda line: None)
-    taken = times.milliseconds
-    assert taken["box"]["radiosity"] > taken["box"]["none"] > 0 and taken["mean"] == taken["box"]
-    page = to_markdown(rows, times).splitlines()
+    ms = times.milliseconds
+    assert ms["box"]["radiosity"] > ms["box"]["none"] > 0 and ms["mean"] == ms["box"]
+    page = to_markdown(HEADER, table_lines(rows, times)).splitlines()
     assert len({line.count("|") for line in page}) == 1 and len(page) == 2 + 2 * len(labels)
-    assert page[2].startswith(f"| box | none | {psnr['none']:.2f} |") and f"| {taken['box']['none']:.0f} |" in page[2]
+    assert page[2].startswith(f"| box | none | {psnr['none']:.2f} |") and f"| {ms['box']['none']:.0f} |" in page[2]
 
     card = with_figures("# radiosity\n\n**Made by** us.\n", "radiosity", rows, 8, times)
     lines = card.splitlines()
     assert lines[:3] == ["# radiosity", "", "**Made by** us."] and "against 8 denoised paths a pixel" in card
     assert f"| mean | 2 | {psnr['none']:.2f}, " in card and f"{psnr['radiosity']:.2f}, " in card
     assert "`none` | `radiosity` | ambient (oracle) |" in card
-    assert lines[-1].startswith(f"A frame of 64×48 takes {taken['mean']['radiosity']:.0f} ms, ") and "cpu" in lines[-1]
-    assert with_figures(card, "radiosity", rows, 8, times) == card, "written again, it takes its own place"
+    assert lines[-1].startswith(f"A frame of 64×48 takes {ms['mean']['radiosity']:.0f} ms, ") and "cpu" in lines[-1]
+    assert with_figures(card, "radiosity", rows, 8, times) == card, "a second write replaces the section"
     between = with_figures(f"{card}\n## More\n\nMore.\n", "radiosity", rows, 8, None)
     assert between.endswith("\n\n## More\n\nMore.\n") and "A frame of" not in between
 
 
-def test_cards_are_those_of_whole_runs_of_networks_that_have_one(tmp_path: Path) -> None:
+def test_cards_need_all_views_and_a_card_beside_each_network(tmp_path: Path) -> None:
     lonely = write_tiny_network(tmp_path / "lonely.onnx")
-    for arguments, message in ((["radiosity", "--only", "sponza"], "expected all views"),
+    for arguments, message in ((["radiosity", "--only", "sponza"], "needs all views"),
                                ([str(lonely)], "no model card of 'lonely'")):
         with pytest.raises(AfterglowError, match=message):
-            CliRunner().invoke(cli, ["validate", *arguments, "--cards", "--out", str(tmp_path / "out")],
+            CliRunner().invoke(cli, ["validate", "views", *arguments, "--cards", "--out", str(tmp_path / "out")],
                                catch_exceptions=False)
     assert not (tmp_path / "out").exists()

@@ -1,4 +1,4 @@
-"""The catalogue takes every branch of every shader, and reads every channel."""
+"""The catalogue covers every branch of every shader and every channel."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from app.golden import SceneCase, Shot, catalogue
 from app.golden.catalogue import PROBE, PROBE_ENVIRONMENT
 from app.golden.copy_case import CopyCase
 from app.network.channels import CHANNELS
-from app.network.contract import read_contract
+from app.network.contract_json import read_contract
 from app.paths import shader_dir
 
 Line = tuple[str, int]
@@ -64,11 +64,11 @@ def compiled(stage: str, defines: Mapping[str, object]) -> Iterator[Line]:
 @pytest.mark.gl
 @pytest.mark.usefixtures("coarse_shadows")
 def test_every_line_of_every_shader_is_compiled(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    found: set[Line] = set()
+    compiled_lines: set[Line] = set()
 
     def spy(ctx: Any, stages: Sequence[str], defines: Mapping[str, object]) -> Program:
         for stage in stages:
-            found.update(compiled(stage, defines))
+            compiled_lines.update(compiled(stage, defines))
         return compile_program(ctx, stages, defines)
 
     monkeypatch.setattr(app.gl.context, "compile_program", spy)
@@ -76,14 +76,16 @@ def test_every_line_of_every_shader_is_compiled(monkeypatch: pytest.MonkeyPatch,
     for case in catalogue().values():
         if isinstance(case, SceneCase):
             frames = min(2, case.shots[0].frames)
-            replace(case, size=(24, 18), shots=(Shot(case.shots[0].camera, frames),), kept=(frames,)).draw(tmp_path)
+            shots = (Shot(case.shots[0].camera, frames),)
+            replace(case, size=(24, 18), shots=shots, golden_frames=(frames,)).draw(tmp_path)
     files = [f for f in shader_dir().rglob("*.*") if f.is_file()]
-    missing = [f"{f.name}:{n}: {code}" for f in files for n, code in lines(f.read_text()) if (f.name, n) not in found]
+    missing = [f"{f.name}:{n}: {code}" for f in files for n, code in lines(f.read_text())
+               if (f.name, n) not in compiled_lines]
     assert not missing, "\n".join(missing)
 
 
 def test_the_probe_reads_every_channel() -> None:
-    """Otherwise run scripts/probe_network.py again."""
+    """Otherwise run ``python -m export onnx probe``."""
     read = {(name, spec.grid) for probe in (PROBE, PROBE_ENVIRONMENT)
             for spec in read_contract(probe).inputs.values() for name in spec.channels}
     assert read == {(name, grid) for name, c in CHANNELS.items() if not c.output for grid in c.grids}

@@ -1,4 +1,4 @@
-"""The golden images hold, and a check notices what it is there to notice."""
+"""The golden images match, and a check notices what it should."""
 
 from __future__ import annotations
 
@@ -19,20 +19,21 @@ from app.golden import Report, SceneCase, Shot, catalogue, check, orphan_cases, 
 from app.golden.scenes import outdoor, room
 from app.golden.store import ORIGIN, read_origin
 from app.io.image import read_exr, write_exr
-from app.network.contract import find_model
+from app.network.selection import find_model
 from app.renderer import Renderer
 from tests.coarse_shadows import coarse_shadow_maps
+from tests.override import override
 
 pytestmark = pytest.mark.gl
 IMAGES = Path(__file__).parent / "images"
 MAX_BYTES = 15_000_000
-SMALL = SceneCase("room", room(), find_model("gather"), (Shot("path", 2),), kept=(1, 2), size=(48, 32))
+SMALL = SceneCase("room", room(), find_model("gather"), (Shot("path", 2),), golden_frames=(1, 2), size=(48, 32))
 ELSEWHERE = json.dumps({"renderer": "Voodoo 2"})
 
 
 @dataclass(frozen=True, eq=False)
 class Changed(SceneCase):
-    """A case that something happens to before its first frame."""
+    """A case whose renderer is changed before its first frame."""
 
     change: Callable[[Renderer], None] = lambda renderer: None
 
@@ -43,11 +44,11 @@ class Changed(SceneCase):
 
 
 def changed(change: Callable[[Renderer], None]) -> Changed:
-    return Changed(SMALL.name, SMALL.scene, SMALL.model, SMALL.shots, SMALL.kept, SMALL.size, change=change)
+    return Changed(SMALL.name, SMALL.scene, SMALL.model, SMALL.shots, SMALL.golden_frames, SMALL.size, change=change)
 
 
 @pytest.fixture(scope="module")
-def fresh(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def goldens(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("goldens") / "images"
     with coarse_shadow_maps():
         update([SMALL], folder, ["room"])
@@ -55,15 +56,15 @@ def fresh(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def folder(fresh: Path, tmp_path: Path, coarse_shadows: None) -> Path:
-    return Path(shutil.copytree(fresh, tmp_path / "images"))
+def folder(goldens: Path, tmp_path: Path, coarse_shadows: None) -> Path:
+    return Path(shutil.copytree(goldens, tmp_path / "images"))
 
 
 def broken(report: Report) -> list[tuple[str, str, str]]:
     return [(f.stage, f.resource, f.verdict) for f in report.broken]
 
 
-def test_the_repository_holds_its_goldens(tmp_path: Path) -> None:
+def test_the_renderer_matches_the_goldens_of_the_repository(tmp_path: Path) -> None:
     result = CliRunner().invoke(cli, ["golden", "check", "--golden", str(IMAGES), "--report", str(tmp_path / "r.html")],
                                 env={"COLUMNS": "160"})
     assert result.exit_code == 0, result.output
@@ -71,21 +72,22 @@ def test_the_repository_holds_its_goldens(tmp_path: Path) -> None:
     assert sum(file.stat().st_size for file in IMAGES.rglob("*")) <= MAX_BYTES
 
 
-def test_the_sequence_has_a_cut_between_the_kept_frames() -> None:
+def test_the_sequence_has_a_cut_between_golden_frames() -> None:
     case = catalogue()["room"]
     assert isinstance(case, SceneCase)
-    assert case.kept == (1, 16, 64)
-    assert case.kept[1] < case.shots[0].frames < case.kept[2]
-    gathered = {n: layer[..., 3].max() for n, layer in read_exr(IMAGES / "room" / "taa.exr").items()}
-    assert gathered["frame1"] == 1
-    assert gathered["frame16"] > 8
-    assert gathered["frame64"] == case.kept[2] - case.shots[0].frames  # the history began anew at the cut
+    assert case.golden_frames == (1, 16, 64)
+    assert case.golden_frames[1] < case.shots[0].frames < case.golden_frames[2]
+    accumulated = {n: layer[..., 3].max() for n, layer in read_exr(IMAGES / "room" / "taa.exr").items()}
+    assert accumulated["frame1"] == 1
+    assert accumulated["frame16"] > 8
+    assert accumulated["frame64"] == case.golden_frames[2] - case.shots[0].frames  # the history restarts at the cut
 
 
 def test_every_kind_of_pass_is_in_the_catalogue() -> None:
-    found = {path.stem for case in catalogue() for path in (IMAGES / case).glob("*.exr")}
-    assert found >= {"shadow", "albedo", "emission", "specular_roughness", "motion", "position", "direct", "specular", "indirect",
-                     "cube_direct", "tensor_cube", "tensor_screen", "indirect_low", "lit", "taa", "display", "copy"}
+    resources = {path.stem for case in catalogue() for path in (IMAGES / case).glob("*.exr")}
+    assert resources >= {"shadow", "albedo", "emission", "specular_roughness", "motion", "position", "direct",
+                         "specular", "indirect", "cube_direct", "tensor_cube", "tensor_screen", "indirect_low", "lit",
+                         "taa", "display", "copy"}
 
 
 def test_a_second_run_gives_the_same_bits(folder: Path) -> None:
@@ -99,7 +101,7 @@ def test_a_second_run_gives_the_same_bits(folder: Path) -> None:
     "display"])
 def test_the_first_broken_stage_is_the_one_that_changed(folder: Path, resource: str) -> None:
     def change(renderer: Renderer) -> None:
-        renderer.override(resource, lambda image: np.clip(image.astype(np.float32) * 0.9, -1e4, 1e4))
+        override(renderer, resource, lambda image: np.clip(image.astype(np.float32) * 0.9, -1e4, 1e4))
 
     report = check([changed(change)], folder)
     first = report.broken[0]
@@ -111,7 +113,7 @@ def test_the_first_broken_stage_is_the_one_that_changed(folder: Path, resource: 
 
 def test_a_few_texels_are_enough(folder: Path) -> None:
     def change(renderer: Renderer) -> None:
-        renderer.override("normal", lambda image: np.where(np.arange(48)[:, None] == 7, image * 0.9, image))
+        override(renderer, "normal", lambda image: np.where(np.arange(48)[:, None] == 7, image * 0.9, image))
 
     assert check([changed(change)], folder).broken[0].stage == "gbuffer"
 
@@ -120,7 +122,7 @@ def test_flip_notices_what_is_spread_too_thin_for_the_other_bounds(folder: Path)
     pytest.importorskip("flip_evaluator")
 
     def change(renderer: Renderer) -> None:
-        renderer.override("display", lambda image: np.where(np.arange(4) == 0, image * 0.97, image))
+        override(renderer, "display", lambda image: np.where(np.arange(4) == 0, image * 0.97, image))
 
     (folder / "room" / ORIGIN).write_text(ELSEWHERE)
     report = check([changed(change)], folder)
@@ -152,7 +154,7 @@ def test_unsteady_passes_fail(folder: Path) -> None:
 
     def change(renderer: Renderer) -> None:
         factor = 1 + 1e-3 * next(factors)
-        renderer.override("direct", lambda image: image * factor)
+        override(renderer, "direct", lambda image: image * factor)
 
     first = check([changed(change)], folder).broken[0]
     assert (first.stage, first.verdict) == ("direct", "unsteady")
@@ -160,7 +162,7 @@ def test_unsteady_passes_fail(folder: Path) -> None:
 
 def test_another_renderer_gets_the_wider_tolerance(folder: Path) -> None:
     def change(renderer: Renderer) -> None:
-        renderer.override("direct", lambda image: image * 1.004)
+        override(renderer, "direct", lambda image: image * 1.004)
 
     assert broken(check([changed(change)], folder))[0] == ("direct", "direct", "differs")
     (folder / "room" / ORIGIN).write_text(ELSEWHERE)
@@ -174,7 +176,7 @@ def test_update_overwrites_goldens_of_another_renderer_only_when_told(folder: Pa
     with pytest.raises(OutputError, match=r"Voodoo 2.*--i-looked"):
         update([SMALL], folder, ["room"])
     assert (folder / "room" / ORIGIN).read_text() == ELSEWHERE
-    update([SMALL], folder, ["room"], looked=True)
+    update([SMALL], folder, ["room"], overwrite_foreign=True)
     assert not check([SMALL], folder).foreign
 
 
@@ -194,11 +196,11 @@ def test_update_is_all_or_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch)
 
 def test_update_keeps_other_cases_and_drops_orphans(folder: Path) -> None:
     shutil.copytree(folder / "room", folder / "gone")
-    kept = (folder / "room" / "lit.exr").read_bytes()
-    other = SceneCase("outdoor", outdoor(), None, (Shot("path", 1),), kept=(1,), size=(16, 12))
+    before = (folder / "room" / "lit.exr").read_bytes()
+    other = SceneCase("outdoor", outdoor(), None, (Shot("path", 1),), golden_frames=(1,), size=(16, 12))
     update([other], folder, ["room", "outdoor"])
     assert sorted(f.name for f in folder.iterdir()) == ["outdoor", "room"]
-    assert (folder / "room" / "lit.exr").read_bytes() == kept
+    assert (folder / "room" / "lit.exr").read_bytes() == before
     assert not check([other], folder).broken
 
 
@@ -220,7 +222,7 @@ def test_goldens_behind_a_link_and_in_the_current_folder(tmp_path: Path, monkeyp
     '{"renderer": null}', '{"renderer": ""}', '{"renderer": " "}', '{"renderer": 1}', '{"renderer": ["x"]}', "[]",
     "[" * 100_000])
 def test_an_origin_is_a_name(tmp_path: Path, content: str) -> None:
-    """Anything else is no other renderer, whose goldens the wider tolerance would hold for."""
+    """Anything else would select the wider tolerance of another renderer."""
     (tmp_path / ORIGIN).write_text(content)
     with pytest.raises(SceneError, match="origin of the goldens"):
         read_origin(tmp_path)
@@ -239,7 +241,7 @@ def test_places_are_checked_before_anything_is_drawn(tmp_path: Path, monkeypatch
 
 
 def test_a_cut_is_drawn_as_one(tmp_path: Path) -> None:
-    with_cut = replace(SMALL, shots=(Shot("path", 1), Shot("path", 1)), kept=(2,))
+    with_cut = replace(SMALL, shots=(Shot("path", 1), Shot("path", 1)), golden_frames=(2,))
     pictures = {p.resource: p.frames[2] for p in with_cut.draw(tmp_path)}
     assert pictures["taa"][..., 3].max() == 1
     assert np.abs(pictures["motion"][..., :2]).max() < 1e-4
@@ -247,10 +249,10 @@ def test_a_cut_is_drawn_as_one(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("args", "said"), [
     (["check", "rooom"], "did you mean 'room'"),
-    (["update", "--golden", "."], "no golden image"),
-    (["update", "--golden", "notes.txt"], "no folder"),
-    (["update", "--golden", "own"], "renders is no golden image"),
-    (["update", "--golden", "mixed"], "room/notes.txt is no golden image"),
+    (["update", "--golden", "."], "not a golden image"),
+    (["update", "--golden", "notes.txt"], "not a folder"),
+    (["update", "--golden", "own"], "renders is not a golden image"),
+    (["update", "--golden", "mixed"], "room/notes.txt is not a golden image"),
     (["check", "copy", "--report", "."], ". is a folder"),
     (["check", "--golden", "broken"], "origin"),
     (["check", "--catalogue", "mine.json"], "--golden"),

@@ -1,57 +1,44 @@
-"""The table of docs/testing.md: each mutation of a shader breaks a golden, and the check names its stage first.
+"""Each mutation of a shader in ``mutations.toml`` breaks a golden, and the check names its stage first.
 
-The table itself is checked in every run; repeating it takes minutes and carries the marker ``mutation``.
+The table itself is checked in every run; repeating the mutations takes minutes and has the marker ``mutation``.
 """
 
 from __future__ import annotations
 
-import re
 import shutil
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
 from app.golden import catalogue, check
 from app.paths import SHADERS, shader_dir
+from tests.golden.mutations import PAGE, Mutation, page_with_table, read_mutations
 
-ROOT = Path(__file__).parents[2]
 IMAGES = Path(__file__).parent / "images"
-ROW = re.compile(r"^\| `([^`]+)` \| `([^`]+)` \| `([^`]*)` \| `([^`]+)` \| `([^`]+)` \|$", re.MULTILINE)
-
-
-@dataclass(frozen=True)
-class Mutation:
-    """In ``shader`` ``old`` becomes ``new``; then the goldens of ``scene`` break, first those of ``stage``."""
-
-    shader: str
-    old: str
-    new: str
-    scene: str
-    stage: str
-
-    def __str__(self) -> str:
-        return f"{self.shader} {self.scene} {self.stage}"
-
-
-TABLE = [Mutation(*row) for row in ROW.findall((ROOT / "docs" / "testing.md").read_text("utf-8"))]
+MUTATIONS = read_mutations()
 
 
 def test_every_entry_and_every_include_has_a_mutation() -> None:
     files = {str(f.relative_to(shader_dir())) for f in shader_dir().rglob("*.*") if f.is_file()}
-    assert {m.shader for m in TABLE} == files
+    assert {m.shader for m in MUTATIONS} == files
 
 
-@pytest.mark.parametrize("mutation", TABLE, ids=str)
+def test_the_documentation_has_the_table() -> None:
+    """Otherwise run ``python -m tests.golden.mutations``."""
+    page = PAGE.read_text("utf-8")
+    assert page == page_with_table(page)
+
+
+@pytest.mark.parametrize("mutation", MUTATIONS, ids=str)
 def test_a_mutation_replaces_one_text_on_one_line(mutation: Mutation) -> None:
     assert (shader_dir() / mutation.shader).read_text("utf-8").count(mutation.old) == 1
-    assert mutation.old != mutation.new
+    assert "\n" not in mutation.old and mutation.old != mutation.new
     assert mutation.scene in catalogue()
 
 
 @pytest.mark.gl
 @pytest.mark.mutation
-@pytest.mark.parametrize("mutation", TABLE, ids=str)
+@pytest.mark.parametrize("mutation", MUTATIONS, ids=str)
 def test_a_mutation_breaks_its_stage_first(mutation: Mutation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shaders = Path(shutil.copytree(shader_dir(), tmp_path / "shaders"))
     path = shaders / mutation.shader

@@ -1,4 +1,4 @@
-"""Networks are compared on saved tensors: their goldens don't move with the rasteriser."""
+"""Networks are compared on saved tensors: their goldens do not depend on the rasteriser."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from app.golden import SceneCase, Shot, catalogue, check, update
 from app.golden.network_case import NetworkCase
 from app.golden.scenes import room
 from app.io.image import read_exr, write_exr
-from app.network.contract import bundled_models, find_model
+from app.network.selection import bundled_models, find_model
 from tests.tiny_network import write_tiny_network
 
 pytestmark = pytest.mark.gl
-SOURCE = SceneCase("room", room(), find_model("gather"), (Shot("path", 1),), kept=(1,), size=(48, 32))
+SOURCE = SceneCase("room", room(), find_model("gather"), (Shot("path", 1),), golden_frames=(1,), size=(48, 32))
 CASE = NetworkCase(SOURCE, find_model("gather"))
 TENSOR = "tensor_screen.exr"
 
@@ -29,7 +29,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_every_bundled_network_is_in_the_catalogue(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also one that no scene case draws with; it is checked alone."""
+    """Including one that no scene case uses, which is checked alone."""
     more = write_tiny_network(tmp_path / "more.onnx")
     module = import_module("app.golden.catalogue")
     monkeypatch.setattr(module, "bundled_models", lambda: {**bundled_models(), "more": more})
@@ -57,5 +57,5 @@ def test_without_saved_tensors_a_check_fails(folder: Path) -> None:
 
 def test_tensors_of_another_network_are_refused(folder: Path) -> None:
     write_exr(folder / CASE.name / TENSOR, {"frame1": np.zeros((8, 8, 1), np.float16)})
-    with pytest.raises(SceneError, match=r"8 rows of 8.*tensor_screen.exr.*delete the file"):
+    with pytest.raises(SceneError, match=r"tensor_screen.exr.*8 rows of 8.*delete the file"):
         check([CASE], folder)

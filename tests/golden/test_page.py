@@ -12,8 +12,8 @@ from PIL import Image
 
 from app.golden import Finding, Report, page
 from app.golden.comparison import Distance
+from app.golden.page import difference_map, picture
 from app.golden.tolerance import Tolerance
-from app.golden.visualize import difference_map, picture
 
 LIMITS = Tolerance(0.01, 0.001, 0.01)
 GOLDEN = np.full((6, 8, 4), 0.25, np.float32)
@@ -46,7 +46,7 @@ def test_it_is_self_contained_and_says_everything() -> None:
     assert text.count("<figure>") == 3 * 4
     assert "<h1>direct of a broke first</h1>" in text
     assert "llvmpipe &lt;1&gt;" in text
-    assert "b: the goldens come from Voodoo 2, so the wider tolerance holds" in text
+    assert "b: the goldens come from Voodoo 2, so the wider tolerance applies" in text
     assert text.count("<tr") == 1 + len(REPORT.findings)
     assert text.count("class=broken") == 4
     assert "largest difference 0.4, 50.00% of the texels off (0.10% allowed)" in text

@@ -9,6 +9,7 @@ import onnx
 from onnx import TensorProto, helper
 
 from app.network.contract import KEY
+from app.network.contract_json import contract_to_json
 from tests.tiny_network import TINY
 
 Node = tuple[str, list[str], str]  # operator, inputs, output
@@ -35,7 +36,7 @@ def write_network(path: Path, *nodes: Node, dtype: str = "float32", **constants:
          *(helper.make_node(operator, names, [output]) for operator, names, output in nodes)],
         "odd", inputs, outputs, initializers)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    helper.set_model_props(model, {KEY: replace(TINY, dtype=dtype).to_json()})
+    helper.set_model_props(model, {KEY: contract_to_json(replace(TINY, dtype=dtype))})
     onnx.save(model, path)
     return path
 

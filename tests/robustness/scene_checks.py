@@ -1,4 +1,4 @@
-"""Whether a scene holds only numbers that can be drawn."""
+"""Checks that all numbers of a scene are finite and in range."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import numpy as np
 
 from app.scene import Scene
 
-LIGHT = ("intensity", "irradiance", "radiance", "radius", "angular_radius_deg")
+NON_NEGATIVE = ("intensity", "irradiance", "radiance", "radius", "angular_radius_deg")
 
 
-def broken_numbers(scene: Scene) -> list[str]:
-    """Names of what is not finite, or outside its range."""
+def find_invalid(scene: Scene) -> list[str]:
+    """Names of values that are not finite or out of range."""
     return [name for name, values, low, high in _numbers(scene)
             if not (np.isfinite(values).all() and np.all(values >= low) and np.all(values <= high))]
 
 
 def _numbers(scene: Scene) -> Iterator[tuple[str, Any, float, float]]:
-    """Name, values, and smallest and largest allowed value of everything numeric."""
+    """Name, values, minimum and maximum of all numeric data."""
     inf = np.inf
     yield "bounds", scene.bounds, -inf, inf
     for mesh in scene.meshes:
@@ -44,7 +44,7 @@ def _numbers(scene: Scene) -> Iterator[tuple[str, Any, float, float]]:
                 yield "texture transform", texture.transform, -inf, inf
     for light in scene.lights:
         for field in fields(light):
-            low = 0.0 if field.name in LIGHT else -inf
+            low = 0.0 if field.name in NON_NEGATIVE else -inf
             yield field.name, np.asarray(getattr(light, field.name), np.float64), low, inf
     for path in scene.cameras.values():
         for camera in path.keys:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from app.network.contract import find_model
+from app.network.selection import find_model
 from app.scene import Camera, Light, PointLight, Scene
 from tests.gl.scenes import Images, Part, box, draw, floor, make_scene, quad
 

@@ -6,13 +6,11 @@ Rows "huge, tiny or far-away scenes", "no light at all" and "degenerate triangle
 from __future__ import annotations
 
 import itertools
-import sys
 
 import numpy as np
 import pytest
 
-from app.errors import DeviceError
-from app.network.contract import find_model
+from app.network.selection import find_model
 from app.renderer import Renderer
 from app.scene import Camera, PointLight, Scene
 from app.settings import Settings
@@ -117,9 +115,3 @@ def test_an_object_on_its_way_disturbs_only_what_it_nears() -> None:
     above = slice(0, SIZE[1] // 4)  # the ceiling and the wall below it, far from the block
     for before, now in itertools.pairwise(frames):
         assert np.abs(now - before)[above].max() < 0.05 * before[above].max()
-
-
-def test_without_the_ray_tracer_the_error_names_another_network(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "embreex.mesh_construction", None)
-    with pytest.raises(DeviceError, match="expected the package embreex, or --model radiosity"):
-        shown(lit_corner())

@@ -1,7 +1,7 @@
-"""Broken files of every kind: what comes out is a sane scene, image or network, or one of our own errors in one line;
-quickly, in little memory, without a word on the terminal.
+"""Mutated files of every kind give a valid scene, image or network, or a one-line ``AfterglowError``.
 
-The few examples of the default run are always the same; ``-m long`` tries many more.
+Time and memory stay bounded and nothing is printed. The few examples of the default run are always the same;
+``-m long`` tries many more.
 """
 
 from __future__ import annotations
@@ -26,11 +26,13 @@ from app.golden import read_catalogue
 from app.golden.case import Case
 from app.io.image import read_exr, write_exr
 from app.load import load_camera, load_scene
-from app.network.contract import ModelContract, read_contract
+from app.network.contract import ModelContract
+from app.network.contract_json import contract_from_json, contract_to_json, read_contract
 from app.network.session import Network
 from app.scene import Scene
-from tests.robustness.sane import broken_numbers
-from tests.robustness.sound_files import (
+from tests.robustness.mutate_files import mutate_bytes, mutate_json, mutate_json_text, mutate_text
+from tests.robustness.scene_checks import find_invalid
+from tests.robustness.valid_files import (
     CAMERA,
     CATALOGUE,
     MTL,
@@ -39,22 +41,21 @@ from tests.robustness.sound_files import (
     PNG,
     SIDECAR,
     binary_gltf,
+    embed_contract,
     glb,
     gltf,
-    with_contract,
 )
-from tests.robustness.spoiled import spoiled_bytes, spoiled_json, spoiled_json_text, spoiled_text
 from tests.tiny_network import TINY, write_tiny_network
 
-SECONDS, MEGABYTES = 20.0, 1000.0  # on a busy machine; the survey of an object takes 640 MB at most
-MAX_LINE = 5000
+MAX_SECONDS, MAX_MEGABYTES = 20.0, 1000.0  # on a busy machine; the voxel grid of an object takes up to 640 MB
+MAX_LINE_LENGTH = 5000
 NOISE = st.binary(max_size=300)
-CONTRACT = json.loads(TINY.to_json())
+CONTRACT = json.loads(contract_to_json(TINY))
 Load = Callable[[Path, bytes], Any]
 
 
 def scene(name: str) -> Load:
-    """A sound OBJ scene, or another, one of whose files is ``data``."""
+    """Load a valid scene in which the file ``name`` is replaced by ``data``."""
     def load(folder: Path, data: bytes) -> Scene:
         files = {"scene.obj": OBJ.encode(), "scene.mtl": MTL.encode(), "paint.png": PNG, name: data}
         for beside, content in files.items():
@@ -72,13 +73,13 @@ def file(name: str, read: Callable[[Path], Any]) -> Load:
 
 
 def catalogue(folder: Path, data: bytes) -> dict[str, Case]:
-    """A catalogue of golden images beside a sound scene."""
+    """Read a catalogue of golden images beside a valid scene."""
     scene("scene.json")(folder, json.dumps(SIDECAR).encode())
     return file("golden.json", read_catalogue)(folder, data)
 
 
 def contract_text(folder: Path, data: bytes) -> ModelContract:
-    return ModelContract.from_json(data.decode("utf-8", "replace"), "CONTRACT.json")
+    return contract_from_json(data.decode("utf-8", "replace"), "CONTRACT.json")
 
 
 def network(path: Path) -> Network:
@@ -87,21 +88,21 @@ def network(path: Path) -> Network:
 
 @pytest.fixture(scope="module")
 def kinds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[bytes, SearchStrategy[bytes], Load]]:
-    """By name: a sound file, what becomes of it, and what reads it."""
-    folder = tmp_path_factory.mktemp("sound")
+    """By name: a valid file, a strategy for its mutations, and its reader."""
+    folder = tmp_path_factory.mktemp("valid")
     net = write_tiny_network(folder / "net.onnx").read_bytes()
     write_exr(folder / "a.exr", {"": np.ones((5, 7, 3), np.float16), "depth": np.ones((5, 7, 1), np.float32)})
     exr = (folder / "a.exr").read_bytes()
     document, binary = binary_gltf()
 
-    def text(sound: str) -> tuple[bytes, SearchStrategy[bytes]]:
-        return sound.encode(), spoiled_text(sound) | spoiled_bytes(sound.encode()) | NOISE
+    def text(valid: str) -> tuple[bytes, SearchStrategy[bytes]]:
+        return valid.encode(), mutate_text(valid) | mutate_bytes(valid.encode()) | NOISE
 
-    def json_text(sound: Any) -> tuple[bytes, SearchStrategy[bytes]]:
-        return json.dumps(sound).encode(), spoiled_json_text(sound) | NOISE
+    def json_text(valid: Any) -> tuple[bytes, SearchStrategy[bytes]]:
+        return json.dumps(valid).encode(), mutate_json_text(valid) | NOISE
 
-    def raw(sound: bytes) -> tuple[bytes, SearchStrategy[bytes]]:
-        return sound, spoiled_bytes(sound) | NOISE
+    def raw(valid: bytes) -> tuple[bytes, SearchStrategy[bytes]]:
+        return valid, mutate_bytes(valid) | NOISE
 
     return {
         "obj": (*text(OBJ), scene("scene.obj")),
@@ -109,7 +110,7 @@ def kinds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[bytes, Se
         "ply": (*text(PLY), scene("scene.ply")),
         "gltf": (*json_text(gltf().json), scene("scene.gltf")),
         "glb": (*raw(glb(document, binary)), scene("scene.glb")),
-        "json of a glb": (glb(document, binary), spoiled_json(document).map(lambda value: glb(value, binary)),
+        "json of a glb": (glb(document, binary), mutate_json(document).map(lambda value: glb(value, binary)),
                           scene("scene.glb")),
         "png": (*raw(PNG), scene("paint.png")),
         "exr": (*raw(exr), file("image.exr", read_exr)),
@@ -117,8 +118,8 @@ def kinds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[bytes, Se
         "camera json": (*json_text(CAMERA), file("camera.json", load_camera)),
         "golden json": (*json_text(CATALOGUE), catalogue),
         "contract json": (*json_text(CONTRACT), contract_text),
-        "contract of an onnx": (net, spoiled_json(CONTRACT).map(
-            lambda value: with_contract(net, json.dumps(value).encode())), file("net.onnx", network)),
+        "contract of an onnx": (net, mutate_json(CONTRACT).map(
+            lambda value: embed_contract(net, json.dumps(value).encode())), file("net.onnx", network)),
         "onnx listed": (*raw(net), file("net.onnx", read_contract)),
         "onnx loaded": (*raw(net), file("net.onnx", network)),
     }
@@ -130,40 +131,41 @@ NAMES = ("obj", "mtl", "ply", "gltf", "glb", "json of a glb", "png", "exr", "sce
 
 @pytest.mark.parametrize("examples", [25, pytest.param(2000, marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", NAMES)
-def test_only_our_own_errors(kinds: dict[str, tuple[bytes, SearchStrategy[bytes], Load]], name: str, examples: int,
-                             tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    sound, spoiled, load = kinds[name]
-    load(tmp_path, sound)
-    refused = 0
+def test_mutated_files_load_or_give_our_own_errors(kinds: dict[str, tuple[bytes, SearchStrategy[bytes], Load]],
+                                                   name: str, examples: int, tmp_path: Path,
+                                                   capfd: pytest.CaptureFixture[str]) -> None:
+    valid, mutations, load = kinds[name]
+    load(tmp_path, valid)
+    rejected = 0
 
     @settings(max_examples=examples, derandomize=True, database=None, deadline=None,
               phases=(Phase.generate, Phase.shrink), suppress_health_check=list(HealthCheck))
-    @given(spoiled)
+    @given(mutations)
     def run(data: bytes) -> None:
-        nonlocal refused
+        nonlocal rejected
         with _bounded(), _silent():
             try:
-                found = load(tmp_path, data)
+                content = load(tmp_path, data)
             except AfterglowError as error:
-                refused += 1
-                assert "\n" not in str(error) and len(str(error)) < MAX_LINE
+                rejected += 1
+                assert "\n" not in str(error) and len(str(error)) < MAX_LINE_LENGTH
             else:
-                if isinstance(found, Scene):
-                    assert not broken_numbers(found)
+                if isinstance(content, Scene):
+                    assert not find_invalid(content)
 
     run()
-    assert refused > 0 or examples < 100  # few spoiled MTL files are wrong: unknown lines are skipped
+    assert rejected > 0 or examples < 100  # few mutated MTL files are invalid: unknown lines are skipped
     assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("name", ["scene.obj", "scene.glb", "scene.json", "net.onnx"])
-def test_a_large_file_of_one_byte_is_refused_at_once(name: str, tmp_path: Path) -> None:
+def test_a_large_file_of_one_repeated_byte_is_rejected_quickly(name: str, tmp_path: Path) -> None:
     load = file(name, read_contract) if name == "net.onnx" else scene(name)
     for byte in b"\0", b"\xff", b"[", b"1", b"\n", b" ":
         start = time.perf_counter()
         with pytest.raises(AfterglowError):
             load(tmp_path, byte * 1_000_000)
-        assert time.perf_counter() - start < SECONDS
+        assert time.perf_counter() - start < MAX_SECONDS
 
 
 @contextmanager
@@ -172,15 +174,15 @@ def _bounded() -> Iterator[None]:
     start = time.perf_counter()
     try:
         yield
-        assert time.perf_counter() - start < SECONDS
-        assert tracemalloc.get_traced_memory()[1] < MEGABYTES * 2**20
+        assert time.perf_counter() - start < MAX_SECONDS
+        assert tracemalloc.get_traced_memory()[1] < MAX_MEGABYTES * 2**20
     finally:
         tracemalloc.stop()
 
 
 @contextmanager
 def _silent() -> Iterator[None]:
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
-    assert not said, said[0]
+    assert not caught, caught[0]

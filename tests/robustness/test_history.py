@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from app.gl.lights import radiance_scale
 from app.network.channels import HALF_MAX
-from app.network.contract import SSGI
+from app.network.selection import SSGI
+from app.radiance_scale import radiance_scale
 from app.renderer import Renderer
 from app.scene import Camera, Scene
 from app.settings import Settings
+from tests.override import override
 from tests.robustness.scenes import CAMERA, RADIOSITY, SIZE, assert_same, lit_corner
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "coarse_shadows")]
@@ -50,7 +51,7 @@ def test_60000_beside_0_gives_nothing_below_0(tile: int) -> None:
     """Row "negative lobes": the filter's undershoot is clamped, its overshoot stays within the half range."""
     assert radiance_scale(SCENE) == 1
     with renderer() as r:
-        r.override("lit", checked(tile))
+        override(r, "lit", checked(tile))
         for step in range(8):
             final = r.render(beside(step))["final"]
             assert final.min() >= 0 and final.max() <= HALF_MAX
@@ -65,7 +66,7 @@ def test_a_constant_bright_picture_stays_exactly_so(value: float, moves: bool) -
     The guards of ``taa.frag`` can't be told apart on llvmpipe, whose max(NaN, x) is x; GLSL leaves that open.
     """
     with renderer() as r:
-        r.override("lit", value)
+        override(r, "lit", value)
         for step in range(12):
             final = r.render(beside(step * moves))["final"]
             np.testing.assert_allclose(final, np.float32(np.float16(value)), rtol=1e-6)
@@ -74,7 +75,7 @@ def test_a_constant_bright_picture_stays_exactly_so(value: float, moves: bool) -
 def test_a_still_constant_picture_counts_all_its_frames() -> None:
     """No deviation clips it, and more frames count than of what moves."""
     with renderer() as r:
-        r.override("lit", 1.0)
+        override(r, "lit", 1.0)
         for frames in range(1, 41):
             r.advance(CAMERA)
             assert r.resource("taa")[..., 3].max() == frames
@@ -90,7 +91,7 @@ def test_noisy_light_keeps_its_history_where_now_is_black() -> None:
         return np.float32(2) * ((np.indices(image.shape[:2]).sum(axis=0) + next(turns)) % 2)[..., None]
 
     with Renderer(SCENE, Settings(size=SIZE, provider="cpu"), SSGI) as r:
-        r.override("indirect_now", squares)
+        override(r, "indirect_now", squares)
         for _ in range(frames):
             r.advance(CAMERA)
         light = r.resource("indirect_low")
@@ -111,9 +112,9 @@ def test_one_broken_texel_of_the_history_heals_in_one_frame_and_stays_alone(valu
         with renderer() as r:
             for _ in range(4):
                 r.advance(CAMERA)
-            r.override("taa", poisoned if poison else None)
+            override(r, "taa", poisoned if poison else None)
             r.advance(CAMERA)
-            r.override("taa", None)
+            override(r, "taa", None)
             return [r.render(CAMERA)["final"] for _ in range(3)]
 
     rows, columns = np.indices((SIZE[1], SIZE[0]))

@@ -16,11 +16,12 @@ import psutil
 import pytest
 
 from app.golden.scenes import outdoor, room
-from app.network.contract import find_model
+from app.network.selection import find_model
 from app.renderer import Renderer
 from app.scene import Camera, Scene
 from app.settings import Settings
 from tests.gl.scenes import box, slide
+from tests.override import override
 from tests.robustness.gl_objects import live_objects
 from tests.robustness.scenes import CAMERA, lit_corner
 
@@ -117,7 +118,7 @@ def test_frames(renderer: Renderer, count: int, most: float) -> None:
     def one(i: int) -> None:
         if i % 50 == 20:
             renderer.cut()
-        renderer.override("direct", 0.5 if i % 50 == 30 else None)
+        override(renderer, "direct", 0.5 if i % 50 == 30 else None)
         eye = (CAMERA.eye[0] + 0.01 * (i % 7), *CAMERA.eye[1:])
         renderer.render(replace(CAMERA, eye=eye), time=i // 20 % 9)
 

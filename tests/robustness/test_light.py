@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.gl.lights import HARD_CUBE_TEXELS
-from app.network.contract import find_model
+from app.gl.shadow_atlas import HARD_CUBE_TEXELS
+from app.network.selection import find_model
 from app.renderer import Renderer
 from app.scene import Camera, DirectionalLight, Light, PointLight, RectLight, SpotLight
 from app.settings import Settings

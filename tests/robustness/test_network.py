@@ -13,14 +13,15 @@ import numpy as np
 import pytest
 
 from app.errors import ModelError
-from app.gl.lights import radiance_scale
 from app.network.channels import HALF_MAX
-from app.network.contract import find_model
+from app.network.selection import find_model
 from app.network.session import Network
+from app.radiance_scale import radiance_scale
 from app.renderer import Renderer
 from app.scene import Camera
 from app.settings import Settings
 from tests.gl.scenes import draw
+from tests.override import override
 from tests.robustness.networks import Node, constant, write_network
 from tests.robustness.scenes import CAMERA, LAMP, SIZE, beyond, lit_corner
 from tests.tiny_network import write_tiny_network
@@ -68,7 +69,7 @@ def test_another_shape_at_the_second_frame_is_one_line_and_the_renderer_goes_on(
     bright_corner = Camera((0.0, 1.2, 0.3), (0.0, 0.0, 0.0))
     with Renderer(lit_corner(), Settings(size=SIZE, provider="cpu"), path) as renderer:
         first = renderer.render(SKY)["final"]
-        with pytest.raises(ModelError, match=r"came back as \[1, 3, .*expected \[1, 3, "):
+        with pytest.raises(ModelError, match=r"has the shape \[1, 3, .*expected \[1, 3, "):
             renderer.render(bright_corner)
         renderer.cut()
         np.testing.assert_array_equal(renderer.render(SKY)["final"], first)
@@ -121,9 +122,9 @@ def test_a_firefly_darkens_nothing_and_makes_no_energy(model: str) -> None:
     settings = Settings(size=SIZE, outputs=("indirect", "depth"), taa=False, provider="cpu")
     with Renderer(lit_corner(), settings, find_model(model)) as renderer:
         clean = renderer.render(CAMERA)["indirect"]
-        renderer.override("direct", firefly)
+        override(renderer, "direct", firefly)
         spoiled = renderer.render(CAMERA)
-        renderer.override("direct", None)
+        override(renderer, "direct", None)
         np.testing.assert_array_equal(renderer.render(CAMERA)["indirect"], clean)
         texels = renderer.resource("tensor_screen").shape[1:]
     seen = spoiled["depth"][..., 0] > 0
@@ -138,9 +139,9 @@ def test_a_firefly_fades() -> None:
     with Renderer(lit_corner(), settings, find_model("radiosity")) as renderer:
         for _ in range(before):
             clean = renderer.render(CAMERA)
-        renderer.override("direct", firefly)
+        override(renderer, "direct", firefly)
         spoiled = renderer.render(CAMERA)
-        renderer.override("direct", None)
+        override(renderer, "direct", None)
         assert spoiled["indirect"].mean() > 100 * clean["indirect"].mean()
         after = [renderer.render(CAMERA) for _ in range(since)]
     for name in ("final", "indirect"):

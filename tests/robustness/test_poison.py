@@ -14,14 +14,15 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from app.gl.lights import radiance_scale
 from app.golden.scenes import dusk, outdoor, room
 from app.network.channels import HALF_MAX
-from app.network.contract import Model, find_model
+from app.network.selection import Model, find_model
+from app.radiance_scale import radiance_scale
 from app.renderer import Renderer
 from app.scene import Scene
 from app.settings import Settings
 from tests.coarse_shadows import coarse_shadow_maps
+from tests.override import is_overridden, override
 
 pytestmark = pytest.mark.gl
 
@@ -57,7 +58,7 @@ class Patient:
     def more(self, frames: int) -> list[Image]:
         images = [self.renderer.render(self.camera)["final"] for _ in range(frames)]
         for final in images:
-            if "taa" not in self.renderer._overrides:  # then the final image is the poison itself
+            if not is_overridden(self.renderer, "taa"):  # then the final image is the poison itself
                 assert np.isfinite(final).all()
                 assert final.min() >= 0
                 assert final.max() <= self.bound
@@ -71,11 +72,11 @@ class Patient:
             return image
 
         for resource in resources:
-            self.renderer.override(resource, value if texel is None else one)
+            override(self.renderer, resource, value if texel is None else one)
 
     def cure(self, resources: tuple[str, ...]) -> None:
         for resource in resources:
-            self.renderer.override(resource, None)
+            override(self.renderer, resource, None)
 
 
 @pytest.fixture(scope="module", params=SCENES)
@@ -162,7 +163,7 @@ def test_history_that_is_no_number_is_dropped(patient: Patient, poison: str, res
         return image
 
     patient.draw(POISONED)
-    patient.renderer.override(resource, broken)
+    override(patient.renderer, resource, broken)
     patient.more(1)
     patient.cure((resource,))
     if resource == "taa":  # it is history in the next frame
@@ -176,9 +177,9 @@ def test_history_that_is_no_number_is_dropped(patient: Patient, poison: str, res
 def test_a_normal_far_from_unit_length_is_none(patient: Patient, length: float) -> None:
     """Whatever its direction is worth, it counts as no direction at all."""
     def drawn(factor: float) -> Image:
-        patient.renderer.override("normal", lambda image: image * np.array((*[factor] * 3, 1), np.float32))
+        override(patient.renderer, "normal", lambda image: image * np.array((*[factor] * 3, 1), np.float32))
         final = patient.draw(1)[0]
-        patient.renderer.override("normal", None)
+        override(patient.renderer, "normal", None)
         return final
 
     np.testing.assert_array_equal(drawn(length), drawn(0.0))
@@ -199,8 +200,8 @@ def test_the_check_counts_what_is_not_finite() -> None:
     with Renderer(scene, Settings(size=SIZE, check=True), find_model(model)) as renderer:
         renderer.render(camera)
         assert not any(_counts(renderer).values())
-        renderer.override("direct", np.nan)
-        renderer.override("indirect", np.inf)
+        override(renderer, "direct", np.nan)
+        override(renderer, "indirect", np.inf)
         renderer.render(camera)
         found = {name: n for name, n in _counts(renderer).items() if n}
         assert found == dict.fromkeys(("direct", "upsample"), SIZE[0] * SIZE[1])

@@ -1,7 +1,4 @@
-"""Half against single precision on the bundled networks: what docs/accuracy.md says, in small.
-
-The GPU passes' own half floats are tested where they are written; here it is the networks' arithmetic.
-"""
+"""Half against single precision in the arithmetic of the bundled networks, a small version of docs/accuracy.md."""
 
 from __future__ import annotations
 
@@ -14,41 +11,48 @@ from typer.testing import CliRunner
 
 torch = pytest.importorskip("torch")
 
-from app.network.contract import find_model  # noqa: E402
+from app.network.selection import find_model  # noqa: E402
 from app.network.session import Network  # noqa: E402
 from export.__main__ import cli  # noqa: E402
 from export.models import UNTRAINED  # noqa: E402
-from export.onnx.export import cases  # noqa: E402
-from export.onnx.precision import HALF, LIGHT_ONLY, Rounding, as_markdown, measure, real_inputs  # noqa: E402
+from export.onnx.precision import (  # noqa: E402
+    HALF,
+    LIGHT_ONLY,
+    SIZE,
+    Rounding,
+    as_markdown,
+    measure,
+)
+from export.onnx.sample_inputs import rendered_inputs, sample_inputs  # noqa: E402
 from tests.robustness.scenes import lit_corner  # noqa: E402
 
 NAMES = ("ember", "gather", "radiosity")
 
 
 def test_rounding_is_that_of_half_precision() -> None:
-    """Operation by operation, against torch's own halves; what overflows is counted.
+    """Every operation agrees with torch in half precision, and overflows are counted.
 
-    Roots are taken in single precision there, too: with AVX-512 torch's own are up to a unit of single precision off,
-    which turns ties between two halves.
+    The expected roots are computed in single precision: torch's own roots with AVX-512 differ by up to one unit of
+    single precision, which changes how ties between two halves are rounded.
     """
     x, y = (torch.from_numpy(np.random.default_rng(i).uniform(-300, 300, 1000).astype(np.float32)) for i in (0, 1))
     mode = Rounding(active=True)
     with mode:
         a, b = mode.round(x), mode.round(y)
         product = (a * b).abs()
-        found = [a + b, a / b, a.abs().sqrt(), product, product * a.abs()]
+        results = [a + b, a / b, a.abs().sqrt(), product, product * a.abs()]
     h, k = x.half(), y.half()
     expected = [h + k, h / k, h.float().abs().sqrt().half(), (h * k).abs(), (h * k).abs() * h.abs()]
-    for mine, torchs in zip(found, expected, strict=True):
-        np.testing.assert_array_equal(mine.numpy(), torchs.float().numpy())
+    for result, reference in zip(results, expected, strict=True):
+        np.testing.assert_array_equal(result.numpy(), reference.float().numpy())
     overflown = sum(int(e.isinf().sum()) for e in expected)
-    before = int((h * k).isinf().sum())  # infinite before the last product already: counted once
+    before = int((h * k).isinf().sum())  # infinite already before the last product, so counted once
     assert mode.overflows == overflown - before > 0
 
 
 def test_nothing_is_rounded_while_it_is_inactive() -> None:
     module = UNTRAINED["gather"]().eval()
-    inputs = [torch.from_numpy(x) for x in dict(cases(module.contract))["room"].values()]
+    inputs = [torch.from_numpy(x) for x in dict(sample_inputs(module.contract))["room"].values()]
     with torch.no_grad():
         plain = module(*inputs)
         with Rounding(active=False):
@@ -59,9 +63,9 @@ def test_nothing_is_rounded_while_it_is_inactive() -> None:
 @pytest.mark.usefixtures("egl")
 @pytest.mark.parametrize("name", NAMES)
 def test_light_may_be_half_but_geometry_must_not(name: str) -> None:
-    """On what the renderer hands to it: less than a thousandth off with geometry in single precision, else useless."""
-    ((_, inputs),) = real_inputs(name, {"corner": lit_corner()})
-    if name == "ember":  # whose pixels know nothing of each other
+    """On rendered inputs, the error is below 0.2 % with geometry in single precision, and large without."""
+    ((_, inputs),) = rendered_inputs(UNTRAINED[name]().contract, {"corner": lit_corner()}, SIZE)
+    if name == "ember":  # whose pixels are independent
         inputs["screen"] = np.ascontiguousarray(inputs["screen"][..., ::4, ::4])
     single, mixed, half = (measure(name, UNTRAINED[name]().eval(), "corner", inputs, v) for v in ("", LIGHT_ONLY, HALF))
     print("\n" + as_markdown([mixed, half]))
@@ -74,21 +78,21 @@ def test_light_may_be_half_but_geometry_must_not(name: str) -> None:
 
 @pytest.mark.gl
 @pytest.mark.usefixtures("egl")
-def test_real_inputs_are_those_of_the_renderer() -> None:
-    """Single precision gives what the network pass gives, but for the frame's exposure."""
-    ((_, inputs),) = real_inputs("radiosity", {"corner": lit_corner()})
+def test_rendered_inputs_are_those_of_the_renderer() -> None:
+    """Single precision agrees with the network pass up to the frame's exposure."""
+    ((_, inputs),) = rendered_inputs(UNTRAINED["radiosity"]().contract, {"corner": lit_corner()}, SIZE)
     with torch.no_grad():
-        mine = UNTRAINED["radiosity"]().eval()(*(torch.from_numpy(x) for x in inputs.values())).numpy()[0]
-    height, width = mine.shape[1:]
+        output = UNTRAINED["radiosity"]().eval()(*(torch.from_numpy(x) for x in inputs.values())).numpy()[0]
+    height, width = output.shape[1:]
     run = Network(find_model("radiosity"), (width, height), "cpu").run({t: x[0] for t, x in inputs.items()})
-    np.testing.assert_allclose(run["indirect.rgb"], mine, atol=2e-3 * mine.max())
+    np.testing.assert_allclose(run["indirect.rgb"], output, atol=2e-3 * output.max())
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_extreme_inputs_stay_numbers_with_geometry_in_single(name: str) -> None:
-    """Black, broken and negative values; only light at the very end of the range overflows."""
+def test_extreme_inputs_stay_finite_with_geometry_in_single(name: str) -> None:
+    """Black, invalid and negative values; only light at the end of the range overflows."""
     module = UNTRAINED[name]().eval()
-    inputs = dict(cases(module.contract))
+    inputs = dict(sample_inputs(module.contract))
     for label in ("0.0", "some 0.0", "nan", "some nan", "-inf", "-100.0", "some -100.0"):
         row = measure(name, module, label, inputs[label], LIGHT_ONLY)
         assert row.overflows == 0 and row.not_finite == 0, label
@@ -101,7 +105,7 @@ def test_extreme_inputs_stay_numbers_with_geometry_in_single(name: str) -> None:
 @pytest.mark.gl
 @pytest.mark.usefixtures("egl")
 def test_the_command_writes_the_table(tmp_path: Path) -> None:
-    run = CliRunner().invoke(cli, ["precision", "gather", "--json", str(tmp_path / "rows.json")])
+    run = CliRunner().invoke(cli, ["onnx", "precision", "gather", "--json", str(tmp_path / "rows.json")])
     assert run.exit_code == 0, run.output
     rows = json.loads((tmp_path / "rows.json").read_text())
     assert run.stdout.count("\n| ") == len(rows) + 1

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from app.gl.lights import radiance_scale
+from app.radiance_scale import radiance_scale
 from app.renderer import Renderer
 from app.scene import Camera, Material, Scene
 from app.settings import Settings

@@ -1,4 +1,4 @@
-"""One sound file of each kind, using most of what its reader knows; the fuzz tests spoil them."""
+"""One valid file of each kind that uses most features of its reader; the fuzz tests mutate them."""
 
 from __future__ import annotations
 
@@ -97,11 +97,11 @@ def gltf() -> Gltf:
     file.json["accessors"][0]["sparse"] = {
         "count": 1, "indices": {"bufferView": file.view(b"\x00\x00"), "componentType": 5123},
         "values": {"bufferView": file.view(struct.pack("<fff", 0, 0, 1))}}
-    places = {"TRANSLATION": file.array(TRIANGLE), "ROTATION": file.array(np.eye(4, dtype=np.float32)[:3])}
+    instances = {"TRANSLATION": file.array(TRIANGLE), "ROTATION": file.array(np.eye(4, dtype=np.float32)[:3])}
     file.json["nodes"] = [
         {"mesh": 0, "name": "thing", "children": [1, 2], "rotation": [0, 0, 0, 1], "scale": [1, -1, 1]},
         {"mesh": 0, "camera": 0, "translation": [0, 0, 2], "extensions": {
-            "KHR_lights_punctual": {"light": 0}, "EXT_mesh_gpu_instancing": {"attributes": places}}},
+            "KHR_lights_punctual": {"light": 0}, "EXT_mesh_gpu_instancing": {"attributes": instances}}},
         {"matrix": np.eye(4).ravel().tolist(), "extensions": {"KHR_lights_punctual": {"light": 1}}}]
     file.json["cameras"] = [{"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1}}]
     file.json["extensions"] = {"KHR_lights_punctual": {"lights": [
@@ -111,7 +111,7 @@ def gltf() -> Gltf:
 
 
 def binary_gltf() -> tuple[dict[str, Any], bytes]:
-    """The same file's JSON with one binary buffer in place of data URIs, and that buffer."""
+    """The JSON of the same file with one binary buffer instead of data URIs, and that buffer."""
     document, binary = json.loads(json.dumps(gltf().json)), b""
     for view, buffer in zip(document["bufferViews"], document["buffers"], strict=True):
         data = base64.b64decode(buffer["uri"].split(",")[1])
@@ -122,15 +122,15 @@ def binary_gltf() -> tuple[dict[str, Any], bytes]:
 
 
 def glb(document: Any, binary: bytes) -> bytes:
-    """The two chunks of a GLB file."""
+    """A GLB file with these two chunks."""
     text = json.dumps(document).encode()
     text += b" " * (-len(text) % 4)
     body = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary
     return b"glTF" + struct.pack("<II", 2, 12 + len(body)) + body
 
 
-def with_contract(network: bytes, contract: bytes) -> bytes:
-    """An ONNX file with any text as its contract."""
+def embed_contract(network: bytes, contract: bytes) -> bytes:
+    """An ONNX file with any bytes as its contract."""
     model = onnx.ModelProto.FromString(network)
     onnx.helper.set_model_props(model, {KEY: contract.decode("utf-8", "replace")})
     return model.SerializeToString()

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from app.io.atomic_files import replacing_folder, write_text
+from app.io.atomic_files import replace_folder, write_text
 from app.io.image import write_exr, write_png
 
 VERSIONS = 2
@@ -38,7 +38,7 @@ def write(folder: Path, version: int) -> None:
     write_exr(folder / "image.exr", {"": image(version)})
     write_png(folder / "image.png", display(version))
     write_text(folder / "report.json", text(version))
-    with replacing_folder(folder / "goldens") as fresh:
+    with replace_folder(folder / "goldens") as fresh:
         for part in range(PARTS):
             (fresh / f"{part}.json").write_text(text(version))
 

@@ -1,4 +1,4 @@
-"""A stand-in for a dataset: the embedded Cornell box, a camera that moves a little, and made-up targets."""
+"""A synthetic dataset: the embedded Cornell box, a camera that moves slightly, and analytic targets."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from app.load import embedded_scene
 from app.scene import Scene
-from export.dataset.network_inputs import picked
+from export.dataset.target import nearest_texels
 from export.reference.still import Still
 
 
@@ -28,7 +28,7 @@ class Target:
 
 @dataclass
 class CornellPairs:
-    """``count`` pairs; the target is a smooth function of the place on the screen, the same for all."""
+    """``count`` pairs whose targets are the same smooth function of the position on the screen."""
 
     folder: Path
     count: int
@@ -49,7 +49,7 @@ class CornellPairs:
         return Pair(*(Still(self.scene, replace(camera, eye=tuple(eye)), self.size) for eye in eyes))
 
     def target(self, index: int) -> Target:
-        rows, columns = picked(self.size, (self.size[0] // 2, self.size[1] // 2))
+        rows, columns = nearest_texels(self.size, (self.size[0] // 2, self.size[1] // 2))
         x, y = np.meshgrid(columns / self.size[0], rows / self.size[1])
         light = 0.1 * np.stack([1 + x, 1 + y, 2 - x], axis=-1).astype(np.float32)
         return Target({"indirect": light, "indirect_single": 0.5 * light}, np.ones(light.shape[:2], bool))

@@ -5,7 +5,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from app.errors import ModelError  # noqa: E402
-from export.models import PRESETS, make_network, weights_of  # noqa: E402
+from export.models import PRESETS, count_weights, make_network  # noqa: E402
 from export.models.bcnn import Bcnn, Bilateral, bilateral_taps  # noqa: E402
 
 GRID = (24, 32)
@@ -21,11 +21,11 @@ def wall(depth: torch.Tensor, seed: int = 0) -> torch.Tensor:
 
 
 def test_the_papers_preset_has_its_weights() -> None:
-    assert weights_of(make_network("bcnn-paper")) == pytest.approx(3.95e6, rel=0.02)
+    assert count_weights(make_network("bcnn-paper")) == pytest.approx(3.95e6, rel=0.02)
 
 
 def test_lighter_presets_are_lighter() -> None:
-    weights = [weights_of(make_network(name)) for name in PRESETS if name.startswith("bcnn")]
+    weights = [count_weights(make_network(name)) for name in PRESETS if name.startswith("bcnn")]
     assert weights == sorted(weights, reverse=True)
 
 
@@ -38,21 +38,21 @@ def test_at_equal_depth_a_bilateral_convolution_is_a_plain_one(widths: tuple[int
 
 
 @pytest.mark.parametrize("widths", [(4, 4), (12, 4)], ids=["gathers", "scatters"])
-def test_taps_weigh_by_depth(widths: tuple[int, int]) -> None:
+def test_taps_are_weighted_by_depth(widths: tuple[int, int]) -> None:
     layer, x = Bilateral(*widths), torch.randn(1, widths[0], *GRID)
     depth = 3 * torch.rand(1, 1, *GRID)
-    found = layer(x, bilateral_taps(depth, torch.ones_like(depth)))[0, :, 10, 20]
+    output = layer(x, bilateral_taps(depth, torch.ones_like(depth)))[0, :, 10, 20]
     expected = layer.bias.clone()
     for row in range(3):
         for column in range(3):
             at = 9 + row, 19 + column
             factor = torch.exp(-(depth[0, 0, 10, 20] - depth[0, 0, at[0], at[1]]) ** 2)
             expected = expected + factor * layer.weight[:, :, row, column] @ x[0, :, at[0], at[1]]
-    torch.testing.assert_close(found, expected)
+    torch.testing.assert_close(output, expected)
 
 
-def moved_beyond_a_step() -> tuple[torch.Tensor, torch.Tensor]:
-    """A wall with a step of 10 σ at a texel that every level's grid shares; beyond it light has changed places."""
+def change_beyond_step() -> tuple[torch.Tensor, torch.Tensor]:
+    """A wall with a depth step of 10 σ on the grid of every level; light beyond it is mirrored."""
     depth = torch.full(GRID, 10.0)
     depth[:, 16:] = 20.0
     x = wall(depth)
@@ -62,8 +62,8 @@ def moved_beyond_a_step() -> tuple[torch.Tensor, torch.Tensor]:
     return x, changed
 
 
-def test_nothing_but_the_mean_crosses_a_step_of_ten_sigma() -> None:
-    x, changed = moved_beyond_a_step()
+def test_only_the_mean_crosses_a_step_of_ten_sigma() -> None:
+    x, changed = change_beyond_step()
     network = Bcnn("bcnn-8").eval()
     with torch.no_grad():
         before, after = network(x), network(changed)
@@ -71,14 +71,14 @@ def test_nothing_but_the_mean_crosses_a_step_of_ten_sigma() -> None:
     assert not torch.allclose(before[..., 16:], after[..., 16:])
 
 
-def test_without_bilateral_taps_light_flows_across_it() -> None:
-    x, changed = moved_beyond_a_step()
+def test_without_bilateral_taps_light_crosses_the_step() -> None:
+    x, changed = change_beyond_step()
     network = Bcnn("bcnn-8", bilateral=False).eval()
     with torch.no_grad():
         assert not torch.allclose(network(x)[..., :16], network(changed)[..., :16])
 
 
-def test_each_colour_grows_with_its_light() -> None:
+def test_each_colour_scales_with_its_light() -> None:
     x, network = wall(torch.full(GRID, 10.0)), Bcnn("bcnn-8").eval()
     factors = torch.tensor([100.0, 0.1, 10.0]).reshape(3, 1, 1)
     colored, without_red = x.clone(), x.clone()
@@ -89,7 +89,7 @@ def test_each_colour_grows_with_its_light() -> None:
         assert [bool(colour.any()) for colour in network(without_red)[0]] == [False, True, True]
 
 
-def test_ablations_leave_inputs_out() -> None:
+def test_ablations_ignore_inputs() -> None:
     x = wall(torch.full(GRID, 10.0))
     other = x.clone()
     other[:, 3:5], other[:, 6:8] = 0.5, 3.0
@@ -100,20 +100,20 @@ def test_ablations_leave_inputs_out() -> None:
         make_network("bcnn-8", {"reads": ["depht"]})
 
 
-def test_the_sky_is_dark_and_what_its_channels_hold_does_not_matter() -> None:
+def test_the_sky_is_black_and_its_channels_are_ignored() -> None:
     x = wall(torch.full(GRID, 10.0))
     x[..., :8, :] = 0.0
     other = x.clone()
     other[:, LIGHT, :8] = 30.0
     network = Bcnn("bcnn-8").eval()
     with torch.no_grad():
-        found = network(x)
-        assert torch.equal(found, network(other))
-    assert found[..., :8, :].max() == 0.0 and found[..., 8:, :].min() > 0.0
+        output = network(x)
+        assert torch.equal(output, network(other))
+    assert output[..., :8, :].max() == 0.0 and output[..., 8:, :].min() > 0.0
 
 
-def test_half_the_surfaces_in_a_pooled_texel_count_whole() -> None:
-    """Beside the sky a level's features are means over surfaces, not over surfaces and sky."""
+def test_pooling_averages_over_surfaces_only() -> None:
+    """Next to the sky, features are means over surfaces, not over surfaces and sky."""
     network = Bcnn("bcnn-8").eval()
     for name, parameter in network.named_parameters():
         if name.endswith("bias"):
@@ -121,8 +121,8 @@ def test_half_the_surfaces_in_a_pooled_texel_count_whole() -> None:
     whole, ragged = wall(torch.full(GRID, 10.0)), wall(torch.full(GRID, 10.0))
     whole[:, LIGHT], ragged[:, LIGHT] = 1.0, 1.0
     ragged[..., ::2, ::2] = 0.0
-    seen: list[torch.Tensor] = []
-    network.bottom.register_forward_hook(lambda module, inputs, output: seen.append(inputs[1]))
+    outputs: list[torch.Tensor] = []
+    network.bottom.register_forward_hook(lambda module, inputs, output: outputs.append(inputs[1]))
     with torch.no_grad():
         network(whole), network(ragged)
-    assert torch.equal(seen[0], seen[1])  # every texel of the coarsest level has surfaces at the same depth
+    assert torch.equal(outputs[0], outputs[1])  # every texel of the coarsest level has surfaces at the same depth

@@ -4,8 +4,8 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from app.network.session import FIREFLY  # noqa: E402
-from export.models.channel_normalization import in_own_means, times_means  # noqa: E402
+from app.network.inputs import MAX_RATIO_TO_MEAN  # noqa: E402
+from export.models.channel_normalization import denormalize_channels, normalize_channels  # noqa: E402
 
 H, W = 96, 128
 
@@ -20,28 +20,29 @@ def light_and_surface() -> tuple[torch.Tensor, torch.Tensor]:
 
 def test_means_are_over_surfaces() -> None:
     light, surface = light_and_surface()
-    relative, means = in_own_means(light, surface)
+    normalized, means = normalize_channels(light, surface)
     torch.testing.assert_close(means[0, :, 0, 0], light[0, :, :, : W // 2].mean((1, 2)))
-    torch.testing.assert_close(relative[..., : W // 2].mean((2, 3)), torch.ones(1, 3))
-    torch.testing.assert_close(times_means(relative, means), light)
+    torch.testing.assert_close(normalized[..., : W // 2].mean((2, 3)), torch.ones(1, 3))
+    torch.testing.assert_close(denormalize_channels(normalized, means), light)
 
 
 @pytest.mark.parametrize("value", [300.0, 65504.0])
 def test_one_bright_texel_hardly_changes_the_rest(value: float) -> None:
     light, surface = light_and_surface()
-    calm, _ = in_own_means(light, surface)
+    reference, _ = normalize_channels(light, surface)
     light[..., 0, 0] = value
-    relative, _ = in_own_means(light, surface)
-    assert relative.max() == FIREFLY
-    change = (relative / calm)[..., 1:, : W // 2]
+    normalized, _ = normalize_channels(light, surface)
+    assert normalized.max() == MAX_RATIO_TO_MEAN
+    change = (normalized / reference)[..., 1:, : W // 2]
     assert change.min() > 0.9 and change.max() < 1.0
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float16])
-def test_darkness_and_sky_give_nothing(dtype: torch.dtype) -> None:
+def test_black_channels_and_sky_give_zero(dtype: torch.dtype) -> None:
     light, surface = (x.to(dtype) for x in light_and_surface())
     light[:, 1] = 0.0
-    relative, means = in_own_means(light, surface)
-    assert relative.dtype == dtype and not relative[:, 1].any() and not times_means(relative, means)[:, 1].any()
-    relative, means = in_own_means(light, torch.zeros_like(surface))
-    assert torch.isfinite(relative).all() and not times_means(relative, means).any()
+    normalized, means = normalize_channels(light, surface)
+    assert normalized.dtype == dtype and not normalized[:, 1].any()
+    assert not denormalize_channels(normalized, means)[:, 1].any()
+    normalized, means = normalize_channels(light, torch.zeros_like(surface))
+    assert torch.isfinite(normalized).all() and not denormalize_channels(normalized, means).any()

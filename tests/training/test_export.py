@@ -12,17 +12,19 @@ torch = pytest.importorskip("torch")
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("lightning_fabric")
 
+
 from app.errors import ModelError  # noqa: E402
 from app.load import embedded_scene  # noqa: E402
-from app.network.contract import read_contract  # noqa: E402
+from app.network.contract_json import read_contract  # noqa: E402
 from app.network.session import Network  # noqa: E402
 from app.renderer import Renderer  # noqa: E402
 from app.settings import Settings  # noqa: E402
-from export.cli.linearity import linearity  # noqa: E402
 from export.models import make_network  # noqa: E402
-from export.onnx.export import TRAINED, cases, export_checkpoint, half_of, write_network  # noqa: E402
+from export.onnx.cli import linearity  # noqa: E402
+from export.onnx.export import TRAINED_TOLERANCE, export_checkpoint, to_half, write_network  # noqa: E402
 from export.onnx.linearity import additivity, exposure_error  # noqa: E402
-from export.training.checkpoint import load  # noqa: E402
+from export.onnx.sample_inputs import sample_inputs  # noqa: E402
+from export.training.checkpoint import load_checkpoint  # noqa: E402
 from export.training.loop import CHECKPOINT, Run  # noqa: E402
 from tests.training.test_training import config, examples  # noqa: E402
 
@@ -35,7 +37,7 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder with a network after one epoch, its half variant and its card."""
     folder = tmp_path_factory.mktemp("exported")
     Run(config(folder, epochs=1), examples(folder), folder / "run").train()
-    export_checkpoint(load(folder / "run" / CHECKPOINT), folder)
+    export_checkpoint(load_checkpoint(folder / "run" / CHECKPOINT), folder)
     return folder
 
 
@@ -60,34 +62,35 @@ def test_half_is_close_to_single_in_the_renderer(exported: Path) -> None:
     assert np.abs(single - half).max() < 1e-2 * single.max()
 
 
-def test_the_card_says_what_the_checkpoint_knows(exported: Path) -> None:
+def test_the_card_has_the_facts_of_the_checkpoint(exported: Path) -> None:
     card = (exported / "bcnn-8.md").read_text()
     for fact in ("62,691", "8 of 10 pairs", "2, 4, 0", "bcnn-8-half.onnx", "`direct.rgb`"):
         assert fact in card
 
 
-def test_a_network_that_differs_from_torch_is_not_kept(tmp_path: Path) -> None:
+def test_a_network_that_differs_from_torch_is_not_written(tmp_path: Path) -> None:
     network, other = make_network("bcnn-8").eval(), make_network("bcnn-8").eval()
-    inputs = list(cases(network.contract))
+    inputs = list(sample_inputs(network.contract))
     with pytest.raises(ModelError, match="differs from torch"):
-        write_network(network, tmp_path, inputs, {label: TRAINED["float32"] for label, _ in inputs}, other)
+        write_network(network, tmp_path, inputs, {label: TRAINED_TOLERANCE["float32"] for label, _ in inputs}, other)
     assert not list(tmp_path.iterdir())
 
 
-def test_half_holds_its_tolerance_with_fresh_weights_of_other_widths(tmp_path: Path) -> None:
+def test_half_precision_stays_within_its_tolerance_at_other_widths(tmp_path: Path) -> None:
     network = make_network("bcnn-16").eval()
-    inputs = list(cases(network.contract))
-    tolerance = {label: TRAINED["float16"] for label, _ in inputs}
-    assert 0 < write_network(half_of(network), tmp_path, inputs, tolerance, network)[1] < TRAINED["float16"]
+    inputs = list(sample_inputs(network.contract))
+    tolerance = {label: TRAINED_TOLERANCE["float16"] for label, _ in inputs}
+    assert 0 < write_network(to_half(network), tmp_path, inputs, tolerance, network)[1] < TRAINED_TOLERANCE["float16"]
 
 
 def test_linearity_is_measured(exported: Path) -> None:
-    """Of a network that is linear by making, and of one that is not."""
-    model = onnx.load(exported / "bcnn-8.onnx")
-    assert additivity(model.SerializeToString()) > 1e-3
-    assert exposure_error(model.SerializeToString(), 1.0) == 0.0
-    gather = (ROOT / "nets" / "gather.onnx").read_bytes()
-    assert exposure_error(gather, 10.0) < 1e-4
+    """For a network that is linear by construction, and for one that is not."""
+    bcnn, gather = exported / "bcnn-8.onnx", ROOT / "nets" / "gather.onnx"
+    rooms = {path: [x for label, x in sample_inputs(read_contract(path)) if label == "room"][-1]
+             for path in (bcnn, gather)}
+    assert additivity(bcnn.read_bytes(), rooms[bcnn]) > 1e-3
+    assert exposure_error(bcnn.read_bytes(), 1.0, rooms[bcnn]) == 0.0
+    assert exposure_error(gather.read_bytes(), 10.0, rooms[gather]) < 1e-4
 
 
 def test_linearity_is_printed(capsys: pytest.CaptureFixture[str], exported: Path) -> None:
@@ -96,13 +99,13 @@ def test_linearity_is_printed(capsys: pytest.CaptureFixture[str], exported: Path
             for line in capsys.readouterr().out.splitlines() if "e-" in line}
     assert list(rows) == ["gather", "bcnn-8"] and all(len(row) == 3 for row in rows.values())
     assert max(rows["gather"]) < 1e-5
-    assert rows["bcnn-8"][0] > 1e-3 and max(rows["bcnn-8"][1:]) < 1e-5, "not additive, but of any exposure"
-    with pytest.raises(ModelError, match="'ssgi' is no network"):
+    assert rows["bcnn-8"][0] > 1e-3 and max(rows["bcnn-8"][1:]) < 1e-5, "not additive, but invariant to exposure"
+    with pytest.raises(ModelError, match="'ssgi' is not a network"):
         linearity(["ssgi"])
 
 
-def test_models_lists_all_presets() -> None:
-    command = [sys.executable, "-m", "export", "models", "--json"]
+def test_list_prints_all_presets() -> None:
+    command = [sys.executable, "-m", "export", "onnx", "list", "--json"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     rows = {row["preset"]: row["weights"] for row in json.loads(done.stdout)}
     assert rows["bcnn-paper"] == pytest.approx(3.95e6, rel=0.02)

@@ -9,17 +9,24 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from app.environment import harmonics  # noqa: E402
-from app.gl.lights import radiance_scale  # noqa: E402
 from app.load import embedded_scene  # noqa: E402
 from app.network.channels import GLOBALS, PANORAMA, RAYS, SURFELS  # noqa: E402
 from app.network.contract import ModelContract, TensorSpec  # noqa: E402
 from app.network.session import Network  # noqa: E402
+from app.radiance_scale import radiance_scale  # noqa: E402
 from app.renderer import Renderer  # noqa: E402
 from app.scene import Camera, Environment, Instance, PointLight, Scene  # noqa: E402
 from app.settings import Settings  # noqa: E402
-from export.dataset.network_inputs import DEPTH_TOLERANCE, Drawer, Inputs, draw, picked, seen_before  # noqa: E402
+from export.dataset.network_inputs import (  # noqa: E402
+    DEPTH_TOLERANCE,
+    InputRenderer,
+    PairInputs,
+    black_network,
+    was_visible,
+)
+from export.dataset.target import nearest_texels  # noqa: E402
 from export.reference.still import Still  # noqa: E402
-from export.training.augment import mirrored, permuted  # noqa: E402
+from export.training.augment import mirror, permute_colors  # noqa: E402
 from export.training.losses.loss_inputs import warp  # noqa: E402
 from tests.training.pairs import Pair  # noqa: E402
 
@@ -42,27 +49,30 @@ def pair_of(scene: Scene, step: float = 0.0) -> Pair:
     return Pair(Still(scene, before, SIZE), Still(scene, camera, SIZE))
 
 
-def test_training_sees_what_inference_is_fed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """The tensors that onnxruntime gets in the renderer are those that ``draw`` returns."""
-    from export.dataset.network_inputs import _black_network
+def render_inputs(pair: Pair, contract: ModelContract) -> PairInputs:
+    with InputRenderer(contract) as renderer:
+        return renderer.render(pair)
 
+
+def test_training_inputs_are_the_inference_inputs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The tensors that onnxruntime gets in the renderer are those that ``InputRenderer`` returns."""
     fed: list[np.ndarray] = []
     path = tmp_path / "black.onnx"
-    path.write_bytes(_black_network(contract()))
+    path.write_bytes(black_network(contract()))
     pair = pair_of(embedded_scene())
     run = Network.run
 
     def spy(self: Network, tensors: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        found = run(self, tensors)
+        outputs = run(self, tensors)
         fed.append(self._buffers["x"][0].copy())
-        return found
+        return outputs
 
     monkeypatch.setattr(Network, "run", spy)
     with Renderer(pair.current.scene, Settings(SIZE, ("indirect",), taa=False, provider="cpu"), path) as renderer:
         renderer.render(pair.current.camera)
-    drawn = draw(pair, contract())
-    np.testing.assert_array_equal(drawn.current.tensors["x"], fed[1])  # the first one is the dry run
-    assert drawn.current.tensors["x"][:3].mean() > 0.3
+    inputs = render_inputs(pair, contract())
+    np.testing.assert_array_equal(inputs.current.tensors["x"], fed[1])  # the first one is the dry run
+    assert inputs.current.tensors["x"][:3].mean() > 0.3
 
 
 def test_exposure_is_in_the_scenes_own_units() -> None:
@@ -71,105 +81,106 @@ def test_exposure_is_in_the_scenes_own_units() -> None:
                                  for light in scene.lights
                                  for key in ("radiance", "intensity", "irradiance") if hasattr(light, key)))
     assert radiance_scale(bright) != radiance_scale(scene)
-    one, million = (draw(pair_of(s), contract()).current for s in (scene, bright))
+    one, million = (render_inputs(pair_of(s), contract()).current for s in (scene, bright))
     assert million.exposure == pytest.approx(1e6 * one.exposure, rel=1e-2)
     np.testing.assert_allclose(million.tensors["x"][:3].mean(), one.tensors["x"][:3].mean(), rtol=1e-2)
 
 
 def test_motion_brings_the_previous_frames_positions_here() -> None:
-    """Camera-space positions differ by the camera's own step where motion says that it is the same surface."""
+    """Warped by the motion, camera-space positions differ by the step of the camera."""
     step = 0.02
-    drawn = draw(pair_of(embedded_scene(), step), contract())
-    now, before = (torch.from_numpy(f.tensors["x"][6:9])[None] for f in (drawn.current, drawn.previous))
-    moved = warp(before, torch.from_numpy(drawn.motion)[None])[0].numpy()
+    inputs = render_inputs(pair_of(embedded_scene(), step), contract())
+    now, before = (torch.from_numpy(f.tensors["x"][6:9])[None] for f in (inputs.current, inputs.previous))
+    moved = warp(before, torch.from_numpy(inputs.motion)[None])[0].numpy()
     off = moved - now[0].numpy() - np.array([step * 40, 0, 0])[:, None, None]
-    assert np.abs(drawn.motion[0]).max() > 0.3
-    assert drawn.visible.mean() > 0.6
-    depth = drawn.current.tensors["x"][9]
-    relative = np.abs(off).max(axis=0)[drawn.visible] / depth[drawn.visible]
+    assert np.abs(inputs.motion[0]).max() > 0.3
+    assert inputs.visible.mean() > 0.6
+    depth = inputs.current.tensors["x"][9]
+    relative = np.abs(off).max(axis=0)[inputs.visible] / depth[inputs.visible]
     assert np.median(relative) < 1e-3
-    assert np.percentile(relative, 99) < DEPTH_TOLERANCE  # creases are no planes
+    assert np.percentile(relative, 99) < DEPTH_TOLERANCE  # creases are not planar
 
 
-def test_a_surface_behind_another_one_was_not_seen() -> None:
+def test_a_hidden_surface_was_not_visible() -> None:
     previous = np.full((4, 8), 5.0, np.float32)
     previous[:, 4:] = 0.0  # sky
     expected = np.full((4, 8), 5.0, np.float32)
     expected[2] = 9.0      # was behind the wall
     motion = np.zeros((2, 4, 8), np.float32)
     motion[0] = -1.0       # came from one texel further right
-    visible = seen_before(previous, expected, motion)
+    visible = was_visible(previous, expected, motion)
     assert visible[[0, 1, 3], :3].all()
     assert not visible[2].any() and not visible[:, 3:].any()
 
 
 def test_a_moved_light_gives_another_previous_frame_and_no_motion() -> None:
     scene = embedded_scene()
-    lamp = PointLight(tuple(scene.bounds.mean(axis=0)), (1.0, 1.0, 1.0))
+    light = PointLight(tuple(scene.bounds.mean(axis=0)), (1.0, 1.0, 1.0))
     camera = scene.cameras[scene.default_camera].at(0.0)
-    x, y, z = lamp.position
-    moved = scene.with_lights(replace(lamp, position=(x, 0.5 * (scene.bounds[0][1] + y), z)))
-    pair = Pair(Still(moved, camera, SIZE), Still(scene.with_lights(lamp), camera, SIZE))
-    with Drawer(contract()) as drawer:
-        found, again = drawer.draw(pair), drawer.draw(pair)
-    assert np.abs(found.motion).max() == 0.0
-    assert not np.allclose(found.current.tensors["x"][:3], found.previous.tensors["x"][:3], atol=0.05)
-    np.testing.assert_array_equal(found.previous.tensors["x"], again.previous.tensors["x"])
+    x, y, z = light.position
+    moved = scene.with_lights(replace(light, position=(x, 0.5 * (scene.bounds[0][1] + y), z)))
+    pair = Pair(Still(moved, camera, SIZE), Still(scene.with_lights(light), camera, SIZE))
+    with InputRenderer(contract()) as renderer:
+        inputs, again = renderer.render(pair), renderer.render(pair)
+    assert np.abs(inputs.motion).max() == 0.0
+    assert not np.allclose(inputs.current.tensors["x"][:3], inputs.previous.tensors["x"][:3], atol=0.05)
+    np.testing.assert_array_equal(inputs.previous.tensors["x"], again.previous.tensors["x"])
 
 
-def test_inputs_of_a_network_that_keeps_geometry_are_drawn_like_others() -> None:
+def test_inputs_of_a_network_with_a_static_input_are_the_same() -> None:
     pair = pair_of(embedded_scene(), 0.02)
-    expected, found = (draw(pair, c) for c in (contract(), replace(contract(), static_input="x")))
-    np.testing.assert_array_equal(found.current.tensors["x"], expected.current.tensors["x"])
-    np.testing.assert_array_equal(found.previous.tensors["x"], expected.previous.tensors["x"])
+    expected, inputs = (render_inputs(pair, c) for c in (contract(), replace(contract(), static_input="x")))
+    np.testing.assert_array_equal(inputs.current.tensors["x"], expected.current.tensors["x"])
+    np.testing.assert_array_equal(inputs.previous.tensors["x"], expected.previous.tensors["x"])
 
 
-def test_picked_texels_are_the_shaders() -> None:
-    rows, columns = picked((256, 192), (128, 96))
+def test_nearest_texels_are_those_of_the_shader() -> None:
+    rows, columns = nearest_texels((256, 192), (128, 96))
     assert rows.tolist() == list(range(0, 192, 2)) and columns.tolist() == list(range(1, 256, 2))
 
 
 def test_mirroring_the_scene_mirrors_the_inputs() -> None:
-    """At full resolution, where picks have no side; lights without a size, whose shadows have no noise."""
+    """At full resolution, where nearest texels are symmetric, and with hard shadows, which have no noise."""
     scene = embedded_scene()
-    lamp = PointLight(tuple(scene.bounds.mean(axis=0) + np.array([0.1, 0.2, 0.3])), (1.0, 1.0, 1.0))
-    pair = pair_of(scene.with_lights(lamp), 0.02)
-    batches = [as_batch(draw(p, contract(1.0))) for p in (pair, Pair(*map(reflected, (pair.previous, pair.current))))]
-    expected, found = mirrored(batches[0], contract(1.0)), batches[1]
+    light = PointLight(tuple(scene.bounds.mean(axis=0) + np.array([0.1, 0.2, 0.3])), (1.0, 1.0, 1.0))
+    pair = pair_of(scene.with_lights(light), 0.02)
+    reflected_pair = Pair(reflected(pair.previous), reflected(pair.current))
+    batches = [as_batch(render_inputs(p, contract(1.0))) for p in (pair, reflected_pair)]
+    expected, batch = mirror(batches[0], contract(1.0)), batches[1]
     for name in ("current.x", "previous.x", "motion", "visible"):
-        off = (expected[name] - found[name]).abs()
+        off = (expected[name] - batch[name]).abs()
         assert (off > 2e-2 * expected[name].abs().max()).float().mean() < 0.02, name  # edges fall on either side
-    assert not torch.allclose(batches[0]["motion"], found["motion"], atol=0.1)
+    assert not torch.allclose(batches[0]["motion"], batch["motion"], atol=0.1)
 
 
 def test_mirroring_the_scene_mirrors_the_panorama() -> None:
     scene = embedded_scene()
-    lamp = PointLight(tuple(scene.bounds.mean(axis=0) + np.array([0.1, 0.2, 0.3])), (1.0, 1.0, 1.0))
+    light = PointLight(tuple(scene.bounds.mean(axis=0) + np.array([0.1, 0.2, 0.3])), (1.0, 1.0, 1.0))
     camera = replace(scene.cameras[scene.default_camera].at(0.0), eye=(0.3, 0.9, 0.2), target=(0.1, 1.0, -1.0))
-    still = Still(scene.with_lights(lamp), camera, SIZE)
+    still = Still(scene.with_lights(light), camera, SIZE)
     spec = replace(contract(), cube_axes="camera", inputs={
         "x": TensorSpec(("direct.rgb", "normal.view.xyz", "position.view.xyz")),
         "p": TensorSpec(("direct.rgb", "normal.view.xyz", "position.view.xyz"), PANORAMA, 64)})
-    with Drawer(spec) as drawer:
-        here, there = (drawer.still(s).tensors["p"] for s in (still, reflected(still)))
+    with InputRenderer(spec) as renderer:
+        here, there = (renderer.render_frame(s).tensors["p"] for s in (still, reflected(still)))
     zeros = {f"{frame}.{t}": torch.zeros(1, s.components, *s.extent((8, 6)))
              for frame in ("current", "previous") for t, s in spec.inputs.items()}
     batch = {**zeros, "current.p": torch.from_numpy(here.copy())[None], "motion": torch.zeros(1, 2, 8, 6)}
-    expected, found = mirrored(batch, spec)["current.p"][0], torch.from_numpy(there)
-    off = (expected - found).abs()
+    expected = mirror(batch, spec)["current.p"][0]
+    off = (expected - torch.from_numpy(there)).abs()
     assert (off > 2e-2 * expected.abs().max()).float().mean() < 0.02  # edges fall on either side
     assert (here != there).mean() > 0.3
 
 
-def as_batch(inputs: Inputs) -> dict[str, torch.Tensor]:
-    found = {"current.x": inputs.current.tensors["x"], "previous.x": inputs.previous.tensors["x"],
-             "motion": inputs.motion, "visible": inputs.visible[None].astype(np.float32)}
-    batch = {name: torch.from_numpy(np.ascontiguousarray(x))[None] for name, x in found.items()}
+def as_batch(inputs: PairInputs) -> dict[str, torch.Tensor]:
+    arrays = {"current.x": inputs.current.tensors["x"], "previous.x": inputs.previous.tensors["x"],
+              "motion": inputs.motion, "visible": inputs.visible[None].astype(np.float32)}
+    batch = {name: torch.from_numpy(np.ascontiguousarray(x))[None] for name, x in arrays.items()}
     return {**batch, "target": torch.zeros(1, 3, SIZE[1], SIZE[0])}
 
 
 def reflected(still: Still) -> Still:
-    """Everything seen in a mirror at x = 0."""
+    """The still mirrored at x = 0."""
     flip = np.diag([-1.0, 1.0, 1.0, 1.0])
     scene = still.scene
     instances = tuple(Instance(i.name, i.mesh, flip @ i.transform, i.motion) for i in scene.instances)
@@ -182,8 +193,7 @@ def reflected(still: Still) -> Still:
 
 
 
-
-def test_harmonics_are_mirrored_and_take_other_colours() -> None:
+def test_harmonics_are_mirrored_and_their_colours_permuted() -> None:
     rng = np.random.default_rng(0)
     radiance = rng.random((8, 16, 3), np.float32)
     spec = replace(contract(), inputs={"x": TensorSpec(("normal.view.xyz",)),
@@ -196,20 +206,21 @@ def test_harmonics_are_mirrored_and_take_other_colours() -> None:
                 "motion": torch.zeros(1, 2, 8, 6)}
 
     here = batch(radiance)
-    torch.testing.assert_close(mirrored(here, spec)["current.v"], batch(radiance[:, ::-1])["current.v"])
+    torch.testing.assert_close(mirror(here, spec)["current.v"], batch(radiance[:, ::-1])["current.v"])
     order = torch.tensor([[2, 0, 1]])
-    torch.testing.assert_close(permuted(here, spec, order)["current.v"], batch(radiance[..., [2, 0, 1]])["current.v"])
+    expected = batch(radiance[..., [2, 0, 1]])["current.v"]
+    torch.testing.assert_close(permute_colors(here, spec, order)["current.v"], expected)
 
 
-def test_mirroring_leaves_the_order_of_surfels_and_rays() -> None:
+def test_mirroring_keeps_the_order_of_surfels_and_rays() -> None:
     spec = replace(contract(), inputs={"x": TensorSpec(("normal.view.xyz",)),
                                        "s": TensorSpec(("position.view.xyz",), SURFELS, 4),
                                        "r": TensorSpec(("ray.surfel",), RAYS, 4, 9)})
     batch = {f"{frame}.{t}": torch.rand(1, *s.shape((8, 6))) for frame in ("current", "previous")
              for t, s in spec.inputs.items()}
     batch |= {"motion": torch.rand(1, 2, 6, 8), "visible": torch.ones(1, 1, 6, 8), "target": torch.rand(1, 3, 6, 8)}
-    found = mirrored(batch, spec)
-    assert torch.equal(found["current.r"], batch["current.r"])
-    assert torch.equal(found["current.s"][:, 1:], batch["current.s"][:, 1:])
-    assert torch.equal(found["current.s"][:, 0], -batch["current.s"][:, 0])
-    assert torch.equal(found["target"], batch["target"].flip(-1))
+    flipped = mirror(batch, spec)
+    assert torch.equal(flipped["current.r"], batch["current.r"])
+    assert torch.equal(flipped["current.s"][:, 1:], batch["current.s"][:, 1:])
+    assert torch.equal(flipped["current.s"][:, 0], -batch["current.s"][:, 0])
+    assert torch.equal(flipped["target"], batch["target"].flip(-1))

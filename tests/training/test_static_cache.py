@@ -1,4 +1,4 @@
-"""Networks that keep what geometry alone decides: the same light as without, to the bit, for less."""
+"""The static cache of networks: bit-identical output with less work."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ torch = pytest.importorskip("torch")
 onnx = pytest.importorskip("onnx")
 
 from app.errors import ModelError  # noqa: E402
-from app.network.contract import find_model, read_contract  # noqa: E402
+from app.network.contract_json import read_contract  # noqa: E402
+from app.network.selection import find_model  # noqa: E402
 from app.network.session import Network  # noqa: E402
 from export.models import make_network  # noqa: E402
-from export.onnx.export import cases, half_of, stamp, write_network  # noqa: E402
+from export.onnx.export import stamp, to_half, write_network  # noqa: E402
+from export.onnx.sample_inputs import sample_inputs  # noqa: E402
 
 SIZE = (20, 12)
 
@@ -27,9 +29,9 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     torch.manual_seed(0)
     whole = make_network("gfa-8").eval()
     tolerance = {"float32": 1e-4, "float16": 1e-2}
-    return {dtype: write_network(network, folder, cases(whole.contract),
+    return {dtype: write_network(network, folder, sample_inputs(whole.contract),
                                  dict.fromkeys(("room", "random"), tolerance[dtype]), whole)[0]
-            for dtype, network in (("float32", whole), ("float16", half_of(whole)))}
+            for dtype, network in (("float32", whole), ("float16", to_half(whole)))}
 
 
 def frame(seed: int, light: int) -> dict[str, Any]:
@@ -39,38 +41,38 @@ def frame(seed: int, light: int) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float16"])
-def test_kept_geometry_changes_nothing(files: dict[str, Path], dtype: str) -> None:
-    kept = Network(files[dtype], SIZE, provider="cpu")
+def test_cached_geometry_changes_nothing(files: dict[str, Path], dtype: str) -> None:
+    cached = Network(files[dtype], SIZE, provider="cpu")
     for geometry, light in ((0, 0), (0, 1), (0, 2), (1, 2), (0, 3)):
-        fresh = Network(files[dtype], SIZE, provider="cpu")
-        expected = fresh.run(frame(geometry, light))["indirect.rgb"]
-        assert np.array_equal(kept.run(frame(geometry, light))["indirect.rgb"], expected)
-    kept.resize((16, 8))
-    assert kept.run({t: x[:, :8, :16] for t, x in frame(0, 3).items()})["indirect.rgb"].shape == (3, 8, 16)
+        uncached = Network(files[dtype], SIZE, provider="cpu")
+        expected = uncached.run(frame(geometry, light))["indirect.rgb"]
+        assert np.array_equal(cached.run(frame(geometry, light))["indirect.rgb"], expected)
+    cached.resize((16, 8))
+    assert cached.run({t: x[:, :8, :16] for t, x in frame(0, 3).items()})["indirect.rgb"].shape == (3, 8, 16)
 
 
-def test_geometry_is_worked_out_only_when_it_changes(files: dict[str, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_geometry_is_recomputed_only_when_it_changes(files: dict[str, Path], monkeypatch: pytest.MonkeyPatch) -> None:
     network = Network(files["float32"], SIZE, provider="cpu")
-    anew: list[bool] = []
+    recomputed: list[bool] = []
     run = network._session.run
 
     class Spy:
         def run(self, names: list[str], feeds: dict[str, Any]) -> Any:
-            anew.append(bool(feeds["anew"]))
+            recomputed.append(bool(feeds["recompute"]))
             return run(names, feeds)
 
     monkeypatch.setattr(network, "_session", Spy())
     for geometry, light in ((0, 0), (0, 1), (1, 1), (1, 2), (1, 2)):
         network.run(frame(geometry, light))
-    assert anew == [True, False, True, False, False]
+    assert recomputed == [True, False, True, False, False]
 
 
-def test_a_graph_that_keeps_nothing_is_refused(files: dict[str, Path], tmp_path: Path) -> None:
+def test_a_graph_without_a_matching_cache_is_refused(files: dict[str, Path], tmp_path: Path) -> None:
     model = onnx.load(files["float32"])
     broken = onnx.ModelProto()
     broken.CopyFrom(model)
-    before = next(i for i in broken.graph.input if i.name == "kept.0.before")
-    before.type.tensor_type.elem_type = onnx.TensorProto.FLOAT16
+    cached = next(i for i in broken.graph.input if i.name == "static.0.previous")
+    cached.type.tensor_type.elem_type = onnx.TensorProto.FLOAT16
     onnx.save(broken, tmp_path / "half.onnx")
     plain = tmp_path / "plain.onnx"
     gather = find_model("gather")
@@ -83,10 +85,10 @@ def test_a_graph_that_keeps_nothing_is_refused(files: dict[str, Path], tmp_path:
         assert "\n" not in str(error.value)
 
 
-def test_the_contract_says_what_is_kept(files: dict[str, Path]) -> None:
+def test_the_contract_names_the_static_input(files: dict[str, Path]) -> None:
     contract = read_contract(files["float32"])
     assert contract.static_input == "geometry"
-    with pytest.raises(ModelError, match="bad static_input 'light'"):
+    with pytest.raises(ModelError, match="static_input 'light'"):
         replace(contract, static_input="light")
     plain = find_model("gather")
     assert isinstance(plain, Path) and read_contract(plain).static_input is None

@@ -1,4 +1,4 @@
-"""Small scene files for the loader's tests."""
+"""Small scene files for tests of the loader."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def png(pixels: np.ndarray) -> bytes:
 
 
 class Gltf:
-    """A glTF file under construction; arrays become accessors in data URIs."""
+    """Builds a glTF file whose accessors are in data URIs."""
 
     def __init__(self) -> None:
         self.json: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""Rays through scenes of a few triangles, against where they must end and what they must find there."""
+"""Rays through scenes of a few triangles, against the expected hit points and surface properties."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ FRONT, BACK = (0, 0, 3), (0, 0, -3)
 
 
 def cast(scene: Scene, origins: Iterable[Point], targets: Iterable[Point], time: float = 0.0) -> Hits:
-    """Rays from world-space points towards others, in steps of their distance; hit positions in world space."""
+    """Rays from world-space points to others, with their distance as unit of length; hit positions in world space."""
     caster = Caster(scene)
-    caster.place(time)
+    caster.move_to(time)
     start, end = (np.array(list(p), np.float64) - caster.origin for p in (origins, targets))
     hits = caster.cast(start.astype(np.float32), (end - start).astype(np.float32))
     return replace(hits, position=hits.position + caster.origin)
@@ -41,7 +41,7 @@ def texture(texels: list[list[Point]], **options: object) -> Texture:
     return Texture(pixels, **options)  # type: ignore[arg-type]
 
 
-def test_the_nearest_of_two_walls_is_met_and_the_sky_behind_none() -> None:
+def test_the_nearer_of_two_walls_is_hit_and_misses_are_sky() -> None:
     scene = make_scene([wall(), wall(corner=(-1, -1, -2))])
     hits = cast(scene, [FRONT, BACK, FRONT, FRONT], [(0.5, 0.25, 0), (0, 0, 0), (5, 0, 0), (0, 0, 9)])
     np.testing.assert_allclose(hits.distance, [1, 1 / 3, np.inf, np.inf], rtol=1e-6)
@@ -82,7 +82,7 @@ def test_vertex_colours_are_interpolated() -> None:
     np.testing.assert_allclose(hits.albedo[:, 0], 0.5 * np.array([0.25, 0.5, 0.9]), atol=1e-6)
 
 
-def test_rays_pass_where_an_alpha_mask_leaves_nothing() -> None:
+def test_rays_pass_through_cut_out_texels() -> None:
     half = texture([[(1, 1, 1), (1, 1, 1)]])
     half.pixels[:, 0, 3] = 0.25
     masked = replace(GREY, albedo=(0.9,) * 3, alpha_cutoff=0.5, albedo_map=half)
@@ -96,7 +96,7 @@ def test_rays_pass_where_an_alpha_mask_leaves_nothing() -> None:
 
 @pytest.mark.parametrize("mirror", [False, True])
 @pytest.mark.parametrize("moves", [False, True])
-def test_a_single_sided_lamp_shines_to_its_front_only(mirror: bool, moves: bool) -> None:
+def test_a_single_sided_emitter_emits_to_its_front_only(mirror: bool, moves: bool) -> None:
     place = np.diag([-1.0 if mirror else 1.0, 1, 1, 1])
     motion = slide((0.0, 1.0), [(0, 0, 0), (0, 0, 1e-9)]) if moves else None
     for both in (False, True):
@@ -107,22 +107,22 @@ def test_a_single_sided_lamp_shines_to_its_front_only(mirror: bool, moves: bool)
         np.testing.assert_allclose(hits.normal, [(0, 0, 1), (0, 0, -1)], atol=1e-6)
 
 
-def test_emission_takes_its_texture() -> None:
+def test_emission_is_multiplied_by_its_texture() -> None:
     lamp = Material(emission=(4.0,) * 3, emission_map=texture([[(1, 0, 0)], [(0, 0.5, 0)]]))
     hits = cast(make_scene([wall(lamp)]), [FRONT] * 2, [(0, 0.5, 0), (0, -0.5, 0)])
     np.testing.assert_allclose(hits.emission, [(4, 0, 0), (0, 2, 0)])
 
 
-def test_an_emitter_that_is_an_analytic_light_glows_no_second_time() -> None:
+def test_light_proxies_have_no_emission() -> None:
     lamp = Material(albedo=(0.5,) * 3, emission=(9.0,) * 3, is_light_proxy=True)
     scene = make_scene([wall(), wall(lamp, (-1, -1, 1))])
     hits = cast(scene, [FRONT, BACK], [(0, 0, 0)] * 2)
-    assert hits.lamp.tolist() == [True, False]
+    assert hits.is_light_proxy.tolist() == [True, False]
     np.testing.assert_array_equal(hits.albedo[0], 0.5)
     assert not hits.emission.any()
 
 
-def test_a_moving_body_is_met_where_it_is() -> None:
+def test_a_moving_body_is_hit_where_it_is() -> None:
     slab = box((-0.5, -0.5, -0.1), (1, 1, 0.2), replace(GREY, albedo=(0.1, 0.2, 0.3)),
                slide((0.0, 1.0), [(-4, 0, 1), (4, 0, 1)]))
     scene = make_scene([quad((-5, -1, 0), (10, 0, 0), (0, 2, 0)), slab])
@@ -135,7 +135,7 @@ def test_a_moving_body_is_met_where_it_is() -> None:
         np.testing.assert_allclose(hits.normal, [(0, 0, 1)] * 3, atol=1e-6)
 
 
-def test_a_turned_and_scaled_body_has_its_normals_turned() -> None:
+def test_normals_rotate_with_a_rotated_and_scaled_body() -> None:
     quarter = np.array([[0, 0, 2, 0], [0, 2, 0, 0], [-2, 0, 0, 0], [0, 0, 0, 1.0]])  # +z to +x, twice as large
     scene = make_scene([wall(motion=Motion(np.array([0.0, 1.0]), np.stack([np.eye(4), quarter])))])
     hits = cast(scene, [(3, 1.5, 1.5), (-3, 0, 0)], [(0, 1.5, 1.5), (0, 0, 0)], 1.0)
@@ -143,14 +143,14 @@ def test_a_turned_and_scaled_body_has_its_normals_turned() -> None:
     np.testing.assert_allclose(hits.normal, [(1, 0, 0), (-1, 0, 0)], atol=1e-6)
 
 
-def test_a_body_scaled_to_nothing_is_not_there() -> None:
+def test_a_body_scaled_to_nothing_is_never_hit() -> None:
     gone = Motion(np.array([0.0, 1.0]), np.stack([np.diag([0.0, 0, 0, 1]), np.eye(4)]))
     scene = make_scene([wall(), wall(corner=(-1, -1, 1), motion=gone)])
     assert cast(scene, [FRONT], [(0, 0, 0)], 0.0).distance[0] == pytest.approx(1)
     assert cast(scene, [FRONT], [(0, 0, 0)], 1.0).distance[0] == pytest.approx(2 / 3)
 
 
-def test_a_scene_far_away_is_met_as_well() -> None:
+def test_a_scene_far_from_the_origin_is_hit_alike() -> None:
     near = make_scene([wall(), box((-0.4, -0.4, 0.2), (0.8, 0.8, 0.5), motion=slide((0.0, 1.0), [(0, 0, 0)] * 2))])
     offset = (1e6, -2e6, 3e6)
     rng = np.random.default_rng(0)
@@ -162,10 +162,10 @@ def test_a_scene_far_away_is_met_as_well() -> None:
     np.testing.assert_allclose(there.distance, here.distance, rtol=1e-5)
 
 
-def test_broken_triangles_are_left_out() -> None:
-    corners = np.array([[(-1, -1, 0), (1, -1, 0), (0, 1, 0)],        # sound
-                        [(np.nan, -1, 1), (1, -1, 1), (0, 1, 1)],    # nowhere
-                        [(-1, -1, 1), (np.inf, -1, 1), (0, 1, 1)],   # endless
+def test_triangles_with_non_finite_corners_are_dropped() -> None:
+    corners = np.array([[(-1, -1, 0), (1, -1, 0), (0, 1, 0)],        # valid
+                        [(np.nan, -1, 1), (1, -1, 1), (0, 1, 1)],    # not a number
+                        [(-1, -1, 1), (np.inf, -1, 1), (0, 1, 1)],   # infinite
                         [(-1, 0, 1), (0, 0, 1), (1, 0, 1)],          # a line
                         [(0, 0, 2), (0, 0, 2), (0, 0, 2)]], float)   # a point
     hits = cast(make_scene([Part(corners)]), [FRONT] * 2, [(0.05, -0.1, 0), (0, 0, 0)])
@@ -174,7 +174,7 @@ def test_broken_triangles_are_left_out() -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 3e38])
-def test_broken_normals_colours_and_coordinates_leave_numbers(bad: float) -> None:
+def test_broken_normals_colours_and_uvs_give_finite_hits(bad: float) -> None:
     checks = texture([[(1, 1, 1), (0, 0, 0)]], repeat=(False, False))
     scene = make_scene([wall(replace(GREY, albedo_map=checks))])
     rows = np.full((6, 4), bad, np.float32)
@@ -199,18 +199,16 @@ def test_an_empty_scene_and_one_of_a_single_triangle() -> None:
     assert hits.body.tolist() == [0, -1]
 
 
-def test_no_ray_gives_no_hit() -> None:
+def test_no_rays_give_no_hits() -> None:
     none: F32 = np.zeros((0, 3), np.float32)
     assert len(Caster(make_scene([wall()])).cast(none, none).body) == 0
 
 
-def test_distances_stop_where_they_are_told() -> None:
+def test_rays_end_at_t_max() -> None:
     caster = Caster(make_scene([wall()]))
     origins, along = (np.array([v] * 2, np.float32) for v in (FRONT, (0, 0, -1)))
-    hits = caster.cast(origins, along, most=np.array([2.9, 3.1], np.float32))
+    hits = caster.cast(origins, along, t_max=np.array([2.9, 3.1], np.float32))
     assert hits.body.tolist() == [-1, 0]
-
-
 
 
 def test_a_mesh_without_texture_coordinates_shows_no_texture() -> None:
@@ -219,12 +217,12 @@ def test_a_mesh_without_texture_coordinates_shows_no_texture() -> None:
     np.testing.assert_allclose(hits.albedo, [(0.5, 0.6, 0.7)], rtol=1e-6)
 
 
-def test_a_sheared_body_is_met_to_its_corners() -> None:
-    """A turned square whose motion stretches it along x: no column of its matrix is as long as its diagonal."""
-    turned = np.eye(4)
-    turned[:2, :2] = np.array([[1, -1], [1, 1]]) / np.sqrt(2)
+def test_a_sheared_body_is_hit_up_to_its_corners() -> None:
+    """A rotated square that its motion stretches along x: no column of its matrix is as long as its diagonal."""
+    rotation = np.eye(4)
+    rotation[:2, :2] = np.array([[1, -1], [1, 1]]) / np.sqrt(2)
     stretch = Motion(np.array([0.0, 1.0]), np.stack([np.eye(4), np.diag([5.0, 1, 1, 1])]))
     scene = make_scene([wall(motion=stretch)])
-    scene = replace(scene, instances=tuple(replace(i, transform=turned @ i.transform) for i in scene.instances))
+    scene = replace(scene, instances=tuple(replace(i, transform=rotation @ i.transform) for i in scene.instances))
     ends = [(x, 0.0, 0.0) for x in (-7.0, 0.0, 7.0)]
     assert (cast(scene, [(x, 0, 3) for x, _, _ in ends], ends, time=1.0).body == 1).all()

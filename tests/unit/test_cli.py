@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import types
@@ -19,8 +20,8 @@ from app.cli import cli
 from app.cli.options import parse_names
 from app.errors import DeviceError, SettingsError
 from app.graph import BoundPass, Pass, Plan
+from app.io.aov_preview import preview
 from app.io.image import read_exr, read_png
-from app.io.preview import preview
 from app.scene import Camera
 from app.settings import Settings, parse_size
 
@@ -30,7 +31,7 @@ COMPONENTS = {"final": 3, "normal": 3, "depth": 1, "motion": 2}
 
 
 class FakeRenderer:
-    """Says that it runs every pass, and fills images with the frame's number."""
+    """Claims to run every pass, and fills images with the frame's number."""
 
     made: list[FakeRenderer]
 
@@ -84,7 +85,7 @@ def failed(result: object) -> str:
     lines = [line for line in result.stderr.splitlines() if not line.startswith("note:")]
     assert len(lines) == 1
     assert lines[0].startswith("error: ")
-    assert lines[0].count(", ") >= 2
+    assert re.fullmatch(r"error: .+: .+ \(.+\)", lines[0]), lines[0]
     return lines[0]
 
 
@@ -153,7 +154,7 @@ def test_timing_file(invoke, tmp_path: Path) -> None:
     assert (report["size"], report["frames"], report["model"]) == ([4, 2], 2, None)
 
 
-def test_verbose_tells_what_runs(invoke) -> None:
+def test_verbose_lists_what_runs(invoke) -> None:
     text = invoke("--size", "2x2", "-v").stderr
     for said in ("fake GL", "FakeProvider", "gbuffer, direct, taa", "cube_gbuffer: no network asks for it"):
         assert said in text
@@ -168,7 +169,7 @@ def test_verbose_tells_what_runs(invoke) -> None:
     (["--format", "jpg"], "--format"),
     (["--format", "mp4", "--size", "15x12"], "divisible by 2"),
     (["--scale", "2"], "--scale"),
-    (["--scale", "1/8"], "a scale without a network"),
+    (["--scale", "1/8"], "--scale: needs a network"),
     (["--frames", "0"], "--frames"),
     (["--frames", "many"], "--frames"),
     (["--exposure", "nan"], "--exposure"),
@@ -201,17 +202,17 @@ def test_errors_of_several_lines_become_one(invoke, monkeypatch: pytest.MonkeyPa
         raise DeviceError("no EGL\n  at all", "libEGL.so.1", "expected the package libegl1")
 
     monkeypatch.setattr(FakeRenderer, "__init__", broken)
-    assert failed(invoke()) == "error: no EGL at all, libEGL.so.1, expected the package libegl1"
+    assert failed(invoke()) == "error: libEGL.so.1: no EGL at all (expected the package libegl1)"
 
 
 def test_models_lists_contracts() -> None:
     table = CliRunner().invoke(cli, ["models"])
-    found = json.loads(CliRunner().invoke(cli, ["models", "--json"]).stdout)
+    listed = json.loads(CliRunner().invoke(cli, ["models", "--json"]).stdout)
     assert table.exit_code == 0
-    assert all(name in table.stdout for name in found)
-    assert "radiosity" in found
-    assert found["radiosity"]["contract"]["bounces"] == "multi"
-    assert found["ssgi"]["bounces"] == "single"
+    assert all(name in table.stdout for name in listed)
+    assert "radiosity" in listed
+    assert listed["radiosity"]["contract"]["bounces"] == "multi"
+    assert listed["ssgi"]["bounces"] == "single"
 
 
 def test_help_names_every_option() -> None:
@@ -226,7 +227,7 @@ def test_help_names_every_option() -> None:
 def test_parsing() -> None:
     assert parse_size("1024x768") == (1024, 768)
     assert parse_names("png, exr,png", ("exr", "png"), "--format") == ("png", "exr")
-    with pytest.raises(SettingsError, match="expected one of a, b"):
+    with pytest.raises(SettingsError, match="expected one of: a, b"):
         parse_names("z", ("a", "b"), "--aov")
 
 
@@ -249,4 +250,4 @@ def test_the_module_runs_from_anywhere(tmp_path: Path) -> None:
     assert run("--version").stdout.startswith("afterglow ")
     wrong = run("--size", "nonsense")
     assert (wrong.returncode, wrong.stderr) == (
-        2, "error: bad size 'nonsense', --size, expected WIDTHxHEIGHT in pixels, such as 1024x768\n")
+        2, "error: --size: bad size 'nonsense' (expected WIDTHxHEIGHT in pixels, such as 1024x768)\n")

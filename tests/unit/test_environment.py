@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import sph_harm_y
 
-from app.environment import COARSE, ORDER, centres, harmonics, radiance_along, sky_light, spherical_harmonics
+from app.environment import CELLS, ORDER, harmonics, radiance_along, sky_light, spherical_harmonics, texel_directions
 from app.scene import Environment
 
 RIGHT, UP, BACK = np.eye(3)
@@ -40,7 +40,7 @@ def test_rows_run_from_up_to_down_and_between_texels_it_is_linear() -> None:
 
 def test_texel_centres_are_where_they_are_looked_up() -> None:
     radiance = np.random.default_rng(0).random((6, 10, 3), np.float32)
-    found = radiance_along(Environment(radiance), centres(6, 10).reshape(-1, 3))
+    found = radiance_along(Environment(radiance), texel_directions(6, 10).reshape(-1, 3))
     np.testing.assert_allclose(found, radiance.reshape(-1, 3), atol=1e-5)
 
 
@@ -61,7 +61,7 @@ def test_a_small_sun_keeps_its_light(size: tuple[int, int]) -> None:
     radiance = np.full((h, w, 3), 0.01, np.float32)
     row, column = h // 3, (2 * w) // 3
     radiance[row, column] = 1 / ((np.cos(row * np.pi / h) - np.cos((row + 1) * np.pi / h)) * 2 * np.pi / w)
-    towards = centres(h, w)[row, column]
+    towards = texel_directions(h, w)[row, column]
     for rotation in (0.0, 77.0):
         turn = np.radians(rotation)
         facing = np.array([np.cos(turn) * towards[0] + np.sin(turn) * towards[2], towards[1],
@@ -87,7 +87,7 @@ def test_no_light_of_an_open_surface_is_lost(weak: float) -> None:
         radiance = np.zeros((16, 32, 3), np.float32)
         radiance[row, column] = 1.0, 0.5, 0.0
         radiance[15 - row, (column + 16) % 32] = 0.0, 0.0, weak
-        normals = centres(16, 32)[[row, 15 - row], [column, (column + 16) % 32]]
+        normals = texel_directions(16, 32)[[row, 15 - row], [column, (column + 16) % 32]]
         light = sky_light(Environment(radiance), 144)
         expected = np.maximum(normals @ light.cell.T, 0) @ light.cell_power / np.pi
         assert expected[0, 0] > 0 and expected[1, 2] > 0
@@ -95,7 +95,7 @@ def test_no_light_of_an_open_surface_is_lost(weak: float) -> None:
 
 
 def test_cells_are_few() -> None:
-    assert len(sky_light(compass(400), 16).cell) == np.prod(COARSE)
+    assert len(sky_light(compass(400), 16).cell) == np.prod(CELLS)
 
 
 def test_spherical_harmonics_are_scipys() -> None:
@@ -115,7 +115,7 @@ def test_harmonics_of_an_environment_bring_back_smooth_light() -> None:
     """A map made of harmonics has just their coefficients, in whatever space they are asked for."""
     rng = np.random.default_rng(1)
     wanted = np.concatenate([[[9.0] * 3], rng.uniform(-1, 1, (24, 3))])
-    d = centres(64, 128)
+    d = texel_directions(64, 128)
     environment = Environment((spherical_harmonics(d.reshape(-1, 3)) @ wanted).reshape(64, 128, 3).astype(np.float32))
     np.testing.assert_allclose(harmonics(environment, np.eye(3)).reshape(3, 25), wanted.T, atol=0.05)
     turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))

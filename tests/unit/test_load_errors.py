@@ -1,3 +1,5 @@
+"""Errors for files that are not scenes."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -23,7 +25,7 @@ def test_missing_file_folder_and_unknown_kind(tmp_path):
     b"ply\nformat binary_little_endian 1.0\nelement vertex 99999999999\nproperty float x\nend_header\n",
     b"glTF\x02\x00\x00\x00\xff\xff\xff\xff\xff\xff\xff\xffJSON{}",
 ], ids=["empty", "text", "bytes", "random", "braces", "half-obj", "huge-ply", "huge-glb"])
-def test_nonsense_is_one_line(tmp_path, suffix, content):
+def test_corrupt_files_give_a_one_line_error(tmp_path, suffix, content):
     path = tmp_path / f"scene{suffix}"
     path.write_bytes(content)
     with pytest.raises(SceneError) as caught:

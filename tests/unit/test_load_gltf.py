@@ -1,3 +1,5 @@
+"""glTF and GLB files."""
+
 from __future__ import annotations
 
 import json
@@ -47,7 +49,7 @@ def test_colour_metal_and_roughness(tmp_path):
     ({"metallicFactor": 0}, False),
     ({}, False),
 ])
-def test_plain_surfaces_shine_only_when_smooth(tmp_path, pbr, has_specular):
+def test_dielectrics_have_a_specular_lobe_only_when_smooth(tmp_path, pbr, has_specular):
     gltf = Gltf()
     gltf.material(pbrMetallicRoughness=pbr)
     assert load(gltf, tmp_path).materials[0].has_specular is has_specular
@@ -132,7 +134,7 @@ def test_strips_and_fans_keep_their_winding(tmp_path, mode, triangles):
     assert len(scene.meshes[0].triangles) == len(triangles)
 
 
-def test_instancing_places_one_mesh_many_times(tmp_path):
+def test_instancing_shares_one_mesh(tmp_path):
     gltf = Gltf()
     gltf.json["nodes"][0] |= {"translation": [0, 0, 5], "extensions": {"EXT_mesh_gpu_instancing": {"attributes": {
         "TRANSLATION": gltf.array(np.array([[0, 0, 0], [3, 0, 0]], np.float32)),
@@ -150,9 +152,9 @@ def test_one_mesh_under_two_nodes_is_shared(tmp_path):
     assert len(scene.meshes) == 1 and len(scene.instances) == 2
 
 
-def test_cameras_and_lights_take_their_nodes_place(tmp_path):
+def test_cameras_and_lights_have_the_transform_of_their_node(tmp_path):
     gltf = Gltf()
-    turned = [0, np.sqrt(0.5), 0, np.sqrt(0.5)]  # a quarter about y: −z becomes −x
+    rotation = [0, np.sqrt(0.5), 0, np.sqrt(0.5)]  # a quarter about y: −z becomes −x
     gltf.json["cameras"] = [{"type": "perspective", "perspective": {"yfov": 0.5, "znear": 0.1}},
                             {"type": "orthographic", "orthographic": {}}]
     gltf.json["extensions"] = {"KHR_lights_punctual": {"lights": [
@@ -160,8 +162,8 @@ def test_cameras_and_lights_take_their_nodes_place(tmp_path):
         {"type": "spot", "intensity": 2, "spot": {"innerConeAngle": 0.1, "outerConeAngle": 0.2}},
         {"type": "directional", "intensity": 3}]}}
     gltf.json["nodes"] += [
-        {"camera": 0, "name": "eye", "translation": [1, 2, 3], "rotation": turned}, {"camera": 1},
-        *({"translation": [1, 2, 3], "rotation": turned, "extensions": {"KHR_lights_punctual": {"light": i}}}
+        {"camera": 0, "name": "eye", "translation": [1, 2, 3], "rotation": rotation}, {"camera": 1},
+        *({"translation": [1, 2, 3], "rotation": rotation, "extensions": {"KHR_lights_punctual": {"light": i}}}
           for i in range(3))]
     gltf.json["scenes"][0]["nodes"] = list(range(6))
     scene = load(gltf, tmp_path)
@@ -176,12 +178,18 @@ def test_cameras_and_lights_take_their_nodes_place(tmp_path):
     assert any("orthographic" in n for n in scene.notices) and any("range" in n for n in scene.notices)
 
 
-def test_points_and_lines_are_skipped_with_a_notice(tmp_path):
+def test_points_and_lines_are_omitted_with_a_notice(tmp_path):
     gltf = Gltf()
     gltf.json["meshes"][0]["primitives"] += [{"attributes": {"POSITION": 0}, "mode": m} for m in (0, 1, 3)]
     scene = load(gltf, tmp_path)
     assert scene.triangles == 1
     assert any("point clouds" in n for n in scene.notices)
+
+
+def test_a_skinned_mesh_gives_a_notice(tmp_path):
+    gltf = Gltf()
+    gltf.json["nodes"][0]["skin"] = 0
+    assert any("skinned" in n for n in load(gltf, tmp_path).notices)
 
 
 def _cycle(gltf):
@@ -260,3 +268,10 @@ def test_every_truncation_of_a_glb_is_a_scene_error(tmp_path):
         path.write_bytes(glb[:length])
         with pytest.raises(SceneError):
             load_scene(path)
+
+
+def test_a_material_that_the_file_lacks_is_an_error(tmp_path):
+    gltf = Gltf()
+    gltf.json["meshes"][0]["primitives"][0]["material"] = len(gltf.json.get("materials", []))
+    with pytest.raises(SceneError, match="no material 0"):
+        load(gltf, tmp_path)

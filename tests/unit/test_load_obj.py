@@ -1,3 +1,5 @@
+"""OBJ and MTL files."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -31,16 +33,16 @@ def test_colours_keep_their_float_values(tmp_path):
     assert not material.double_sided
 
 
-def test_highlight_from_exponent_and_none_without_colour(tmp_path):
+def test_roughness_comes_from_the_exponent_and_black_has_no_specular_lobe(tmp_path):
     obj = QUAD + "usemtl a\nf 1 2 3 4\n"
-    has_specular, _ = only_material(write_obj(tmp_path, obj, "newmtl a\nKs 0.5 0.5 0.5\nNs 30\n"))
-    assert has_specular.specular == (0.5, 0.5, 0.5)
-    assert has_specular.roughness == pytest.approx(0.5)
+    smooth, _ = only_material(write_obj(tmp_path, obj, "newmtl a\nKs 0.5 0.5 0.5\nNs 30\n"))
+    assert smooth.specular == (0.5, 0.5, 0.5)
+    assert smooth.roughness == pytest.approx(0.5)
     dull, _ = only_material(write_obj(tmp_path, obj, "newmtl a\nKs 0 0 0\nNs 30\n"))
     assert not dull.has_specular
 
 
-def test_d_wins_over_tr(tmp_path):
+def test_d_takes_precedence_over_tr(tmp_path):
     obj = QUAD + "usemtl a\nf 1 2 3 4\n"
     solid, scene = only_material(write_obj(tmp_path, obj, "newmtl a\nTr 1.0\nd 1.0\n"))
     assert solid.alpha_cutoff is None and not any("transparent" in n for n in scene.notices)
@@ -78,7 +80,7 @@ def test_missing_texture_is_a_notice_and_a_corrupt_one_an_error(tmp_path):
 
 
 @pytest.mark.filterwarnings("error")
-def test_emission_beyond_all_bounds_is_held_at_the_brightest(tmp_path):
+def test_emission_is_clamped_to_the_maximum(tmp_path):
     material, scene = only_material(write_obj(tmp_path, QUAD + "usemtl a\nf 1 2 3 4\n", "newmtl a\nKe 1e200 2 -1\n"))
     assert material.emission == (1e30, 2, 0)
     assert np.isfinite(np.float32(scene.lights[0].radiance)).all()
@@ -92,18 +94,18 @@ def test_undefined_material_gets_the_default_and_a_notice(tmp_path):
 def test_objects_and_materials_stay_apart(tmp_path):
     obj = QUAD + "o one\nusemtl a\nf 1 2 3\nusemtl b\nf 1 3 4\no two\nf 1 2 4\n"
     scene = load_scene(write_obj(tmp_path, obj, "newmtl a\nKd 1 0 0\nnewmtl b\nKd 0 1 0\n"))
-    found = {(i.name, scene.materials[scene.meshes[i.mesh].material].name) for i in scene.instances}
-    assert found == {("one", "a"), ("one", "b"), ("two", "b")}
+    pairs = {(i.name, scene.materials[scene.meshes[i.mesh].material].name) for i in scene.instances}
+    assert pairs == {("one", "a"), ("one", "b"), ("two", "b")}
 
 
-def test_without_normals_the_face_normal_is_asked_for(tmp_path):
+def test_missing_normals_are_zero_so_that_face_normals_are_used(tmp_path):
     scene = load_scene(write_obj(tmp_path, QUAD + "f 1 2 3 4\n"))
     assert not scene.meshes[0].normals.any()
 
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("broken", ["nan", "1e400", "-1e200"])
-def test_broken_normals_and_vertices_are_left_out(tmp_path, broken):
+def test_broken_normals_and_vertices_are_dropped(tmp_path, broken):
     obj = QUAD + f"v {broken} 0 0\nvn 0 0 2\nvn 0 0 0\nf 1//1 2//2 3//1\nf 1//1 3//1 5//1\nf 1//1 2//1 2//1\n"
     scene = load_scene(write_obj(tmp_path, obj))
     assert scene.triangles == 1
@@ -113,7 +115,7 @@ def test_broken_normals_and_vertices_are_left_out(tmp_path, broken):
     assert any("2 triangles" in n for n in scene.notices)
 
 
-def test_far_away_geometry_keeps_its_precision(tmp_path):
+def test_geometry_far_from_the_origin_keeps_its_precision(tmp_path):
     rows = np.array([[0, 0, 0], [0.001, 0, 0], [0, 0.002, 0]]) + 1e6
     obj = "".join(f"v {x:.6f} {y:.6f} {z:.6f}\n" for x, y, z in rows) + "f 1 2 3\n"
     scene = load_scene(write_obj(tmp_path, obj))
@@ -121,12 +123,12 @@ def test_far_away_geometry_keeps_its_precision(tmp_path):
     np.testing.assert_allclose(np.ptp(world(scene, scene.instances[0]), axis=(0, 1)), [0.001, 0.002, 0], atol=1e-8)
 
 
-def test_polygons_are_cut_into_triangles(tmp_path):
+def test_polygons_are_triangulated(tmp_path):
     hexagon = "".join(f"v {np.cos(a):.6f} {np.sin(a):.6f} 0\n" for a in np.arange(6) * np.pi / 3)
     scene = load_scene(write_obj(tmp_path, hexagon + "f 1 2 3 4 5 6\nf 1 2 3\n"))
     assert scene.triangles == 5
 
 
-def test_lines_are_left_out_with_a_notice(tmp_path):
+def test_lines_are_omitted_with_a_notice(tmp_path):
     scene = load_scene(write_obj(tmp_path, QUAD + "f 1 2 3\nl 1 2\n"))
     assert any("lines" in n for n in scene.notices)

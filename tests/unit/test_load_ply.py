@@ -1,3 +1,5 @@
+"""PLY files."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -17,7 +19,7 @@ def write(folder, vertices, faces, more=""):
     return path
 
 
-def test_without_normals_vertices_get_area_weighted_ones(tmp_path):
+def test_missing_normals_are_area_weighted_means(tmp_path):
     roof = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 3)]
     scene = load_scene(write(tmp_path, roof, [(0, 1, 2), (0, 3, 1)]))
     np.testing.assert_allclose(scene.meshes[0].normals[0], np.array([0, 3, 1]) / np.sqrt(10), atol=1e-6)

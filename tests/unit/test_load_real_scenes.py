@@ -1,4 +1,4 @@
-"""The real scenes and the glTF hard cases, against their index and their READMEs."""
+"""The real scenes and the glTF edge cases, against their index and their READMEs."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ def test_points_and_lines_among_triangles(scenes):
     assert len(scene.instances) == 9
 
 
-def test_rooms_and_objects_are_told_apart(scenes):
+def test_rooms_and_objects_are_distinguished(scenes):
     for file, inside in [("sponza/sponza.glb", True), ("sibenik/sibenik.obj", True), ("stanford/bunny.ply", False),
                          ("country-kitchen/country-kitchen.glb", True), ("gltf-cases/BoxInterleaved.glb", False)]:
         scene = load_scene(scenes / file)

@@ -1,4 +1,4 @@
-"""Textures as scattered rays see them."""
+"""Prefiltered textures, against means and single texels."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.io.image import srgb_decode
-from app.raycast.prefiltered_textures import SIDE, Prefiltered, texels
+from app.raycast.prefiltered_textures import MAX_SIDE, PrefilteredTextures, sample_nearest
 from app.scene import Texture
 
 F32 = np.float32
@@ -21,71 +21,71 @@ def everywhere(steps: int) -> np.ndarray:
     return np.stack(np.meshgrid(at, at), -1).reshape(-1, 2)
 
 
-def test_the_mean_colour_stays() -> None:
+def test_prefiltering_keeps_the_mean_colour() -> None:
     pixels = image(512, 256)
-    found = Prefiltered().color(Texture(pixels), everywhere(SIDE * 4))
-    np.testing.assert_allclose(found.mean(axis=0), pixels[..., :3].mean(axis=(0, 1)), rtol=1e-4)
-    assert found.std() < pixels[..., :3].std() / 4  # 32 texels in one
+    color = PrefilteredTextures().sample(Texture(pixels), everywhere(MAX_SIDE * 4))
+    np.testing.assert_allclose(color.mean(axis=0), pixels[..., :3].mean(axis=(0, 1)), rtol=1e-4)
+    assert color.std() < pixels[..., :3].std() / 4  # 32 texels in one
 
 
 @pytest.mark.parametrize("size", [(100, 70), (65, 3), (1, 200)])
 def test_blocks_of_any_size_are_means(size: tuple[int, int]) -> None:
-    """A block is of whole texels, so its edges are off by less than one."""
+    """Blocks consist of whole texels, so their edges are off by less than one texel."""
     width, height = size
     ramp = np.broadcast_to(((np.arange(width) + 0.5) / width)[None, :, None], (height, width, 4)).astype(F32)
     uv = everywhere(200)
-    found = Prefiltered().color(Texture(ramp), uv)[:, 0]
-    assert np.abs(found - uv[:, 0]).max() <= 1 / width + 0.5 / min(SIDE, width)
+    color = PrefilteredTextures().sample(Texture(ramp), uv)[:, 0]
+    assert np.abs(color - uv[:, 0]).max() <= 1 / width + 0.5 / min(MAX_SIDE, width)
 
 
-def test_eight_bits_are_averaged_as_light() -> None:
+def test_8_bit_texels_are_averaged_in_linear_space() -> None:
     pixels = np.zeros((128, 128, 4), np.uint8)
     pixels[::2, :, :3] = 255
     pixels[1::2, :, :3] = 64
-    found = Prefiltered().color(Texture(pixels), np.array([[0.3, 0.6]]))
-    np.testing.assert_allclose(found, (1 + srgb_decode(np.array(64 / 255, F32))) / 2, rtol=1e-4)
+    color = PrefilteredTextures().sample(Texture(pixels), np.array([[0.3, 0.6]]))
+    np.testing.assert_allclose(color, (1 + srgb_decode(np.array(64 / 255, F32))) / 2, rtol=1e-4)
 
 
 def test_v_grows_upwards_and_u_to_the_right() -> None:
     pixels = np.zeros((2, 2, 4), F32)
     pixels[..., 0] = [[1, 2], [3, 4]]  # top row first
     corners = np.array([[0.1, 0.9], [0.9, 0.9], [0.1, 0.1], [0.9, 0.1]])
-    assert Prefiltered().color(Texture(pixels), corners)[:, 0].tolist() == [1, 2, 3, 4]
-    assert texels(Texture(pixels), corners)[:, 0].tolist() == [1, 2, 3, 4]
+    assert PrefilteredTextures().sample(Texture(pixels), corners)[:, 0].tolist() == [1, 2, 3, 4]
+    assert sample_nearest(Texture(pixels), corners)[:, 0].tolist() == [1, 2, 3, 4]
 
 
-def test_coordinates_repeat_or_stop_at_the_edge() -> None:
+def test_uvs_repeat_or_clamp_to_the_edge() -> None:
     pixels = np.zeros((2, 2, 4), F32)
     pixels[..., 0] = [[1, 2], [3, 4]]
     uv = np.array([[1.1, 0.1], [-0.1, 0.1], [0.1, 1.1], [0.1, -0.1], [7.9, -3.9]])
     for repeat, values in (((True, True), [3, 4, 3, 1, 4]), ((False, False), [4, 3, 1, 3, 4]),
                            ((True, False), [3, 4, 1, 3, 4])):
-        assert texels(Texture(pixels, repeat=repeat), uv)[:, 0].tolist() == values
+        assert sample_nearest(Texture(pixels, repeat=repeat), uv)[:, 0].tolist() == values
 
 
-def test_the_transform_leads_from_mesh_to_texture() -> None:
+def test_the_transform_maps_mesh_uv_to_texture_uv() -> None:
     pixels = np.zeros((1, 4, 4), F32)
     pixels[..., 0] = [[1, 2, 3, 4]]
     transform = np.array([[0.5, 0, 0.5], [0, 1, 0], [0, 0, 1]])
-    assert texels(Texture(pixels, transform), np.array([[0.1, 0.5], [0.9, 0.5]]))[:, 0].tolist() == [3, 4]
+    assert sample_nearest(Texture(pixels, transform), np.array([[0.1, 0.5], [0.9, 0.5]]))[:, 0].tolist() == [3, 4]
 
 
 def test_alpha_stays_sharp() -> None:
     pixels = np.zeros((128, 128, 4), np.uint8)
     pixels[:, ::2, 3] = 255
     uv = np.stack([(np.arange(128) + 0.5) / 128, np.full(128, 0.5)], 1)
-    assert texels(Texture(pixels), uv)[:, 3].tolist() == [1.0, 0.0] * 64
+    assert sample_nearest(Texture(pixels), uv)[:, 3].tolist() == [1.0, 0.0] * 64
 
 
-def test_broken_texels_leave_numbers() -> None:
+def test_broken_texels_give_finite_colours() -> None:
     pixels = np.ones((4, 4, 4), F32)
     pixels[0, :, 0] = [np.nan, np.inf, -np.inf, -5]
-    found = Prefiltered().color(Texture(pixels), everywhere(8))
-    assert np.isfinite(found).all() and (found >= 0).all()
+    color = PrefilteredTextures().sample(Texture(pixels), everywhere(8))
+    assert np.isfinite(color).all() and (color >= 0).all()
 
 
-def test_what_a_mask_hides_colours_nothing() -> None:
+def test_cut_out_texels_do_not_bleed_into_the_mean() -> None:
     pixels = np.zeros((128, 128, 4), np.float32)
     pixels[::2, ::2] = (0.2, 0.6, 0.1, 1.0)
-    found = Prefiltered().color(Texture(pixels), np.array([[0.3, 0.7]], np.float32), masked=True)
-    np.testing.assert_allclose(found, [[0.2, 0.6, 0.1]], rtol=1e-4)
+    color = PrefilteredTextures().sample(Texture(pixels), np.array([[0.3, 0.7]], np.float32), alpha_tested=True)
+    np.testing.assert_allclose(color, [[0.2, 0.6, 0.1]], rtol=1e-4)

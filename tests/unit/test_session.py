@@ -9,13 +9,17 @@ import pytest
 
 from app.errors import DeviceError, ModelError, SettingsError
 from app.network.channels import HALF_MAX
-from app.network.contract import ModelContract, TensorSpec, bundled_models, find_model, read_contract
-from app.network.session import Network, feed, providers
+from app.network.contract import ModelContract, TensorSpec
+from app.network.contract_json import contract_to_json, read_contract
+from app.network.inputs import prepare_inputs
+from app.network.providers import list_providers
+from app.network.selection import bundled_models, find_model
+from app.network.session import Network
 from tests.rooms import Arrays, Lamp, View, box, tensors
 from tests.tiny_network import TINY, write_tiny_network
 
 SIZE = (9, 7)
-POISON = (np.nan, np.inf, -np.inf, -100.0, 1e30)
+INVALID = (np.nan, np.inf, -np.inf, -100.0, 1e30)
 
 
 @pytest.fixture
@@ -70,7 +74,7 @@ def test_the_input_is_left_untouched(bundled: Network) -> None:
 
 
 def mean_of(network: Network, x: np.ndarray) -> float:
-    return feed(network.contract, {"x": x}, {"x": np.empty_like(x)})
+    return prepare_inputs(network.contract, {"x": x}, {"x": np.empty_like(x)})
 
 
 def test_the_sky_does_not_count_in_the_exposure(tiny: Network) -> None:
@@ -113,7 +117,7 @@ def test_light_on_few_texels_still_counts(tmp_path: Path) -> None:
     assert mean_of(network, x) >= 0.1 * 2.0 * 31 / (64 * 48)
 
 
-def test_the_one_lit_place_of_a_panorama_counts_as_a_whole() -> None:
+def test_light_on_panoramas_is_not_clamped() -> None:
     """Four of 2048 texels; on the screen or a cube they would count for a sixteenth."""
     contract = ModelContract(
         name="x", inputs={"screen": TensorSpec(("position.view.xyz",)),
@@ -124,7 +128,7 @@ def test_the_one_lit_place_of_a_panorama_counts_as_a_whole() -> None:
     given["around"][1:] = 0.0
     given["around"][1:, 7, 3:7] = 8.0
     out = {t: np.empty_like(x) for t, x in given.items()}
-    assert feed(contract, given, out) == pytest.approx(8.0 * 4 / 2048)
+    assert prepare_inputs(contract, given, out) == pytest.approx(8.0 * 4 / 2048)
     np.testing.assert_allclose(out["around"][1:, 7, 3:7], 2048 / 4)
 
 
@@ -138,16 +142,16 @@ def test_a_firefly_has_bounded_influence(bundled: Network) -> None:
     assert (wild >= 0.9 * calm).all()
 
 
-@pytest.mark.parametrize("value", POISON)
+@pytest.mark.parametrize("value", INVALID)
 @pytest.mark.parametrize("some", [True, False])
-def test_poison_comes_out_as_numbers(bundled: Network, tiny: Network, value: float, some: bool) -> None:
+def test_non_finite_inputs_give_finite_outputs(bundled: Network, tiny: Network, value: float, some: bool) -> None:
     rng = np.random.default_rng(0)
     for network, clean in ((bundled, room(bundled)), (tiny, lit())):
         x = {t: np.where(rng.random(v.shape) < (0.1 if some else 2), np.float32(value), v) for t, v in clean.items()}
         out = network.run(x)["indirect.rgb"]
         assert np.isfinite(out).all()
         assert out.min() >= 0 and out.max() <= HALF_MAX
-        # The next frame has forgotten it.
+        # The next frame is not affected.
         assert np.isfinite(network.run(clean)["indirect.rgb"]).all()
 
 
@@ -165,10 +169,10 @@ def test_wrong_channel_counts_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("said", "instead", "message"), [
     ('"x"', '"picture"', r"inputs are \['picture'\].*expected the graph's inputs \['x'\]"),
     ("float32", "float16", r"expected tensor\(float16\)"),
-    ("direct.rgb", "magic.rgb", r"unknown channel 'magic.rgb'.*other\.onnx"),
+    ("direct.rgb", "magic.rgb", r"other\.onnx: unknown channel 'magic.rgb'"),
 ], ids=["tensor name", "dtype", "channel"])
 def test_a_contract_that_says_something_else_is_refused(tmp_path: Path, said: str, instead: str, message: str) -> None:
-    path = write_tiny_network(tmp_path / "other.onnx", TINY.to_json().replace(said, instead))
+    path = write_tiny_network(tmp_path / "other.onnx", contract_to_json(TINY).replace(said, instead))
     with pytest.raises(ModelError, match=message):
         Network(path, SIZE)
 
@@ -183,27 +187,27 @@ def test_a_graph_that_onnxruntime_does_not_know_is_refused(tmp_path: Path) -> No
 
 def test_a_shape_that_goes_wrong_later_is_refused(tmp_path: Path) -> None:
     network = Network(write_tiny_network(tmp_path / "late.onnx", output_width="first"), SIZE)
-    with pytest.raises(ModelError, match=r"output 'y' came back as \[1, 3, 8, 11\].*expected \[1, 3, 8, 12\]"):
+    with pytest.raises(ModelError, match=r"output 'y' has the shape \[1, 3, 8, 11\] \(expected \[1, 3, 8, 12\]\)"):
         network.run(lit())
 
 
 def test_the_provider_that_runs_is_named(tiny: Network) -> None:
-    assert tiny.provider in providers()
-    assert "azure" not in providers()
+    assert tiny.provider in list_providers()
+    assert "azure" not in list_providers()
 
 
 def test_an_unknown_provider_lists_the_known_ones(tmp_path: Path) -> None:
     path = write_tiny_network(tmp_path / "tiny.onnx")
-    with pytest.raises(SettingsError, match=r"unknown provider 'abacus'.*expected one of auto, .*cpu"):
+    with pytest.raises(SettingsError, match=r"no provider 'abacus' .*expected one of: auto, .*cpu"):
         Network(path, SIZE, provider="abacus")
 
 
 def test_strict_refuses_a_fallback(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_tiny_network(tmp_path / "tiny.onnx")
     Network(path, SIZE, provider="cpu", strict=True)
-    if "cuda" in providers():
+    if "cuda" in list_providers():
         pytest.skip("this onnxruntime has CUDA, so nothing falls back")
-    monkeypatch.setattr("app.network.session.providers", lambda: ["cuda", "cpu"])
+    monkeypatch.setattr("app.network.providers.list_providers", lambda: ["cuda", "cpu"])
     with pytest.raises(DeviceError, match=r"runs on 'cpu'.*expected 'cuda'"):
         Network(path, SIZE, provider="cuda", strict=True)
 

@@ -76,7 +76,7 @@ def test_an_interrupted_set_up_starts_again(machine: Machine) -> None:
     machine.with_environment('[[ "$*" != *"pip install"* ]]')
     code, text, _ = machine.set_up()
     assert code == 2
-    assert text.splitlines()[-1].startswith("error: pip could not install")
+    assert text.splitlines()[-1].startswith("error: pip: could not install")
     machine.with_environment()
     assert installs(machine.set_up()[2]) == 1
 
@@ -86,8 +86,8 @@ def test_missing_packages_are_named(machine: Machine) -> None:
     machine.with_environment()
     code, text, calls = machine.set_up()
     assert code == 2
-    assert text == ("error: missing system packages libegl1 libgl1-mesa-dri, this machine, expected them installed "
-                    "(Debian: sudo apt-get install libegl1 libgl1-mesa-dri)\n")
+    assert text == ("error: system packages: missing libegl1 libgl1-mesa-dri "
+                    "(expected them installed; on Debian: sudo apt-get install libegl1 libgl1-mesa-dri)\n")
     assert calls == []
 
 
@@ -118,7 +118,7 @@ def test_a_python_without_venv_is_named(machine: Machine) -> None:
     machine.stand_in(machine.bin / "python3", '[[ "$*" != *ensurepip* ]]')
     code, text, _ = machine.set_up()
     assert code == 2
-    assert "missing system packages python3-venv" in text
+    assert "system packages: missing python3-venv" in text
 
 
 def test_an_old_python_is_named(machine: Machine) -> None:
@@ -126,7 +126,7 @@ def test_an_old_python_is_named(machine: Machine) -> None:
         machine.stand_in(machine.bin / name, '[[ "$*" == --version ]] && echo Python 3.9.2')
     code, text, _ = machine.set_up()
     assert code == 2
-    assert text == "error: Python too old, Python 3.9.2, expected Python 3.11 or newer\n"
+    assert text == "error: Python 3.9.2: too old (expected Python 3.11 or newer)\n"
 
 
 def test_constraints_name_no_host() -> None:

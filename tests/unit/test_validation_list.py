@@ -1,4 +1,4 @@
-"""The validation list: enough views, none of them trainable, the same scenes as when it was made."""
+"""The validation list: enough views, none of them in a dataset, of the scenes that it was made with."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ if importlib.util.find_spec("mitsuba") is None:
 from app.errors import SceneError
 from app.load import load_scene
 from export.dataset.held_out import read_list
-from export.dataset.key import scene_key
 from export.dataset.plan import TRAINING
+from export.dataset.scene_key import scene_key
 from export.validation.views import VALIDATION, generated, views
 
 
@@ -38,13 +38,13 @@ def test_generated_scenes_are_those_of_the_list() -> None:
 
 
 def test_views_share_a_scene_for_each_lighting(scenes: Path) -> None:
-    found = views(scenes)
-    assert [view.name for view in found] == [view["name"] for view in read_list()["views"]]
-    cornell = [view for view in found if view.scene == "cornell-box"]
+    listed = views(scenes)
+    assert [view.name for view in listed] == [view["name"] for view in read_list()["views"]]
+    cornell = [view for view in listed if view.scene == "cornell-box"]
     assert len({id(view.still.scene) for view in cornell}) == len({view.still.scene.lighting for view in cornell}) == 2
     box = load_scene(scenes / "cornell-box" / "CornellBox-Original.obj")
     assert all(np.array_equal(view.still.scene.bounds, box.bounds) for view in cornell)
-    assert all(view.still.size == (256, 192) for view in found)
+    assert all(view.still.size == (256, 192) for view in listed)
 
 
 def test_a_missing_scene_file_is_one_error(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Videos: what was drawn is what is played, and a file appears whole or not at all."""
+"""Videos: decoded frames agree with the encoded ones, and files appear whole or not at all."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from app.errors import AfterglowError, OutputError, SettingsError
-from app.io.video import CODECS, RATE, check_video, video
+from app.io.video import CODECS, RATE, check_video, open_video
 
 SIZE = (64, 48)
 FRAMES = 12
@@ -24,7 +24,7 @@ def picture(index: int) -> np.ndarray:
     return frame
 
 
-def played(path: Path) -> tuple[np.ndarray, float]:
+def decode(path: Path) -> tuple[np.ndarray, float]:
     """All frames, [N, H, W, 3], and their rate."""
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
@@ -34,13 +34,13 @@ def played(path: Path) -> tuple[np.ndarray, float]:
 
 
 @pytest.mark.parametrize("kind", CODECS)
-def test_it_plays_what_was_drawn(kind: str, tmp_path: Path) -> None:
+def test_decoded_frames_agree_with_the_encoded_ones(kind: str, tmp_path: Path) -> None:
     path = tmp_path / f"video.{kind}"
-    with video(path, SIZE) as write:
+    with open_video(path, SIZE) as write:
         for index in range(FRAMES):
             write(picture(index))
         assert not path.exists()
-    frames, rate = played(path)
+    frames, rate = decode(path)
     assert frames.shape == (FRAMES, SIZE[1], SIZE[0], 3)
     assert rate == pytest.approx(RATE, rel=0.12)  # GIF counts hundredths of a second
     for index, frame in enumerate(frames):
@@ -54,7 +54,7 @@ def test_the_same_frames_give_the_same_bytes(kind: str, tmp_path: Path) -> None:
     files = [tmp_path / name / f"video.{kind}" for name in "ab"]
     for file in files:
         file.parent.mkdir()
-        with video(file, SIZE) as write:
+        with open_video(file, SIZE) as write:
             for index in range(FRAMES):
                 write(picture(index))
     assert files[0].read_bytes() == files[1].read_bytes()
@@ -62,35 +62,36 @@ def test_the_same_frames_give_the_same_bytes(kind: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", CODECS)
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
-def test_a_broken_off_video_leaves_nothing(kind: str, error: type[BaseException], tmp_path: Path) -> None:
+def test_an_interrupted_video_leaves_nothing(kind: str, error: type[BaseException], tmp_path: Path) -> None:
     path = tmp_path / f"video.{kind}"
     path.write_text("before")
-    with pytest.raises(error), video(path, SIZE) as write:
+    with pytest.raises(error), open_video(path, SIZE) as write:
         write(picture(0))
         raise error
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
     assert path.read_text() == "before"
 
 
-def test_a_place_that_takes_no_file_is_a_user_error(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="can't write"), video(tmp_path / "none" / "video.mp4", SIZE) as write:
+def test_a_missing_folder_is_a_user_error(tmp_path: Path) -> None:
+    path = tmp_path / "none" / "video.mp4"
+    with pytest.raises(OutputError, match=r"video\.mp4: can't write"), open_video(path, SIZE) as write:
         write(picture(0))
 
 
 def test_odd_sides_are_refused_before_anything_is_drawn() -> None:
-    with pytest.raises(SettingsError, match="mp4 can't be 63x48"):
+    with pytest.raises(SettingsError, match="--size: mp4 does not support 63x48"):
         check_video(["mp4"], (63, 48))
     check_video(["webm", "gif"], (63, 47))
 
 
-def test_odd_sides_play_in_the_others(tmp_path: Path) -> None:
+def test_other_formats_support_odd_sides(tmp_path: Path) -> None:
     for kind in ("webm", "gif"):
-        with video(tmp_path / f"video.{kind}", (63, 47)) as write:
+        with open_video(tmp_path / f"video.{kind}", (63, 47)) as write:
             write(picture(0)[:47, :63])
-        assert played(tmp_path / f"video.{kind}")[0].shape == (1, 47, 63, 3)
+        assert decode(tmp_path / f"video.{kind}")[0].shape == (1, 47, 63, 3)
 
 
-def test_a_missing_encoder_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     import sys
 
     monkeypatch.setitem(sys.modules, "av", None)
@@ -98,7 +99,7 @@ def test_a_missing_encoder_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         check_video(["mp4"], SIZE)
 
 
-def test_a_codec_that_pyav_lacks_is_named_before_anything_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_encoder_is_named_before_anything_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(CODECS, "mp4", replace(CODECS["mp4"], name="libnone"))
-    with pytest.raises(AfterglowError, match="no encoder libnone for mp4, --format, expected"):
+    with pytest.raises(AfterglowError, match=r"--format: .*no encoder libnone for mp4 \(expected"):
         check_video(["mp4"], SIZE)

@@ -1,4 +1,4 @@
-"""Where surfels lie, what their rays meet, and when they are made anew."""
+"""Where surfels lie, what their rays meet, and when they are placed again."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from app.math3d import View
-from app.raycast.caster import STATIC, Caster
+from app.raycast.caster import STATIC, AttachedPoints, Caster
 from app.scene import Camera, Material, Motion, Scene
-from app.surfels.attached_points import AttachedPoints
-from app.surfels.farthest_points import farthest, neighbour_distance
-from app.surfels.random_walks import hemisphere, walk
-from app.surfels.ray_bundle import cosine_rays
+from app.surfels.farthest_points import neighbour_distance, sample_farthest
+from app.surfels.random_walks import sample_cosine_hemisphere, trace_walks
+from app.surfels.ray_bundle import trace_cosine_rays
 from app.surfels.tracked import TrackedSurfels
 from app.surfels.world import MAX_LIGHT_SAMPLES, WorldSurfels
 from tests.gl.closed_forms import polygon_irradiance
@@ -45,13 +44,13 @@ def arrays(world: WorldSurfels) -> dict[str, np.ndarray]:
     return {n: v for n, v in vars(world).items() if isinstance(v, np.ndarray)}
 
 
-def test_lamps_are_met_by_their_own_surfels_alone_and_take_no_direct_light() -> None:
+def test_light_proxies_have_surfels_of_their_own_and_no_light_samples() -> None:
     lamp = Material(albedo=(0.7,) * 3, emission=(1.0,) * 3, is_light_proxy=True)
-    low = 2.999  # nearer to the ceiling than surfels are to each other
+    low = 2.999  # closer to the ceiling than surfels are to each other
     world = made(make_scene([ROOM, quad((1, low, 1), (2, 0, 0), (0, 0, 2), lamp)]))
     on_lamp = np.isclose(world.position[:, 1] + world.origin[1], low, atol=2e-4)
     assert on_lamp.sum() >= 2 and not on_lamp[world.light_sample_surfel].any()
-    met = np.isclose(world.albedo[..., 0], 0.7)  # all else is of 0.5
+    met = np.isclose(world.albedo[..., 0], 0.7)  # everything else has albedo 0.5
     assert met.any()
     np.testing.assert_array_equal(on_lamp[world.index[met].astype(int)], True)
     np.testing.assert_array_equal(on_lamp[world.index[~met & (world.index >= 0)].astype(int)], False)
@@ -60,7 +59,7 @@ def test_lamps_are_met_by_their_own_surfels_alone_and_take_no_direct_light() -> 
 def test_walks_stay_on_surfaces_that_light_can_reach() -> None:
     scene = furnished()
     caster = Caster(scene)
-    hits = walk(caster, view(), 4000, np.random.default_rng(0))
+    hits = trace_walks(caster, view(), 4000, np.random.default_rng(0))
     assert 2000 < len(hits.body) <= 4000
     at = hits.position.astype(np.float64) + caster.origin
     on_wall = np.isclose(at, (0, 0, 0), atol=1e-4) | np.isclose(at, (4, 3, 4), atol=1e-4)
@@ -73,25 +72,25 @@ def test_walks_stay_on_surfaces_that_light_can_reach() -> None:
 
 
 def test_walks_spread_evenly_over_a_closed_room() -> None:
-    """Diffuse walks visit each wall as often as its share of the area, but for the picture, where half begin."""
+    """Diffuse walks visit each wall in proportion to its area, except for the half that starts through the picture."""
     scene = make_scene([ROOM])
     caster = Caster(scene)
-    hits = walk(caster, view((2, 1.5, 2), (2, 1.5, 0)), 40000, np.random.default_rng(0))
+    hits = trace_walks(caster, view((2, 1.5, 2), (2, 1.5, 0)), 40000, np.random.default_rng(0))
     share = [np.abs(hits.normal[:, axis]).mean() for axis in range(3)]
     np.testing.assert_allclose(share, np.array([12, 16, 12]) / 40, atol=0.05)
 
 
-def test_every_moving_body_gets_walks_of_its_own() -> None:
+def test_every_moving_body_gets_hits_of_its_own() -> None:
     scene = make_scene([floor(3.0), box((50, 50, 50), (0.1, 0.1, 0.1), motion=slide((0.0, 1.0), [(0, 0, 0)] * 2))])
-    hits = walk(Caster(scene), view((0, 2, 2), (0, 0, 0)), 1600, np.random.default_rng(0))
+    hits = trace_walks(Caster(scene), view((0, 2, 2), (0, 0, 0)), 1600, np.random.default_rng(0))
     assert (hits.body == 1).sum() > 50
 
 
-def test_the_farthest_points_are_far_apart() -> None:
+def test_farthest_points_are_far_apart() -> None:
     line = np.stack([np.arange(101), np.zeros(101), np.zeros(101)], 1).astype(np.float32)
-    assert farthest(line, 4).tolist() in ([0, 100, 50, 25], [0, 100, 50, 75])
+    assert sample_farthest(line, 4).tolist() in ([0, 100, 50, 25], [0, 100, 50, 75])
     points = np.random.default_rng(0).random((2000, 3)).astype(np.float32)
-    chosen = farthest(points, 100)
+    chosen = sample_farthest(points, 100)
     assert len(set(chosen)) == 100
     nearest = neighbour_distance(points[chosen], 1)
     to_chosen = np.linalg.norm(points[:, None] - points[chosen], axis=-1).min(axis=1)
@@ -104,24 +103,24 @@ def test_points_that_nearly_coincide_are_chosen_once_each(size: float) -> None:
     rng = np.random.default_rng(0)
     points = np.repeat(size * rng.random((5, 3)), 20, axis=0) + 1e-7 * size * rng.random((100, 3))
     points = points.astype(np.float32)
-    assert sorted(farthest(points, 100)) == list(range(100))
-    assert len(farthest(points, 200)) == 100
-    assert len(farthest(points[:0], 4)) == 0
+    assert sorted(sample_farthest(points, 100)) == list(range(100))
+    assert len(sample_farthest(points, 200)) == 100
+    assert len(sample_farthest(points[:0], 4)) == 0
 
 
-def test_the_distance_to_neighbours_is_the_true_one() -> None:
+def test_neighbour_distance_agrees_with_sorted_distances() -> None:
     points = np.random.default_rng(0).random((1500, 3)).astype(np.float32)
     distance = np.sort(np.linalg.norm(points[:, None] - points, axis=-1), axis=1)
     np.testing.assert_allclose(neighbour_distance(points, 8), distance[:, 8], rtol=1e-3)
     assert np.isinf(neighbour_distance(points[:8], 8)).all()
 
 
-def test_hemisphere_directions_see_a_disc_as_its_form_factor() -> None:
-    """A disc of radius r at height h before an element is r² / (r² + h²) of what it sees (Howell's catalogue)."""
+def test_cosine_directions_meet_a_disc_in_proportion_to_its_form_factor() -> None:
+    """The form factor to a disc of radius r at height h is r² / (r² + h²) (Howell's catalogue)."""
     rng = np.random.default_rng(0)
     normals = rng.normal(size=(50, 3))
     normals = np.concatenate([normals / np.linalg.norm(normals, axis=1, keepdims=True), np.eye(3), -np.eye(3)])
-    directions = hemisphere(normals.astype(np.float32), rng.random((len(normals), 20000, 2)))
+    directions = sample_cosine_hemisphere(normals.astype(np.float32), rng.random((len(normals), 20000, 2)))
     np.testing.assert_allclose(np.linalg.norm(directions, axis=-1), 1, rtol=1e-5)
     cosine = np.einsum("nkc,nc->nk", directions, normals)
     assert cosine.min() > -1e-5
@@ -133,18 +132,18 @@ def test_hemisphere_directions_see_a_disc_as_its_form_factor() -> None:
 
 
 @pytest.mark.parametrize("rays", [16, 64, 144])
-def test_every_quarter_of_the_rays_is_spread_as_the_cosine(rays: int) -> None:
-    """Networks carry bounces along the first quarter only: its mean squared cosine, 1/2 for all, must not lean."""
+def test_every_quarter_of_the_rays_is_cosine_distributed(rays: int) -> None:
+    """Networks trace bounces along the first quarter only, so its mean squared cosine, 1/2, must be unbiased."""
     scene = make_scene([floor(1.0)])
     caster = Caster(scene)
     count = 400
     normal = np.tile(np.array([0, 1, 0], np.float32), (count, 1))
     surfels = AttachedPoints(caster, np.zeros((count, 3), np.float32), normal, np.full(count, STATIC))
-    bundle = cosine_rays(caster, surfels, rays, np.random.default_rng(0))
+    bundle = trace_cosine_rays(caster, surfels, rays, np.random.default_rng(0))
     for quarter in np.split(bundle._directions, 4, axis=1):
         squared = quarter[..., 1] ** 2
         assert squared.mean() == pytest.approx(0.5, abs=0.012)
-        # One in each of a coarser grid's squares: much closer to the mean than chance would be.
+        # One in each cell of a coarser grid: a much smaller variance than that of independent samples.
         assert squared.mean(axis=1).std() < 0.7 * np.sqrt(1 / 12 / (rays // 4))
 
 
@@ -163,13 +162,13 @@ def seen_of_lid(world: WorldSurfels) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_the_mean_over_rays_is_a_form_factor() -> None:
-    """A floor sees the square above it as Lambert's formula for polygons says."""
+    """The share of rays that meet a square above the floor agrees with Lambert's formula for polygons."""
     world = made(make_scene([floor(1.0), lid(Material(albedo=(1.0,) * 3))]), 64, 144, eye=(0, 0.5, 0.9))
     on_floor, reference = seen_of_lid(world)
-    found = (world.albedo[on_floor, :, 0] > 0.9).mean(axis=1)
+    measured = (world.albedo[on_floor, :, 0] > 0.9).mean(axis=1)
     assert on_floor.sum() > 20
-    assert found.mean() == pytest.approx(reference.mean(), rel=0.01)
-    assert np.sqrt(((found - reference) ** 2).mean()) < 0.02  # 0.04 without strata
+    assert measured.mean() == pytest.approx(reference.mean(), rel=0.01)
+    assert np.sqrt(((measured - reference) ** 2).mean()) < 0.02  # 0.04 without strata
 
 
 def test_rays_name_a_surfel_of_the_body_that_they_meet() -> None:
@@ -184,14 +183,14 @@ def test_rays_name_a_surfel_of_the_body_that_they_meet() -> None:
     assert (body[number[met & ~on_ball]] == STATIC).all()
 
 
-def test_every_surfel_has_places_of_its_own_body_near_it() -> None:
+def test_every_surfel_has_light_samples_nearby_on_its_body() -> None:
     world = made(crossing(), 200)
     number = np.bincount(world.light_sample_surfel, minlength=world.count)
     assert world.used == 200
     assert number.min() >= 1 and number.max() <= MAX_LIGHT_SAMPLES
     assert number.mean() > 3
     assert (np.diff(world.light_sample_surfel) >= 0).all()
-    assert (world._places.body == world._surfels.body[world.light_sample_surfel]).all()
+    assert (world._light_samples.body == world._surfels.body[world.light_sample_surfel]).all()
     away = np.linalg.norm(world.light_sample_position - world.position[world.light_sample_surfel], axis=1)
     assert (away < 2 * world.radius[world.light_sample_surfel]).mean() > 0.99
     facing = (world.light_sample_normal * world.normal[world.light_sample_surfel]).sum(axis=1)
@@ -217,60 +216,61 @@ def test_an_empty_scene_has_no_surfels() -> None:
     assert world.covers(np.zeros(3))
 
 
-def test_glow_is_the_mean_radiance_of_what_glows() -> None:
+def test_emissive_irradiance_is_the_form_factor_times_radiance() -> None:
     glowing = lid(Material(albedo=(0.0,) * 3, emission=(3.0, 2.0, 1.0)))
     world = made(make_scene([floor(1.0), glowing]), 64, 4, eye=(0, 0.5, 0.9))
     on_floor, reference = seen_of_lid(world)
-    np.testing.assert_allclose(world.glow[on_floor], reference[:, None] * (3, 2, 1), atol=0.12)
-    assert world.glow[on_floor].mean(axis=0) == pytest.approx(reference.mean() * np.array([3, 2, 1]), rel=0.01)
-    assert not world.glow[~on_floor].any()
+    np.testing.assert_allclose(world.emissive_irradiance[on_floor], reference[:, None] * (3, 2, 1), atol=0.12)
+    mean = world.emissive_irradiance[on_floor].mean(axis=0)
+    assert mean == pytest.approx(reference.mean() * np.array([3, 2, 1]), rel=0.01)
+    assert not world.emissive_irradiance[~on_floor].any()
 
 
-def directions_now(world: WorldSurfels) -> np.ndarray:
-    """Of all rays, [S · K, 3]; a surfel that rides takes a quarter of its own four times."""
-    bundle, rides = world._rays, world._surfels.body != STATIC
-    found = np.empty((world.used, world.rays, 3), np.float32)
-    found[~rides] = bundle._directions
-    found[rides] = np.tile(bundle._carried.now()[1].reshape(rides.sum(), -1, 3), (1, 4, 1))
-    return found.reshape(-1, 3)
+def current_directions(world: WorldSurfels) -> np.ndarray:
+    """Directions of all rays, [S · K, 3]; surfels on moving bodies repeat a quarter of theirs four times."""
+    bundle, dynamic = world._rays, world._surfels.body != STATIC
+    directions = np.empty((world.used, world.rays, 3), np.float32)
+    directions[~dynamic] = bundle._directions
+    directions[dynamic] = np.tile(bundle._dynamic_rays.current()[1].reshape(dynamic.sum(), -1, 3), (1, 4, 1))
+    return directions.reshape(-1, 3)
 
 
-def test_place_gives_the_tables_of_rays_cast_afresh() -> None:
+def test_move_to_gives_the_same_tables_as_new_rays() -> None:
     scene = crossing()
     world = made(scene)
     before = arrays(world)
-    assert world.place(0.7)
-    fresh = Caster(scene)
-    fresh.place(0.7)
-    origins = np.repeat(world.position + world.normal * fresh.ray_epsilon, world.rays, axis=0)
-    hits = fresh.cast(origins, directions_now(world))
+    assert world.move_to(0.7)
+    caster = Caster(scene)
+    caster.move_to(0.7)
+    origins = np.repeat(world.position + world.normal * caster.ray_epsilon, world.rays, axis=0)
+    hits = caster.cast(origins, current_directions(world))
     albedo = hits.albedo.reshape(world.albedo.shape)
     np.testing.assert_allclose(world.albedo, albedo, atol=1e-6)
     assert (world.index.ravel().astype(int) == world._nearest(hits)).mean() > 0.999
     assert (np.isclose(albedo[..., 0], 0.9) != np.isclose(before["albedo"][..., 0], 0.9)).sum() > 20
-    rides = world._surfels.body == 1
-    np.testing.assert_allclose(world.position[rides] - before["position"][rides], [(0, 0.7 * 1.5, 0.7)] * rides.sum(),
-                               atol=1e-5)
-    assert (world.position[~rides] == before["position"][~rides]).all()
-    rides = world._places.body == 1
-    np.testing.assert_allclose(world.light_sample_position[rides] - before["light_sample_position"][rides],
-                               [(0, 0.7 * 1.5, 0.7)] * rides.sum(), atol=1e-5)
+    dynamic = world._surfels.body == 1
+    np.testing.assert_allclose(world.position[dynamic] - before["position"][dynamic],
+                               [(0, 0.7 * 1.5, 0.7)] * dynamic.sum(), atol=1e-5)
+    assert (world.position[~dynamic] == before["position"][~dynamic]).all()
+    dynamic = world._light_samples.body == 1
+    np.testing.assert_allclose(world.light_sample_position[dynamic] - before["light_sample_position"][dynamic],
+                               [(0, 0.7 * 1.5, 0.7)] * dynamic.sum(), atol=1e-5)
 
 
-def test_a_body_that_comes_back_leaves_no_trace() -> None:
+def test_a_body_that_returns_restores_the_tables() -> None:
     world = made(crossing())
     before = {n: a.copy() for n, a in arrays(world).items()}
-    assert world.place(0.7) and world.place(0.0)
+    assert world.move_to(0.7) and world.move_to(0.0)
     assert (world.index == before["index"]).mean() > 0.999
     np.testing.assert_allclose(world.albedo, before["albedo"], atol=1e-6)
     np.testing.assert_allclose(world.weight, before["weight"], rtol=1e-3)
 
 
 def test_nothing_is_traced_while_nothing_moves() -> None:
-    assert not made(furnished()).place(5.0)
+    assert not made(furnished()).move_to(5.0)
     world = made(crossing())
-    assert not world.place(0.0)
-    assert world.place(1.5) and not world.place(2.0)  # held behind the last key
+    assert not world.move_to(0.0)
+    assert world.move_to(1.5) and not world.move_to(2.0)  # held after the last key
 
 
 def test_a_body_scaled_to_nothing_comes_back() -> None:
@@ -278,17 +278,18 @@ def test_a_body_scaled_to_nothing_comes_back() -> None:
     block = box((2, 1, 1), (0.6, 0.6, 0.6), Material(albedo=(0.9, 0.1, 0.1)), grow)
     world = made(make_scene([ROOM, block]))
     assert not np.isclose(world.albedo[..., 0], 0.9).any()
-    assert world.place(1.0)
+    assert world.move_to(1.0)
     assert np.isclose(world.albedo[..., 0], 0.9).any()
-    assert ((world.index >= 0) | (world.albedo.max(axis=-1) == 0)).all()  # else its light would be surfel 0's
+    assert ((world.index >= 0) | (world.albedo.max(axis=-1) == 0)).all()  # otherwise it would receive surfel 0's light
     assert all(np.isfinite(a).all() for a in arrays(world).values())
-    assert world.place(0.0)
+    assert world.move_to(0.0)
     assert not np.isclose(world.albedo[..., 0], 0.9).any()
 
 
 def test_the_same_scene_and_view_give_the_same_arrays() -> None:
     first, second = (arrays(made(crossing(), time=0.3)) for _ in range(2))
-    assert set(first) >= {"position", "normal", "radius", "weight", "index", "albedo", "glow", "light_sample_position"}
+    assert set(first) >= {"position", "normal", "radius", "weight", "index", "albedo", "emissive_irradiance",
+                          "light_sample_position"}
     for name, values in first.items():
         np.testing.assert_array_equal(values, second[name], name)
 
@@ -318,7 +319,7 @@ def test_a_room_in_a_scene_a_thousand_times_as_large() -> None:
 
 
 def two_rooms() -> Scene:
-    """Two closed rooms that share a wall of two sides."""
+    """Two closed rooms, side by side."""
     return make_scene([ROOM, box((4.05, 0, 0), (4, 3, 4))])
 
 
@@ -331,23 +332,23 @@ def test_another_room_behind_a_wall_is_not_covered() -> None:
         assert not world.covers(np.asarray(eye))
 
 
-def test_new_surfels_are_made_where_the_camera_goes_out_of_sight() -> None:
+def test_surfels_are_placed_again_when_the_camera_leaves_them() -> None:
     tracked = TrackedSurfels(two_rooms(), 512, 16)
-    tracked.follow(view(), 0.0)
+    tracked.update(view(), 0.0)
     first, version = tracked.world, tracked.version
-    tracked.follow(view(), 0.0)
-    tracked.follow(view((1, 1, 1), (2, 1, 0)), 0.1)
+    tracked.update(view(), 0.0)
+    tracked.update(view((1, 1, 1), (2, 1, 0)), 0.1)
     assert tracked.world is first and tracked.version == version
-    tracked.follow(view((6, 1.5, 2), (6, 1, 0)), 0.2)
+    tracked.update(view((6, 1.5, 2), (6, 1, 0)), 0.2)
     assert tracked.world is not first and tracked.version > version
     assert (tracked.world.position + tracked.world.origin)[:, 0].min() > 4
 
 
-def test_tracked_surfels_follow_what_moves() -> None:
+def test_tracked_surfels_move_with_bodies() -> None:
     tracked = TrackedSurfels(crossing(), 128, 16)
-    tracked.follow(view(), 0.0)
+    tracked.update(view(), 0.0)
     world, version = tracked.world, tracked.version
-    tracked.follow(view(), 0.5)
+    tracked.update(view(), 0.5)
     assert tracked.world is world and tracked.version == version + 1
-    tracked.follow(view(), 0.5)
+    tracked.update(view(), 0.5)
     assert tracked.version == version + 1

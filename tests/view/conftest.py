@@ -1,4 +1,4 @@
-"""A viewer in a process of its own, as a user starts it, and a browser that looks at it."""
+"""A viewer in a child process, as a user starts it, and a headless browser."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 
 @dataclass
 class Viewer:
-    """A running viewer; ``link`` is what it printed."""
+    """A running viewer and the link it printed."""
 
     process: subprocess.Popen[str]
     link: str
@@ -30,8 +30,8 @@ class Viewer:
     def socket(self) -> str:
         return self.link.replace("http://", "ws://").replace("/?", "/live?") + ("" if "?" in self.link else "live")
 
-    def end(self) -> str:
-        """Ctrl-C; what it printed after its link."""
+    def interrupt(self) -> str:
+        """Send Ctrl-C and return what the viewer printed after its link."""
         self.process.send_signal(signal.SIGINT)
         out, err = self.process.communicate(timeout=20)
         assert self.process.returncode == 0, err
@@ -40,8 +40,8 @@ class Viewer:
 
 
 @contextmanager
-def running(*args: str) -> Iterator[Viewer]:
-    """A viewer with these arguments; it is ended by Ctrl-C if it has not ended."""
+def run_viewer(*args: str) -> Iterator[Viewer]:
+    """Run a viewer with these arguments; interrupt it at the end if it still runs."""
     process = subprocess.Popen([sys.executable, "-m", "app", "view", *args], text=True, cwd=ROOT,
                                stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     try:
@@ -52,7 +52,7 @@ def running(*args: str) -> Iterator[Viewer]:
         viewer = Viewer(process, line.split()[-1])
         yield viewer
         if process.poll() is None:
-            viewer.end()
+            viewer.interrupt()
     finally:
         process.kill()
         process.wait()
@@ -60,14 +60,14 @@ def running(*args: str) -> Iterator[Viewer]:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    """Debian's Chromium, headless; where it is missing the test is skipped, but never in CI."""
-    found = next(filter(None, map(shutil.which, CHROMIUM)), None)
-    if found is None:
-        leave = pytest.fail if os.environ.get("CI") == "true" else pytest.skip
-        leave("no Chromium; on Debian: apt-get install chromium")
+    """Headless Chromium; without it the test is skipped, except in CI, where it fails."""
+    executable = next(filter(None, map(shutil.which, CHROMIUM)), None)
+    if executable is None:
+        give_up = pytest.fail if os.environ.get("CI") == "true" else pytest.skip
+        give_up("no Chromium; on Debian: apt-get install chromium")
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=found, args=["--no-sandbox", "--disable-gpu"])
+        chromium = playwright.chromium.launch(executable_path=executable, args=["--no-sandbox", "--disable-gpu"])
         yield chromium
         chromium.close()

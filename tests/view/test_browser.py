@@ -1,4 +1,4 @@
-"""The page in a real browser: what it shows follows what is done to it."""
+"""The page in a real browser: its image follows the user's input."""
 
 from __future__ import annotations
 
@@ -18,52 +18,53 @@ import pytest
 from PIL import Image
 
 from app.io.image import read_exr, read_png
-from tests.view.conftest import ROOT, Viewer, running
+from tests.view.conftest import ROOT, Viewer, run_viewer
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
-WINDOW = {"width": 320 + 300, "height": 240}  # the panel takes 300
-SETTLED = 10
-PATIENCE = 20.0
+WINDOW = {"width": 320 + 300, "height": 240}  # the panel is 300 wide
+SETTLE_FRAMES = 10
+TIMEOUT_SECONDS = 20.0
+STEP_SECONDS = 0.05  # of a held key
 
 
 @pytest.fixture(scope="module")
 def viewer() -> Iterator[Viewer]:
-    with running("--model", "none", "--size", "320x240") as viewer:
+    with run_viewer("--model", "none", "--size", "320x240") as viewer:
         yield viewer
 
 
 @pytest.fixture
 def page(browser: Any, viewer: Viewer) -> Iterator[Any]:
-    """The page with a settled picture of the scene as its files have it."""
+    """The page with a settled image of the unedited scene."""
     page = browser.new_page(viewport=WINDOW)
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))
     page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
     page.goto(viewer.link)
-    until(page, "window.afterglow?.state && afterglow.screen.header")
+    wait_until(page, "window.afterglow?.state && afterglow.screen.header")
     page.evaluate("""() => { window.start ??= structuredClone(afterglow.state); }""")
     settle(page)
     yield page
     reset(page)
-    until(page, "afterglow.idle")
+    wait_until(page, "afterglow.idle")
     assert errors == []
     page.close()
 
 
-def until(page: Any, expression: str, arg: Any = None) -> None:
-    """Wait until JavaScript is true; Playwright's own way to wait is not allowed by the page's security policy."""
-    end = time.monotonic() + PATIENCE
+def wait_until(page: Any, expression: str, arg: Any = None) -> None:
+    """Wait until a JavaScript expression is true; the page's security policy forbids Playwright's own function."""
+    end = time.monotonic() + TIMEOUT_SECONDS
     while not page.evaluate(expression, arg):
         assert time.monotonic() < end, expression
         page.wait_for_timeout(20)
 
 
-def settle(page: Any, repeats: int = SETTLED) -> np.ndarray[Any, Any]:
-    """Wait until the picture shows all that was done, some frames long; its pixels, float [H, W, 3], 0 to 255."""
-    until(page, """repeats => {
+def settle(page: Any, repeats: int = SETTLE_FRAMES) -> np.ndarray[Any, Any]:
+    """Wait until the image shows all input and has settled; return its pixels, float, shape (H, W, 3), 0 to 255."""
+    wait_until(page, """repeats => {
         const {connection, screen} = afterglow, header = screen.header;
-        return header && afterglow.idle && !connection.times.size && header.repeat >= repeats
+        return header && afterglow.idle && !connection.pending.size && header.repeat >= repeats
                && String(header.size) === String(afterglow.state.size);
     }""", repeats)
     return pixels(page)
@@ -72,11 +73,6 @@ def settle(page: Any, repeats: int = SETTLED) -> np.ndarray[Any, Any]:
 def pixels(page: Any, canvas: str = "left") -> np.ndarray[Any, Any]:
     url = page.evaluate("id => document.getElementById(id).toDataURL('image/png')", canvas)
     return np.asarray(Image.open(io.BytesIO(base64.b64decode(url.split(",")[1]))).convert("RGB"), np.float64)
-
-
-def change(page: Any, **message: Any) -> None:
-    """What a control would send."""
-    page.evaluate("message => afterglow.connection.change(message)", message)
 
 
 def difference(a: np.ndarray[Any, Any], b: np.ndarray[Any, Any]) -> float:
@@ -91,34 +87,35 @@ def drag(page: Any, start: tuple[float, float], by: tuple[float, float]) -> None
 
 
 def reset(page: Any) -> None:
-    """The scene as its files have it."""
+    """Restore the unedited scene."""
     page.evaluate("""() => {
-        const {camera, lights, places} = start;
-        for (const object in afterglow.state.places)
-            afterglow.connection.change({type: 'place', object, translate: [0, 0, 0]});
-        afterglow.connection.change({type: 'camera', camera});
-        afterglow.connection.change({type: 'lights', lights});
-        afterglow.connection.change({type: 'look', model: 'none', split: '', aov: 'final', exposure: 1, taa: true});
+        const {camera, lights} = start;
+        for (const object in afterglow.state.object_offsets)
+            afterglow.connection.sendChange({type: 'move_object', object, translate: [0, 0, 0]});
+        afterglow.connection.sendChange({type: 'camera', camera});
+        afterglow.connection.sendChange({type: 'lights', lights});
+        const settings = {model: 'none', split: '', aov: 'final', exposure: 1, taa: true};
+        afterglow.connection.sendChange({type: 'settings', ...settings});
         afterglow.navigation.adopt(camera);
     }""")
 
 
-def test_the_page_loads_and_frames_are_not_blank(page: Any) -> None:
-    picture = settle(page)
-    assert picture.shape == (240, 320, 3)
-    assert picture.std() > 20 and picture.mean() > 20
+def test_the_page_loads_and_shows_an_image(page: Any) -> None:
+    image = settle(page)
+    assert image.shape == (240, 320, 3)
+    assert image.std() > 20 and image.mean() > 20
     assert "Cornell" in page.title() or "cornell" in page.title()
-    until(page, "document.getElementById('rate').textContent.includes('ms')")
+    wait_until(page, "document.getElementById('frame-rate').textContent.includes('ms')")
     assert "llvmpipe" in page.inner_text("#device") or "GL" in page.inner_text("#device")
 
 
-def test_an_orbit_drag_changes_the_picture(page: Any) -> None:
+def test_an_orbit_drag_changes_the_image(page: Any) -> None:
     before = settle(page)
     drag(page, (160, 120), (60, 10))
     after = settle(page)
     assert difference(before, after) > 8
     reset(page)
-    assert difference(before, settle(page)) < 2  # and back again
+    assert difference(before, settle(page)) < 2
 
 
 def test_keys_and_wheel_move_the_camera(page: Any) -> None:
@@ -129,21 +126,25 @@ def test_keys_and_wheel_move_the_camera(page: Any) -> None:
         page.mouse.move(160, 120)
         page.focus("#view")
         act()
-        until(page, f"before => {eye} !== before", before)
+        wait_until(page, f"before => {eye} !== before", before)
 
 
 def camera_of(page: Any) -> dict[str, np.ndarray[Any, Any]]:
-    """Eye, target and pivot, and which way right, up and forward are."""
-    found = page.evaluate("({...afterglow.navigation.camera, pivot: afterglow.navigation.pivot})")
-    eye, target, up = (np.array(found[name], float) for name in ("eye", "target", "up"))
+    """Return the current camera as ``frame_of`` does."""
+    return frame_of(page.evaluate("({...afterglow.navigation.camera, pivot: afterglow.navigation.pivot})"))
+
+
+def frame_of(camera: dict[str, Any]) -> dict[str, np.ndarray[Any, Any]]:
+    """Return eye, target and pivot of a camera, and its unit vectors right, up and forward."""
+    eye, target, up = (np.array(camera[name], float) for name in ("eye", "target", "up"))
     forward = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(forward, up) / np.linalg.norm(np.cross(forward, up))
-    return {"eye": eye, "target": target, "pivot": np.array(found["pivot"], float), "right": right,
+    return {"eye": eye, "target": target, "pivot": np.array(camera["pivot"], float), "right": right,
             "up": np.cross(right, forward), "forward": forward}
 
 
 def touch(page: Any, *fingers: tuple[tuple[float, float], tuple[float, float]], steps: int = 5) -> None:
-    """Put fingers down, move each from its first place to its second, and lift them."""
+    """Put fingers down, move each from its first position to its second, and lift them."""
     devtools = page.context.new_cdp_session(page)
     devtools.send("Emulation.setTouchEmulationEnabled", {"enabled": True, "maxTouchPoints": 2})
     for step in range(steps + 1):
@@ -157,15 +158,15 @@ def touch(page: Any, *fingers: tuple[tuple[float, float], tuple[float, float]], 
 
 
 def test_one_finger_orbits_about_the_pivot(page: Any) -> None:
-    before, picture = camera_of(page), settle(page)
+    before, image = camera_of(page), settle(page)
     touch(page, ((90, 150), (150, 150)))
     after = camera_of(page)
     arm = after["eye"] - after["pivot"]
     assert np.allclose(after["pivot"], before["pivot"])
     assert np.linalg.norm(arm) == pytest.approx(np.linalg.norm(before["eye"] - before["pivot"]))
     turned = np.degrees(np.arccos(arm @ (before["eye"] - before["pivot"]) / (arm @ arm)))
-    assert turned == pytest.approx(np.degrees(3.5 * 60 / 240), abs=2)  # 3.5 rad for as long as the picture is high
-    assert difference(picture, settle(page)) > 8
+    assert turned == pytest.approx(np.degrees(3.5 * 60 / 240), abs=2)  # 3.5 rad for a drag over the image height
+    assert difference(image, settle(page)) > 8
 
 
 def test_two_fingers_pinch_and_pan(page: Any) -> None:
@@ -177,48 +178,57 @@ def test_two_fingers_pinch_and_pan(page: Any) -> None:
     assert np.allclose(apart["forward"], before["forward"])
     touch(page, ((100, 150), (140, 150)), ((220, 150), (180, 150)))
     assert np.linalg.norm(camera_of(page)["eye"] - camera_of(page)["pivot"]) == pytest.approx(arm, rel=0.05)
-    still = camera_of(page)
+    start = camera_of(page)
     touch(page, ((100, 150), (150, 130)), ((180, 150), (230, 130)))
     panned = camera_of(page)
-    by = panned["eye"] - still["eye"]
-    assert np.allclose(by, panned["target"] - still["target"]) and np.allclose(by, panned["pivot"] - still["pivot"])
-    assert by @ still["right"] < 0 and by @ still["up"] < 0  # what is seen follows the fingers
-    assert abs(by @ still["forward"]) < 1e-6
+    offset = panned["eye"] - start["eye"]
+    assert np.allclose(offset, panned["target"] - start["target"])
+    assert np.allclose(offset, panned["pivot"] - start["pivot"])
+    assert offset @ start["right"] < 0 and offset @ start["up"] < 0  # the image follows the fingers
+    assert abs(offset @ start["forward"]) < 1e-6
     assert page.evaluate("afterglow.navigation.pointers.size") == 0
+
+
+def hold_for_one_step(page: Any, *keys: str) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, np.ndarray[Any, Any]]]:
+    """Hold keys for one step of a fixed time; return the camera before and after it."""
+    page.focus("#view")
+    for key in keys:
+        page.keyboard.down(key)
+    cameras = page.evaluate("""seconds => {  // one task of the page, so that no screen refresh comes between
+        const {navigation} = afterglow, before = {...navigation.camera, pivot: navigation.pivot};
+        navigation.advance(seconds);
+        return [before, {...navigation.camera, pivot: navigation.pivot}];
+    }""", STEP_SECONDS)
+    for key in reversed(keys):
+        page.keyboard.up(key)
+    before, after = map(frame_of, cameras)
+    return before, after
 
 
 @pytest.mark.parametrize(("key", "axis", "sign"), [
     ("w", "forward", 1), ("s", "forward", -1), ("d", "right", 1), ("a", "right", -1), ("e", "up", 1), ("q", "up", -1)])
 def test_a_held_key_flies_and_shift_is_faster(page: Any, key: str, axis: str, sign: int) -> None:
-    ways = []
-    for held in ((key,), ("Shift", key)):
+    distances = []
+    for keys in ((key,), ("Shift", key)):
         reset(page)
-        before, begin = camera_of(page), page.evaluate("performance.now()")
-        for name in held:
-            page.keyboard.down(name)
-        page.wait_for_timeout(300)
-        for name in reversed(held):
-            page.keyboard.up(name)
-        after, end = camera_of(page), page.evaluate("performance.now()")
-        by = after["eye"] - before["eye"]
-        assert by @ before[axis] * sign > 0 and np.linalg.norm(by) == pytest.approx(abs(by @ before[axis]))
-        assert np.allclose(by, after["target"] - before["target"])
-        ways.append(float(np.linalg.norm(by)) / (end - begin))
+        before, after = hold_for_one_step(page, *keys)
+        offset = after["eye"] - before["eye"]
+        assert offset @ before[axis] * sign > 0 and np.linalg.norm(offset) == pytest.approx(abs(offset @ before[axis]))
+        assert np.allclose(offset, after["target"] - before["target"])
+        distances.append(float(np.linalg.norm(offset)))
+        released = camera_of(page)
+        page.evaluate("seconds => afterglow.navigation.advance(seconds)", STEP_SECONDS)
         page.wait_for_timeout(60)
-        assert np.array_equal(camera_of(page)["eye"], after["eye"])  # it stops with the key
-    assert ways[1] > 2 * ways[0]
+        assert np.array_equal(camera_of(page)["eye"], released["eye"])  # it stops with the key
+    extent = page.evaluate("afterglow.navigation.extent")
+    assert distances == pytest.approx([0.4 * extent * STEP_SECONDS, 1.6 * extent * STEP_SECONDS])
 
 
-def test_arrow_keys_look_around_from_where_the_eye_is(page: Any) -> None:
+def test_arrow_keys_look_around_from_the_eye(page: Any) -> None:
     for key, axis, sign in (("ArrowRight", "right", 1), ("ArrowLeft", "right", -1), ("ArrowUp", "up", 1),
                             ("ArrowDown", "up", -1)):
         reset(page)
-        before = camera_of(page)
-        page.focus("#view")
-        page.keyboard.down(key)
-        page.wait_for_timeout(200)
-        page.keyboard.up(key)
-        after = camera_of(page)
+        before, after = hold_for_one_step(page, key)
         assert np.array_equal(after["eye"], before["eye"])
         assert after["forward"] @ before[axis] * sign > 0.02, key
 
@@ -233,7 +243,7 @@ def test_a_light_drag_moves_the_shadow(page: Any) -> None:
     assert page.evaluate("afterglow.state.lights[0].position[0] > start.lights[0].position[0] + 0.2")
     floor = np.s_[190:235, 60:260]
     darker, brighter = (before - after)[floor].mean(axis=2), (after - before)[floor].mean(axis=2)
-    assert (darker > 25).mean() > 0.02 and (brighter > 25).mean() > 0.02  # shadow came here, and left there
+    assert (darker > 25).mean() > 0.02 and (brighter > 25).mean() > 0.02  # the shadow moved
 
 
 def test_a_model_switch_changes_indirect_light_but_not_direct(page: Any) -> None:
@@ -251,9 +261,9 @@ def test_a_model_switch_changes_indirect_light_but_not_direct(page: Any) -> None
 def test_the_split_shows_two_models(page: Any) -> None:
     page.select_option("#split", "ssgi")
     left = settle(page)
-    until(page, "!document.getElementById('right').hidden && document.getElementById('right').width === 320")
+    wait_until(page, "!document.getElementById('right').hidden && document.getElementById('right').width === 320")
     right = pixels(page, "right")
-    assert right.mean() > left.mean() + 3  # light that bounced
+    assert right.mean() > left.mean() + 3  # has indirect light
     assert (page.inner_text("#label-left"), page.inner_text("#label-right")) == ("none", "ssgi")
     page.locator("#divider").focus()
     box = page.locator("#divider").bounding_box()
@@ -266,19 +276,19 @@ def test_the_split_shows_two_models(page: Any) -> None:
     assert difference(screenshot[beyond], right[beyond]) < difference(screenshot[beyond], left[beyond])
 
 
-def test_the_button_in_the_picture_hides_the_panel_and_shows_it_again(page: Any) -> None:
+def test_the_button_hides_and_shows_the_panel(page: Any) -> None:
     page.click("#toggle")
     assert not page.is_visible("#panel")
-    until(page, "view.clientWidth === 620 && afterglow.state.size[0] === 620")
+    wait_until(page, "view.clientWidth === 620 && afterglow.state.size[0] === 620")
     page.click("#toggle")
     assert page.is_visible("#panel")
-    until(page, "afterglow.state.size[0] === 320")
+    wait_until(page, "afterglow.state.size[0] === 320")
     assert page.evaluate("afterglow.navigation.pointers.size") == 0
 
 
-def test_double_click_sets_the_pivot_and_chooses_the_object(page: Any) -> None:
+def test_a_double_click_sets_the_pivot_and_selects_the_object(page: Any) -> None:
     page.mouse.dblclick(110, 150)  # the tall block
-    until(page, "document.getElementById('object').value !== ''")
+    wait_until(page, "document.getElementById('object').value !== ''")
     pivot = page.evaluate("afterglow.navigation.pivot")
     assert -1 < pivot[0] < 0 and 0 < pivot[1] < 1.5
     name = page.evaluate("document.getElementById('object').value")
@@ -286,31 +296,31 @@ def test_double_click_sets_the_pivot_and_chooses_the_object(page: Any) -> None:
     box = page.locator('#handles g[data-id="object"] .ring').bounding_box()
     drag(page, (box["x"] + 9, box["y"] + 9), (40, 0))
     assert difference(before, settle(page)) > 3
-    assert page.evaluate("name => afterglow.state.places[name][0] > 0.1", name)
+    assert page.evaluate("name => afterglow.state.object_offsets[name][0] > 0.1", name)
 
 
-def test_what_is_saved_is_drawn_again_to_the_bit(page: Any, tmp_path: Path) -> None:
+def test_the_command_reproduces_saved_files_bit_by_bit(page: Any, tmp_path: Path) -> None:
     page.evaluate("""() => {
         const {connection, state} = afterglow, light = {...start.lights[0], position: [0.3, 1.5, 0.4], radius: 0.2};
         const object = document.getElementById('object').options[1].value;
-        connection.change({type: 'place', object, translate: [0.1, 0.05, 0]});
-        connection.change({type: 'lights', lights: [{...light, intensity: [1.5, 1, 2]}]});
-        connection.change({type: 'camera', camera: {...start.camera, eye: [0.7, 1.3, 3.3]}});
-        connection.change({type: 'look', exposure: 1.7});
+        connection.sendChange({type: 'move_object', object, translate: [0.1, 0.05, 0]});
+        connection.sendChange({type: 'lights', lights: [{...light, intensity: [1.5, 1, 2]}]});
+        connection.sendChange({type: 'camera', camera: {...start.camera, eye: [0.7, 1.3, 3.3]}});
+        connection.sendChange({type: 'settings', exposure: 1.7});
     }""")
-    live = settle(page, 3 * SETTLED)
+    live = settle(page, 3 * SETTLE_FRAMES)
     page.fill("#settle", "3")
     saved, commands = {}, {}
     for kind in ("json", "png", "exr"):
-        with page.expect_download(timeout=1000 * PATIENCE) as download:
+        with page.expect_download(timeout=1000 * TIMEOUT_SECONDS) as download:
             page.click(f'[data-save="{kind}"]')
         saved[kind] = tmp_path / download.value.suggested_filename
         download.value.save_as(saved[kind])
-        until(page, "format => document.getElementById('command').value.includes(`--format ${format} `)",
+        wait_until(page, "format => document.getElementById('command').value.includes(`--format ${format} `)",
               "exr,png" if kind == "json" else kind)
         commands[kind] = shlex.split(page.input_value("#command"))
     assert commands["json"][:3] == ["python", "-m", "app"] and saved["json"].name in commands["json"]
-    assert difference(read_png(saved["png"]).astype(float), live) < 3  # that is a JPEG with another history
+    assert difference(read_png(saved["png"]).astype(float), live) < 3  # the live image is a JPEG with another history
     assert {"", "normal", "depth", "direct"} <= read_exr(saved["exr"]).keys()
     for kind in ("png", "exr"):
         subprocess.run([sys.executable, *commands[kind][1:], "--out", str(tmp_path / kind)], check=True, cwd=tmp_path,
@@ -318,20 +328,20 @@ def test_what_is_saved_is_drawn_again_to_the_bit(page: Any, tmp_path: Path) -> N
         assert (tmp_path / kind / f"0000.{kind}").read_bytes() == saved[kind].read_bytes()
 
 
-def test_one_steers_several_watch_and_a_lost_connection_comes_back(page: Any, browser: Any, viewer: Viewer) -> None:
+def test_one_page_is_in_control_and_a_lost_connection_is_restored(page: Any, browser: Any, viewer: Viewer) -> None:
     other = browser.new_page(viewport=WINDOW)
     other.goto(viewer.link)
-    until(other, "window.afterglow?.state && afterglow.screen.header")
-    assert other.is_visible("#steer") and not page.is_visible("#steer")
-    other.evaluate("afterglow.connection.change({type: 'look', exposure: 3})")
+    wait_until(other, "window.afterglow?.state && afterglow.screen.header")
+    assert other.is_visible("#take-control") and not page.is_visible("#take-control")
+    other.evaluate("afterglow.connection.sendChange({type: 'settings', exposure: 3})")
     other.wait_for_selector("#toast:not([hidden])")
-    assert "another page steers" in other.inner_text("#toast")
-    other.click("#steer")
-    page.wait_for_selector("#steer:not([hidden])")
+    assert "another page is in control" in other.inner_text("#toast")
+    other.click("#take-control")
+    page.wait_for_selector("#take-control:not([hidden])")
     page.evaluate("afterglow.connection.socket.close()")
-    until(page, "afterglow.connection.open")
+    wait_until(page, "afterglow.connection.open")
     other.close()
-    page.wait_for_selector("#steer", state="hidden")
+    page.wait_for_selector("#take-control", state="hidden")
     drag(page, (160, 120), (30, 0))
     settle(page)
     reset(page)

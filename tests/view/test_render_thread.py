@@ -1,4 +1,4 @@
-"""The render_thread: both sides of a split view are of the same frame, whatever was given up."""
+"""The render thread: both sides of a split view show the same frame, whatever was abandoned."""
 
 from __future__ import annotations
 
@@ -6,45 +6,45 @@ from pathlib import Path
 
 import pytest
 
-from app.load import load_parts
+from app.load import load_for_editing
 from app.paths import data_dir
 from app.view.edited_scene import EditedScene
-from app.view.encoder import unpacked
-from app.view.frame_scheduler import FrameScheduler, Task
+from app.view.encoder import unpack_message
+from app.view.frame_scheduler import FrameScheduler, FrameTask
 from app.view.render_thread import RenderThread
 from app.view.state import State
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "coarse_shadows")]
 
 BOX = data_dir() / "cornell-box.obj"
-MOST = 20  # passes, more than two models have
+MAX_PASSES = 20  # more than two models have
 
 
-class WantedFor(FrameScheduler):
-    """Says yes so many times."""
+class InterruptingScheduler(FrameScheduler):
+    """Interrupts a frame after a number of passes."""
 
-    left = MOST
+    passes_left = MAX_PASSES
 
-    def wants(self, task: Task) -> bool:
-        self.left -= 1
-        return self.left >= 0
+    def should_continue(self, task: FrameTask) -> bool:
+        self.passes_left -= 1
+        return self.passes_left >= 0
 
 
-def test_a_frame_that_is_given_up_leaves_both_sides_in_step(tmp_path: Path) -> None:
-    parts = load_parts(BOX)
-    camera = parts.scene.cameras[parts.scene.default_camera].at(0.0)
-    state = State((64, 48), camera, parts.scene.lights, "none", split="none")
-    scheduler = WantedFor(state)
-    render_thread = RenderThread(scheduler, EditedScene(BOX, parts, tmp_path), "cpu", tmp_path, pytest.fail, pytest.fail)
-    given_up = 0
-    for passes in range(MOST):
-        scheduler.left = passes
-        given_up += render_thread._draw(Task(state, 0, 1, 0)) is None
-        scheduler.left = MOST
-        drawn = render_thread._draw(Task(state, 0, 2, 0))
-        assert drawn is not None
-        left, right = unpacked(drawn.message)[1]
+def test_an_abandoned_frame_leaves_both_sides_in_step(tmp_path: Path) -> None:
+    loaded = load_for_editing(BOX)
+    camera = loaded.scene.cameras[loaded.scene.default_camera].at(0.0)
+    state = State((64, 48), camera, loaded.scene.lights, "none", split="none")
+    scheduler = InterruptingScheduler(state)
+    thread = RenderThread(scheduler, EditedScene(BOX, loaded, tmp_path), "cpu", pytest.fail, pytest.fail)
+    abandoned = 0
+    for passes in range(MAX_PASSES):
+        scheduler.passes_left = passes
+        abandoned += thread._draw(FrameTask(state, 0, 1, 0)) is None
+        scheduler.passes_left = MAX_PASSES
+        frame = thread._draw(FrameTask(state, 0, 2, 0))
+        assert frame is not None
+        left, right = unpack_message(frame.message)[1]
         assert left == right
-    assert given_up
-    for drawing in render_thread._renderers:
-        drawing.close()
+    assert abandoned
+    for renderer in thread._renderers:
+        renderer.close()

@@ -1,4 +1,4 @@
-"""The server: who gets in, what is refused, who steers, and what is left when it ends."""
+"""The server: access, hostile messages, slow pages, and shutdown."""
 
 from __future__ import annotations
 
@@ -12,29 +12,30 @@ from typing import Any
 import aiohttp
 import pytest
 
-from app.view.encoder import unpacked
-from app.view.server import MAX_MESSAGE
-from tests.view.conftest import Viewer, running
+from app.view.encoder import unpack_message
+from app.view.protocol import TYPES
+from app.view.server import MAX_MESSAGE_BYTES
+from tests.view.conftest import Viewer, run_viewer
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
-HOSTILE = 10_000
-PATIENCE = 60.0
+HOSTILE_MESSAGES = 10_000
+TIMEOUT_SECONDS = 60.0
 
 
 @pytest.fixture(scope="module")
 def viewer() -> Iterator[Viewer]:
-    with running("--model", "none", "--size", "64x48") as viewer:
+    with run_viewer("--model", "none", "--size", "64x48") as viewer:
         yield viewer
 
 
-async def until(socket: Any, *kinds: str) -> dict[str, Any]:
-    """The next message of these types; pictures on the way are acknowledged."""
+async def receive(socket: Any, *kinds: str) -> dict[str, Any]:
+    """Return the next message of these types; acknowledge binary messages on the way."""
     while True:
-        message = await socket.receive(timeout=PATIENCE)
+        message = await socket.receive(timeout=TIMEOUT_SECONDS)
         if message.type == aiohttp.WSMsgType.BINARY:
             await socket.send_json({"type": "ack"})
-            header, _ = unpacked(message.data)
+            header, _ = unpack_message(message.data)
             if header["kind"] in kinds:
                 return header
         elif message.type == aiohttp.WSMsgType.TEXT:
@@ -54,19 +55,19 @@ async def get(url: str, **headers: str) -> tuple[int, str]:
         return response.status, await response.text(errors="replace")
 
 
-def test_paths_that_are_no_part_of_the_page_are_not_found(viewer: Viewer) -> None:
+def test_paths_outside_the_page_are_not_found(viewer: Viewer) -> None:
     async def ask() -> None:
         assert (await get(viewer.link))[0] == 200
         assert (await get(viewer.link + "page/main.js"))[0] == 200
         for path in ("page/../server.py", "page/..%2fserver.py", "page/%2e%2e/server.py", "page//etc/passwd", "page/",
-                     "saved/0/x", "saved/../x", "saved/0/..%2f..%2fstage.json", "state.py", "saved/99999999/0000.png"):
+                     "saved/0/x", "saved/../x", "saved/0/..%2f..%2fedited.json", "state.py", "saved/99999999/0000.png"):
             status, text = await get(viewer.link + path)
             assert status == 404, path
             assert "root:" not in text and "import" not in text
     run(ask())
 
 
-def test_other_sites_and_names_are_refused(viewer: Viewer) -> None:
+def test_other_sites_and_host_names_are_rejected(viewer: Viewer) -> None:
     async def ask() -> None:
         assert (await get(viewer.link, Origin="http://evil.example"))[0] == 403
         assert (await get(viewer.link, Host="evil.example"))[0] == 403
@@ -84,22 +85,22 @@ def test_other_addresses_need_the_token() -> None:
         assert (await get(f"{plain}?token={token}"))[0] == 200
         for wrong in ("", "?token=", f"?token={token[:-1]}", f"?token={token}x", "?token=%00"):
             status, text = await get(plain + wrong)
-            assert status == 403 and text.startswith("error: wrong token, ")
+            assert status == 403 and text.startswith("error: link: wrong token (")
         async with aiohttp.ClientSession() as session:
             with pytest.raises(aiohttp.WSServerHandshakeError):
                 await session.ws_connect(plain.replace("http", "ws") + "live?token=x")
             async with session.ws_connect(plain.replace("http", "ws") + f"live?token={token}") as socket:
-                await until(socket, "frame")
+                await receive(socket, "frame")
 
-    with running("--model", "none", "--size", "64x48", "--host", "0.0.0.0") as viewer:
+    with run_viewer("--model", "none", "--size", "64x48", "--host", "0.0.0.0") as viewer:
         run(ask(viewer))
 
 
 def hostile(rng: random.Random) -> str | bytes:
-    """One of many kinds of nonsense."""
+    """Return one of many kinds of invalid messages."""
     number = rng.choice(["NaN", "Infinity", "-1e999", "1e16", "null", '"x"', "[]", "{}", "-0", "1e-320", "true"])
     name = rng.choice(["../../etc/passwd", "..\\\\x", "/dev/zero", "\\u0000", "a" * rng.randrange(500), "%s%n", "${x}"])
-    kind = rng.choice(["camera", "lights", "look", "place", "size", "pick", "save", "bookmark", "steer", "eval", name])
+    kind = rng.choice([*TYPES[1:], "eval", name])
     return rng.choice([
         lambda: rng.randbytes(rng.randrange(200)),
         lambda: rng.randbytes(rng.randrange(200)).decode("latin-1"),
@@ -109,72 +110,73 @@ def hostile(rng: random.Random) -> str | bytes:
         lambda: f'{{"type": "camera", "camera": {{"eye": [{number}, 0, 0], "target": [0, {number}, 1], "x": 1}}}}',
         lambda: f'{{"type": "camera", "camera": {{"eye": [0, 0, 0], "target": [0, 0, 0], "up": [0, {number}, 0]}}}}',
         lambda: f'{{"type": "lights", "lights": [{{"type": "{name}", "position": {number}}}]}}',
-        lambda: f'{{"type": "look", "model": "{name}", "exposure": {number}}}',
-        lambda: f'{{"type": "place", "object": "{name}", "translate": [{number}, 0, 0]}}',
+        lambda: f'{{"type": "settings", "model": "{name}", "exposure": {number}}}',
+        lambda: f'{{"type": "move_object", "object": "{name}", "translate": [{number}, 0, 0]}}',
         lambda: f'{{"type": "size", "size": [{number}, 100000]}}',
         lambda: f'{{"type": "save", "kind": "{name}", "settle": {number}}}',
         lambda: f'{{"type": "save", "kind": "png", "file": "{name}"}}',
-        lambda: f'{{"type": "pick", "at": [{number}, 2]}}',
+        lambda: f'{{"type": "pick", "position": [{number}, 2]}}',
         lambda: f'{{"type": "bookmark", "name": "\\u0007{name}"}}',
     ])()
 
 
-def test_ten_thousand_hostile_messages_are_refused_and_the_server_goes_on(viewer: Viewer) -> None:
+def test_ten_thousand_hostile_messages_are_rejected_and_change_nothing(viewer: Viewer) -> None:
     async def attack() -> None:
         rng = random.Random(7)
         async with aiohttp.ClientSession() as session, session.ws_connect(viewer.socket) as socket:
-            before = (await until(socket, "state"))["state"]
-            for index in range(HOSTILE):
+            before = (await receive(socket, "state"))["state"]
+            for index in range(HOSTILE_MESSAGES):
                 message = hostile(rng)
                 await (socket.send_bytes(message) if isinstance(message, bytes) else socket.send_str(message))
-                refused = (await until(socket, "refused"))["message"]
-                assert ", " in refused and "\n" not in refused and len(refused) <= 400, (index, message, refused)
-            await socket.send_json({"type": "look", "exposure": 2.0, "input": 1})
-            while (await until(socket, "frame"))["input"] < 1:
+                reason = (await receive(socket, "rejected"))["message"]
+                assert ": " in reason and reason.endswith(")"), (index, message, reason)
+                assert "\n" not in reason and len(reason) <= 400, (index, message, reason)
+            await socket.send_json({"type": "settings", "exposure": 2.0, "input": 1})
+            while (await receive(socket, "frame"))["input"] < 1:
                 pass
         async with aiohttp.ClientSession() as session, session.ws_connect(viewer.socket) as socket:
-            after = (await until(socket, "state"))["state"]
+            after = (await receive(socket, "state"))["state"]
             assert after == {**before, "exposure": 2.0}
     run(attack())
 
 
-def test_an_oversized_message_ends_that_connection_alone(viewer: Viewer) -> None:
+def test_an_oversized_message_closes_only_its_own_connection(viewer: Viewer) -> None:
     async def attack() -> None:
         async with aiohttp.ClientSession() as session, session.ws_connect(viewer.socket) as good:
             async with session.ws_connect(viewer.socket) as bad:
-                await bad.send_str('{"type": "' + "x" * MAX_MESSAGE + '"}')
+                await bad.send_str('{"type": "' + "x" * MAX_MESSAGE_BYTES + '"}')
                 while not bad.closed:
-                    await bad.receive(timeout=PATIENCE)
+                    await bad.receive(timeout=TIMEOUT_SECONDS)
                 assert bad.close_code == aiohttp.WSCloseCode.MESSAGE_TOO_BIG
-            await good.send_json({"type": "look", "exposure": 1.5, "input": 2})
-            while (await until(good, "frame"))["input"] < 2:
+            await good.send_json({"type": "settings", "exposure": 1.5, "input": 2})
+            while (await receive(good, "frame"))["input"] < 2:
                 pass
     run(attack())
 
 
-def test_a_slow_page_gets_the_newest_frame(viewer: Viewer) -> None:
+def test_a_slow_page_receives_the_latest_frame(viewer: Viewer) -> None:
     async def watch() -> None:
         async with aiohttp.ClientSession() as session, session.ws_connect(viewer.socket) as socket:
-            await until(socket, "role")
-            numbers = []
+            await receive(socket, "role")
+            headers = []
             for index in range(4):
-                message = await socket.receive(timeout=PATIENCE)
+                message = await socket.receive(timeout=TIMEOUT_SECONDS)
                 while message.type != aiohttp.WSMsgType.BINARY:
-                    message = await socket.receive(timeout=PATIENCE)
-                numbers.append(unpacked(message.data)[0])
-                await socket.send_json({"type": "look", "exposure": 1.0 + index, "input": 10 + index})
-                await asyncio.sleep(0.6)  # many frames are drawn meanwhile, none of which is under way
+                    message = await socket.receive(timeout=TIMEOUT_SECONDS)
+                headers.append(unpack_message(message.data)[0])
+                await socket.send_json({"type": "settings", "exposure": 1.0 + index, "input": 10 + index})
+                await asyncio.sleep(0.6)  # many frames are drawn meanwhile, but none is sent before the acknowledgement
                 await socket.send_json({"type": "ack"})
-            jumps = [b["number"] - a["number"] for a, b in pairwise(numbers)]
+            jumps = [b["number"] - a["number"] for a, b in pairwise(headers)]
             assert min(jumps) > 5
-            assert [n["input"] for n in numbers[1:]] == [10, 11, 12]
+            assert [n["input"] for n in headers[1:]] == [10, 11, 12]
     run(watch())
 
 
-def test_without_pages_nothing_is_drawn(viewer: Viewer) -> None:
+def test_nothing_is_drawn_without_pages(viewer: Viewer) -> None:
     async def count() -> int:
         async with aiohttp.ClientSession() as session, session.ws_connect(viewer.socket) as socket:
-            return (await until(socket, "frame"))["number"]
+            return (await receive(socket, "frame"))["number"]
 
     first = run(count())
 
@@ -185,39 +187,39 @@ def test_without_pages_nothing_is_drawn(viewer: Viewer) -> None:
     assert run(count()) - first < 60  # at a hundred frames a second it would be more
 
 
-def test_ctrl_c_ends_it_while_frames_are_on_their_way() -> None:
+def test_ctrl_c_ends_the_viewer_while_frames_are_sent() -> None:
     async def look(viewer: Viewer) -> None:
         async with aiohttp.ClientSession() as session, session.ws_connect(viewer.socket) as socket:
-            await until(socket, "frame")
+            await receive(socket, "frame")
             loop = asyncio.get_running_loop()
-            ended = loop.run_in_executor(None, viewer.end)
+            ended = loop.run_in_executor(None, viewer.interrupt)
             while not socket.closed:
-                await socket.receive(timeout=PATIENCE)
+                await socket.receive(timeout=TIMEOUT_SECONDS)
             assert socket.close_code == aiohttp.WSCloseCode.GOING_AWAY
             assert "ended" in await ended
 
-    with running("--model", "none", "--size", "64x48") as viewer:
+    with run_viewer("--model", "none", "--size", "64x48") as viewer:
         run(look(viewer))
 
 
 @pytest.mark.usefixtures("path_tracer")
-def test_the_reference_is_traced_judged_and_kept(viewer: Viewer) -> None:
+def test_the_reference_is_traced_compared_and_cached(viewer: Viewer) -> None:
     async def look() -> None:
         async with aiohttp.ClientSession() as session, session.ws_connect(viewer.socket) as socket:
-            await socket.send_json({"type": "look", "split": "reference", "exposure": 1.0})
-            first = (await until(socket, "reference"))["spp"]
-            refined, errors = first, None  # which come, and in which order, depends on how fast each is
+            await socket.send_json({"type": "settings", "split": "reference", "exposure": 1.0})
+            first = (await receive(socket, "reference"))["spp"]
+            refined, errors = first, None  # their order depends on which is faster
             while refined == first or errors is None:
-                message = await until(socket, "reference", "errors")
+                message = await receive(socket, "reference", "errors")
                 errors, refined = message.get("errors", errors), message.get("spp", refined)
             assert 8 <= first < refined <= 512
             assert len(errors) == 1
             assert 5 < errors[0]["psnr"] < 30 and 0.05 < errors[0]["rel_mse"] < 1  # no indirect light
-            await socket.send_json({"type": "look", "split": "", "exposure": 2.0, "input": 1})
-            while (message := await until(socket, "reference", "frame")).get("input", 0) < 1:
+            await socket.send_json({"type": "settings", "split": "", "exposure": 2.0, "input": 1})
+            while (message := await receive(socket, "reference", "frame")).get("input", 0) < 1:
                 refined = max(refined, message.get("spp", 0))
-            await socket.send_json({"type": "look", "split": "reference"})
-            while not (kept := (await until(socket, "reference"))["spp"]):
+            await socket.send_json({"type": "settings", "split": "reference"})
+            while not (cached := (await receive(socket, "reference"))["spp"]):
                 pass
-            assert kept >= refined  # begun again it would have 8
+            assert cached >= refined  # a restarted reference would have 8
     run(look())

@@ -1,14 +1,14 @@
-// The socket: comes back by itself, acknowledges each picture when it arrives, and numbers inputs to tell their latency.
+// The WebSocket: reconnects by itself, acknowledges each image on arrival, and numbers inputs to measure their latency.
 
-const FIRST_WAIT = 250, LONGEST_WAIT = 4000; // milliseconds
+const MIN_RETRY_MS = 250, MAX_RETRY_MS = 4000, MAX_LATENCIES = 120;
 
 export class Connection {
-  /** `handlers` by message type; `picture` takes binary messages as (header, blobs), `open` and `closed` nothing. */
+  /** `handlers` by message type; `image` receives binary messages as (header, blobs); `open` and `closed` nothing. */
   constructor(handlers) {
     this.handlers = handlers;
-    this.wait = FIRST_WAIT;
-    this.sent = Date.now(); // no other page's numbers
-    this.times = new Map(); // of inputs that no frame has shown yet
+    this.retryMs = MIN_RETRY_MS;
+    this.lastInput = Date.now(); // differs from the numbers of other pages
+    this.pending = new Map(); // send time by input number, until a frame shows the input
     this.latencies = [];
     this.connect();
   }
@@ -17,11 +17,11 @@ export class Connection {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     this.socket = new WebSocket(`${scheme}://${location.host}/live${location.search}`);
     this.socket.binaryType = "arraybuffer";
-    this.socket.onopen = () => { this.wait = FIRST_WAIT; this.times.clear(); this.handlers.open(); };
+    this.socket.onopen = () => { this.retryMs = MIN_RETRY_MS; this.pending.clear(); this.handlers.open(); };
     this.socket.onclose = () => {
       this.handlers.closed();
-      setTimeout(() => this.connect(), this.wait);
-      this.wait = Math.min(2 * this.wait, LONGEST_WAIT);
+      setTimeout(() => this.connect(), this.retryMs);
+      this.retryMs = Math.min(2 * this.retryMs, MAX_RETRY_MS);
     };
     this.socket.onmessage = ({data}) => typeof data === "string" ? this.read(JSON.parse(data)) : this.unpack(data);
   }
@@ -32,19 +32,19 @@ export class Connection {
     if (this.open) this.socket.send(JSON.stringify(message));
   }
 
-  /** Send a change of what is seen, numbered. */
-  change(message) {
-    this.sent += 1;
-    this.times.set(this.sent, performance.now());
-    this.send({...message, input: this.sent});
+  /** Send a change of the state with an input number. */
+  sendChange(message) {
+    this.lastInput += 1;
+    this.pending.set(this.lastInput, performance.now());
+    this.send({...message, input: this.lastInput});
   }
 
-  /** The picture on the screen shows all inputs up to this one. */
-  shown(input) {
+  /** Record that the displayed frame shows all inputs up to `input`. */
+  recordShown(input) {
     const now = performance.now();
-    for (const [number, time] of this.times)
-      if (number <= input) { this.latencies.push(now - time); this.times.delete(number); }
-    this.latencies.splice(0, this.latencies.length - 120);
+    for (const [number, time] of this.pending)
+      if (number <= input) { this.latencies.push(now - time); this.pending.delete(number); }
+    this.latencies.splice(0, this.latencies.length - MAX_LATENCIES);
   }
 
   read(message) {
@@ -53,10 +53,9 @@ export class Connection {
 
   unpack(data) {
     this.send({type: "ack"});
-    const end = 4 + new DataView(data).getUint32(0, true);
-    const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, end - 4)));
-    let at = end;
-    const blobs = header.parts.map(n => new Blob([new Uint8Array(data, (at += n) - n, n)], {type: "image/jpeg"}));
-    this.handlers.picture(header, blobs);
+    let start = 4 + new DataView(data).getUint32(0, true);
+    const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, start - 4)));
+    const blobs = header.lengths.map(n => new Blob([new Uint8Array(data, (start += n) - n, n)], {type: "image/jpeg"}));
+    this.handlers.image(header, blobs);
   }
 }

@@ -1,70 +1,71 @@
-// The picture: one canvas, or two with a slider between them. The newest frame wins.
+// The image: one canvas, or two with a divider between them. Of several received images, only the latest is shown.
 
-const $ = id => document.getElementById(id);
+import {$} from "./dom.js";
 
 export class Screen {
-  /** `shown` is called with the header of each frame when it is on the screen. */
-  constructor(shown) {
-    this.shown = shown;
+  /** `onShow` is called with the header of each frame once it is displayed. */
+  constructor(onShow) {
+    this.onShow = onShow;
     this.left = $("left"); this.right = $("right"); this.divider = $("divider");
-    this.cut = 0.5;
-    this.newest = {};
-    this.busy = {};
-    this.split = ""; this.reference = 0;
+    this.cut = 0.5; // position of the divider relative to the width
+    this.latest = {}; // by kind: an image that waits for decoding
+    this.decoding = {};
+    this.split = ""; this.referenceSamples = 0;
     this.header = null;
     this.divider.addEventListener("pointerdown", e => { this.divider.setPointerCapture(e.pointerId); e.stopPropagation(); });
     this.divider.addEventListener("pointermove", e => {
       if (!this.divider.hasPointerCapture(e.pointerId)) return;
       const box = $("view").getBoundingClientRect();
-      this.slide((e.clientX - box.left) / box.width);
+      this.moveDivider((e.clientX - box.left) / box.width);
     });
     this.divider.addEventListener("keydown", e => {
       const step = {ArrowLeft: -0.02, ArrowRight: 0.02}[e.key];
-      if (step) { this.slide(this.cut + step); e.stopPropagation(); e.preventDefault(); }
+      if (step) { this.moveDivider(this.cut + step); e.stopPropagation(); e.preventDefault(); }
     });
   }
 
-  /** Put the slider at a share of the width. */
-  slide(cut) {
+  moveDivider(cut) {
     this.cut = Math.min(1, Math.max(0, cut));
     this.divider.style.left = `${100 * this.cut}%`;
     this.right.style.clipPath = `inset(0 0 0 ${100 * this.cut}%)`;
     this.divider.setAttribute("aria-valuenow", Math.round(100 * this.cut));
   }
 
-  /** What is wanted right of the slider, if anything, and how many samples the reference has; labels tell what is shown. */
-  sides(split, reference) {
-    this.split = split; this.reference = reference;
-    const [model, other] = this.header?.models ?? [], there = split === "reference" ? reference > 0 : split !== "" && other === split;
-    this.right.hidden = !there;
+  /** Set what is shown right of the divider, if anything, and the reference's samples per pixel; update the labels. */
+  setSplit(split, referenceSamples) {
+    this.split = split; this.referenceSamples = referenceSamples;
+    const [model, other] = this.header?.models ?? [];
+    const available = split === "reference" ? referenceSamples > 0 : split !== "" && other === split;
+    this.right.hidden = !available;
     this.divider.hidden = $("label-left").hidden = $("label-right").hidden = split === "";
     $("label-left").textContent = model ?? "";
-    $("label-right").textContent = split !== "reference" ? there ? split : `${split}, being drawn …`
-      : reference ? `reference, ${reference} samples per pixel` : "reference, being traced …";
-    this.slide(this.cut);
+    $("label-right").textContent = split !== "reference" ? available ? split : `${split}, rendering …`
+      : available ? `reference, ${referenceSamples} samples per pixel` : "reference, tracing …";
+    this.moveDivider(this.cut);
   }
 
-  /** Show a picture as soon as it is decoded, unless a newer one of its kind has come by then. */
-  async take(header, blobs) {
-    this.newest[header.kind] = [header, blobs];
-    if (this.busy[header.kind]) return;
-    this.busy[header.kind] = true;
-    while (this.newest[header.kind]) {
-      const [newest, parts] = this.newest[header.kind];
-      this.newest[header.kind] = null;
-      const images = await Promise.all(parts.map(blob => createImageBitmap(blob)));
-      if (newest.kind === "reference") {
+  /** Decode and show an image, unless a newer one of its kind arrives first. */
+  async show(header, blobs) {
+    const kind = header.kind;
+    this.latest[kind] = [header, blobs];
+    if (this.decoding[kind]) return;
+    this.decoding[kind] = true;
+    while (this.latest[kind]) {
+      const [latest, files] = this.latest[kind];
+      this.latest[kind] = null;
+      const images = await Promise.all(files.map(blob => createImageBitmap(blob)));
+      if (kind === "reference") {
         if (this.split === "reference") draw(this.right, images[0]);
       } else {
         draw(this.left, images[0]);
         if (images[1]) draw(this.right, images[1]);
-        this.header = newest;
-        this.sides(this.split, this.reference);
-        this.shown(newest);
+        this.header = latest;
+        this.setSplit(this.split, this.referenceSamples);
+        this.onShow(latest);
       }
       images.forEach(image => image.close());
     }
-    this.busy[header.kind] = false;
+    this.decoding[kind] = false;
   }
 }
 

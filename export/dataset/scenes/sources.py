@@ -1,10 +1,9 @@
 """The procedural sources by name."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
+from functools import partial
 
-from export.dataset.scenes.blocks import blocks, blocks_by_day, blocks_by_night
+from export.dataset.scenes.blocks import blocks
 from export.dataset.scenes.connected_rooms import connected_rooms
 from export.dataset.scenes.corridor import corridor
 from export.dataset.scenes.courtyard import courtyard
@@ -14,9 +13,9 @@ from export.dataset.scenes.open_box import open_box
 from export.dataset.scenes.primitives import primitives
 from export.dataset.scenes.room import room
 
-FILES = "files"  # the source that is not procedural
+FILES = "files"  # the source of scene files
 SOURCES: dict[str, Callable[[Rng], GeneratedScene]] = {
-    "room": room, "corridor": corridor, "hall": hall, "courtyard": courtyard, "blocks": blocks,
-    "blocks-day": blocks_by_day, "blocks-night": blocks_by_night, "primitives": primitives, "connected_rooms": connected_rooms,
-    "open_box": open_box,
+    "room": room, "connected_rooms": connected_rooms, "open_box": open_box, "corridor": corridor, "hall": hall,
+    "courtyard": courtyard, "blocks": blocks, "blocks-day": partial(blocks, night=False),
+    "blocks-night": partial(blocks, night=True), "primitives": primitives,
 }

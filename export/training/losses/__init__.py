@@ -1,6 +1,4 @@
-"""What training minimises: one file per loss, and the names of all."""
-
-from __future__ import annotations
+"""Losses, one file each, and their names."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
@@ -17,39 +15,50 @@ from export.training.losses.surround import SurroundLoss
 __all__ = ["LOSSES", "Loss", "LossInputs", "make_loss"]
 
 
+class Discriminator(Protocol):
+    """A ``torch.nn.Module`` that is trained to tell a network's output from the target."""
+
+    def generator_loss(self, inputs: LossInputs) -> Tensor:
+        """The adversarial loss of the network."""
+
+    def discriminator_loss(self, inputs: LossInputs) -> Tensor:
+        """The loss of the discriminator itself."""
+
+
 class Loss(Protocol):
-    """Weighted terms by name; training minimises their sum."""
+    """Returns weighted terms by name; training minimizes their sum."""
 
     @property
     def uses_previous(self) -> bool:
-        """Whether it looks at ``LossInputs.warped``."""
+        """Whether it reads ``LossInputs.warped``."""
 
     @property
     def uses_condition(self) -> bool:
-        """Whether it looks at ``LossInputs.condition``."""
+        """Whether it reads ``LossInputs.condition``."""
 
     @property
     def discriminator(self) -> Any:
-        """What is trained along, against the network: a module that is an ``export.training.losses.discriminator.Discriminator``, or None."""
+        """A module with the interface of ``Discriminator``, or None."""
 
-    def __call__(self, views: LossInputs) -> dict[str, Tensor]: ...
+    def __call__(self, inputs: LossInputs) -> dict[str, Tensor]: ...
 
 
-LOSSES: Mapping[str, Callable[..., Loss]] = {"bcnn": BcnnLoss, "gfa": GfaLoss, "ndr": NdrLoss,
-                                            "surround": SurroundLoss}
+LOSSES: Mapping[str, Callable[..., Loss]] = {
+    "bcnn": BcnnLoss, "gfa": GfaLoss, "ndr": NdrLoss, "surround": SurroundLoss}
 
 
 def make_loss(kind: str, options: Mapping[str, Any]) -> Loss:
-    """The loss of that name.
+    """The loss ``kind`` with its options.
 
     Raises
     ------
     SettingsError
-        When there is none, or it has no such options.
+        When the loss is unknown, or does not take these options.
     """
     if kind not in LOSSES:
-        raise SettingsError(f"no loss {kind!r}", "loss.kind", f"expected one of {', '.join(LOSSES)}")
+        raise SettingsError(f"no loss {kind!r}", "loss.kind", f"expected one of: {', '.join(LOSSES)}")
     try:
         return LOSSES[kind](**options)
     except (TypeError, ValueError) as error:
-        raise SettingsError(f"bad options ({error})", f"loss {kind!r}", "expected its weights by name") from None
+        raise SettingsError(f"bad options ({error})", f"loss {kind!r}", "expected the options in docs/training.md"
+                            ) from None

@@ -1,11 +1,10 @@
-"""What losses compare, and in which scale.
+"""Inputs of the losses, and the tone mapping under which they compare light.
 
-Light has no upper end: SSIM's constants and an L1 norm would see highlights alone. So every term compares ``tone``d
-light, the μ-law of Kalantari and Ramamoorthi 2017 (Deep High Dynamic Range Imaging of Dynamic Scenes, eq. 5) applied to
-radiance in means of the frame: nearly linear below 1/μ, 1 at the mean, logarithmic beyond.
+Light is unbounded, so SSIM's constants do not fit and highlights would dominate an L1 norm. The terms therefore compare
+tone-mapped light: radiance relative to the mean of the frame under the μ-law of Kalantari and Ramamoorthi 2017 ("Deep
+High Dynamic Range Imaging of Dynamic Scenes", eq. 5), which is nearly linear below 1/μ, 1 at the mean and logarithmic
+beyond.
 """
-
-from __future__ import annotations
 
 import math
 from dataclasses import dataclass
@@ -19,45 +18,45 @@ MU = 16.0
 
 @dataclass(frozen=True)
 class LossInputs:
-    """What a loss compares; light is radiance / albedo in means of the current frame.
+    """Inputs of a loss; light is radiance / albedo relative to the mean of the current frame.
 
     Attributes
     ----------
     output, target : Tensor, shape (B, 3, h, w)
-        (B, 6, h, w) for what shades an environment: diffuse, specular.
+        (B, 6, h, w) for networks that shade an environment: diffuse, specular.
     warped : Tensor or None, shape (B, 3, h, w)
-        The network's output for the previous frame, moved to where its surfaces are now; for losses that ask for it.
-    seen : Tensor, shape (B, 1, h, w)
-        1 where there is a surface, 0 in the sky.
-    visible : Tensor or None, shape (B, 1, h, w)
-        1 where the previous frame shows the same surface; there where ``warped`` is.
+        The network's output for the previous frame, warped to the current one, for losses that use it.
+    surface_mask : Tensor, shape (B, 1, h, w)
+        1 on surfaces, 0 in the sky.
+    history_mask : Tensor or None, shape (B, 1, h, w)
+        1 where the previous frame shows the same surface; given with ``warped``.
     condition : Tensor or None, shape (B, K, h, w)
-        What the network's ``condition`` gives for its inputs; for losses that ask for it.
+        Result of the network's ``condition``, for losses that use it.
     reflectance : Tensor or None, shape (B, 6, h, w)
-        What such diffuse and specular light is multiplied by in the picture.
+        Factors of diffuse and specular light in the final image.
     """
 
     output: Tensor
     target: Tensor
     warped: Tensor | None
-    seen: Tensor
-    visible: Tensor | None
+    surface_mask: Tensor
+    history_mask: Tensor | None
     condition: Tensor | None = None
     reflectance: Tensor | None = None
 
 
-def tone(light: Tensor) -> Tensor:
+def tone_map(light: Tensor) -> Tensor:
     """log(1 + μ x) / log(1 + μ), in single precision."""
     return torch.log1p(MU * light.float().clamp(min=0)) / math.log1p(MU)
 
 
-def toned(views: LossInputs) -> tuple[Tensor, Tensor]:
-    """Output and target as losses compare them; 0 in the sky."""
-    return tone(views.output) * views.seen, tone(views.target) * views.seen
+def tone_map_pair(inputs: LossInputs) -> tuple[Tensor, Tensor]:
+    """Tone-mapped output and target; 0 in the sky."""
+    return tone_map(inputs.output) * inputs.surface_mask, tone_map(inputs.target) * inputs.surface_mask
 
 
 def warp(previous: Tensor, motion: Tensor) -> Tensor:
-    """``previous`` [B, C, h, w] seen from the current frame, bilinear; motion [B, 2, h, w] in texels."""
+    """Warp ``previous`` [B, C, h, w] to the current frame, bilinearly; ``motion`` [B, 2, h, w] in texels."""
     h, w = previous.shape[2:]
     y, x = torch.meshgrid(torch.arange(h, device=motion.device), torch.arange(w, device=motion.device), indexing="ij")
     size = torch.tensor([w, h], dtype=motion.dtype, device=motion.device)
@@ -65,6 +64,6 @@ def warp(previous: Tensor, motion: Tensor) -> Tensor:
     return functional.grid_sample(previous, at, padding_mode="border", align_corners=False)
 
 
-def mean_where(values: Tensor, mask: Tensor) -> Tensor:
-    """Mean of ``values`` [B, C, h, w] over texels where ``mask`` [B, 1, h, w] is 1; 0 where it is so nowhere."""
+def masked_mean(values: Tensor, mask: Tensor) -> Tensor:
+    """Mean of ``values`` [B, C, h, w] over texels where ``mask`` [B, 1, h, w] is 1; 0 for an empty mask."""
     return (values * mask).sum() / (mask.sum() * values.shape[1]).clamp(min=1)

@@ -1,25 +1,24 @@
-"""NDR's loss (Suppan et al.): structural dissimilarity of both kinds of light, and of the picture that they make."""
-
-from __future__ import annotations
+"""NDR's loss (Suppan et al.): structural dissimilarity of both kinds of light, and of the image that they make."""
 
 from dataclasses import dataclass
 
 from torch import Tensor
 
 from export.training.losses.bcnn import ssim_map
-from export.training.losses.loss_inputs import LossInputs, mean_where
+from export.training.losses.loss_inputs import LossInputs, masked_mean
 
 
 @dataclass(frozen=True)
 class NdrLoss:
-    """DSSIM = (1 - SSIM) / 2 of diffuse light, specular light and the picture, each on Reinhard's curve x / (1 + x).
+    """DSSIM = (1 - SSIM) / 2 of diffuse light, specular light and the final image, on Reinhard's curve x / (1 + x).
 
     Attributes
     ----------
     diffuse, specular, final : float
         Weights of DSSIM.
     l1 : float
-        Weight of the mean difference on the same curve, of diffuse and specular light, which is not the paper's.
+        Weight of the mean absolute difference of diffuse and specular light on the same curve, which is not part of
+        the paper's loss.
     """
 
     diffuse: float = 1.0
@@ -31,23 +30,24 @@ class NdrLoss:
     uses_condition = False
     uses_previous = False
 
-    def __call__(self, views: LossInputs) -> dict[str, Tensor]:
-        assert views.reflectance is not None
-        made, true = (_pictures(light * views.seen, views.reflectance) for light in (views.output, views.target))
-        terms = {name: getattr(self, name) * mean_where((1 - ssim_map(made[name], true[name])) / 2, views.seen)
-                 for name in made}
+    def __call__(self, inputs: LossInputs) -> dict[str, Tensor]:
+        assert inputs.reflectance is not None
+        mask = inputs.surface_mask
+        output, target = (_tone_map_layers(x * mask, inputs.reflectance) for x in (inputs.output, inputs.target))
+        terms = {name: getattr(self, name) * masked_mean((1 - ssim_map(output[name], target[name])) / 2, mask)
+                 for name in output}
         if self.l1 > 0:
-            apart = (reinhard(views.output) - reinhard(views.target)).abs()
-            terms["l1"] = self.l1 * mean_where(apart, views.seen)
+            difference = (reinhard(inputs.output) - reinhard(inputs.target)).abs()
+            terms["l1"] = self.l1 * masked_mean(difference, mask)
         return terms
 
 
-def _pictures(light: Tensor, reflectance: Tensor) -> dict[str, Tensor]:
-    """Diffuse and specular light [B, 6, h, w], and what they make with the surface's reflectances, each toned."""
+def _tone_map_layers(light: Tensor, reflectance: Tensor) -> dict[str, Tensor]:
+    """Tone-mapped diffuse light, specular light and final image; ``light`` and ``reflectance`` are [B, 6, h, w]."""
     diffuse, specular = light.chunk(2, dim=1)
-    albedo, mirrored = reflectance.chunk(2, dim=1)
+    albedo, specular_reflectance = reflectance.chunk(2, dim=1)
     return {"diffuse": reinhard(diffuse), "specular": reinhard(specular),
-            "final": reinhard(diffuse * albedo + specular * mirrored)}
+            "final": reinhard(diffuse * albedo + specular * specular_reflectance)}
 
 
 def reinhard(light: Tensor) -> Tensor:

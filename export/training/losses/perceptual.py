@@ -1,6 +1,4 @@
-"""Distance between pictures in the features of a network that knows what things look like."""
-
-from __future__ import annotations
+"""Distance between images in the features of a VGG network."""
 
 import re
 from collections.abc import Mapping
@@ -13,7 +11,7 @@ from torch.nn import functional
 
 from app.errors import SettingsError
 
-MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of the pictures that VGG networks are trained on
+MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet, on which VGG networks are trained
 _KERNEL = re.compile(r"features\.(\d+)\.weight")
 
 
@@ -23,13 +21,13 @@ class Perceptual(nn.Module):
     Parameters
     ----------
     weights : Path
-        State of a VGG without batch norm, as torchvision's models have it: ``features.N.weight`` and ``.bias``. The
-        numbers tell its layers: a convolution is followed by a ReLU, and by pooling where one number more is left out.
+        State of a VGG without batch norm, as saved by torchvision: ``features.N.weight`` and ``.bias``. The numbers
+        give the layers: each convolution is followed by a ReLU, and by pooling if the next number is skipped.
 
     Raises
     ------
     SettingsError
-        When the file can't be read or holds no such network.
+        When the file can't be read or does not hold such a network.
     """
 
     def __init__(self, weights: Path) -> None:
@@ -43,7 +41,7 @@ class Perceptual(nn.Module):
         self.at = at
 
     def forward(self, a: Tensor, b: Tensor) -> Tensor:
-        """Mean over the levels; a and b are [B, 3, h, w] of values from 0 to 1."""
+        """Mean over all levels; ``a`` and ``b`` are [B, 3, h, w] with values from 0 to 1."""
         self.to(a.device)
         mean, deviation = (torch.tensor(x).reshape(1, 3, 1, 1).to(a) for x in (MEAN, DEVIATION))
         x, differences = (torch.cat([a, b]).float() - mean) / deviation, []
@@ -66,17 +64,17 @@ def _kernels(weights: Path) -> dict[int, tuple[Tensor, Tensor]]:
     try:
         state: Mapping[str, Tensor] = torch.load(weights, map_location="cpu", weights_only=True)
         numbers = [int(m[1]) for name in state if (m := _KERNEL.fullmatch(name))]
-        found = {n: (state[f"features.{n}.weight"].float(), state[f"features.{n}.bias"].float()) for n in numbers}
-    except Exception as error:  # torch raises whatever a damaged file makes it raise
+        kernels = {n: (state[f"features.{n}.weight"].float(), state[f"features.{n}.bias"].float()) for n in numbers}
+    except Exception as error:  # torch raises many types for damaged files
         raise SettingsError(f"can't read the network ({type(error).__name__})", weights,
-                            "expected the state of a VGG network that torch has saved") from None
+                            "expected the state of a VGG network, saved by torch") from None
     channels = 3
-    for number in sorted(found):
-        kernel, bias = found[number]
+    for number in sorted(kernels):
+        kernel, bias = kernels[number]
         if kernel.shape != (len(bias), channels, 3, 3):
             raise SettingsError(f"features.{number}.weight has the shape {list(kernel.shape)}", weights,
                                 f"expected 3x3 kernels of {channels} channels: a VGG network without batch norm")
         channels = len(bias)
-    if not found:
-        raise SettingsError("no features.N.weight", weights, "expected the state of a VGG network")
-    return found
+    if not kernels:
+        raise SettingsError("no tensor features.N.weight", weights, "expected the state of a VGG network")
+    return kernels

@@ -1,6 +1,4 @@
-"""The surrounding-aware network's loss (Mahmud et al. 2022), as pix2pix's: L1, and a discriminator that sees the inputs."""
-
-from __future__ import annotations
+"""The surrounding-aware network's loss (Mahmud et al. 2022), as in pix2pix: L1 and a conditional discriminator."""
 
 import math
 from collections.abc import Sequence
@@ -9,31 +7,32 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from export.models.surround import COLORS, SEEN, Discriminator, to_tanh
-from export.training.losses.loss_inputs import LossInputs, mean_where
+from export.models.pix2pix import COLORS, FEATURES, ConditionalPatchGan
+from export.models.surround import to_tanh
+from export.training.losses.loss_inputs import LossInputs, masked_mean
 
 
 class SurroundLoss:
-    """100 × L1 between light maps on Tanh's scale + what a discriminator makes of them, by binary cross-entropy.
+    """100 × L1 between light maps on the scale of Tanh + the discriminator's binary cross-entropy.
 
-    Both look at what the screen shows of the light map, since the reference is known there alone, in means of the sphere.
+    Both terms compare the part of the light map that the screen shows, since the reference is known only there.
 
     Parameters
     ----------
     l1, adversarial : float
-        Weights; there is no discriminator where the second is 0.
+        Weights; there is no discriminator if the second is 0.
     widths : sequence of int
         The discriminator's channels.
 
     Attributes
     ----------
-    discriminator : ConditionalCritic or None
-        To be trained along.
+    discriminator : ConditionalDiscriminator or None
+        The discriminator that is trained with the network.
 
     Raises
     ------
     ValueError
-        For a weight that is not above 0, or below it for the second, and for widths below 1.
+        Unless ``l1`` is positive, ``adversarial`` is not negative and all widths are positive.
     """
 
     uses_previous = False
@@ -42,45 +41,43 @@ class SurroundLoss:
     def __init__(self, l1: float = 100.0, adversarial: float = 1.0,
                  widths: Sequence[int] = (64, 128, 256, 512)) -> None:
         if not (0 < float(l1) < math.inf and 0 <= float(adversarial) < math.inf and min(map(int, widths)) > 0):
-            raise ValueError(f"weights {l1}, {adversarial}, widths {widths}")
+            raise ValueError(f"weights {l1}, {adversarial}, widths {widths}: only the second may be 0")
         self.l1, self.adversarial = l1, adversarial
-        self.discriminator = ConditionalCritic(widths) if adversarial > 0 else None
+        self.discriminator = ConditionalDiscriminator(widths) if adversarial > 0 else None
 
-    def __call__(self, views: LossInputs) -> dict[str, Tensor]:
-        output, target = light_maps(views)
-        terms = {"l1": self.l1 * mean_where((output - target).abs(), views.seen)}
+    def __call__(self, inputs: LossInputs) -> dict[str, Tensor]:
+        output, target = light_maps(inputs)
+        terms = {"l1": self.l1 * masked_mean((output - target).abs(), inputs.surface_mask)}
         if self.discriminator is not None:
-            terms["adversarial"] = self.adversarial * self.discriminator.fooled(views)
+            terms["adversarial"] = self.adversarial * self.discriminator.generator_loss(inputs)
         return terms
 
 
-class ConditionalCritic(nn.Module):
-    """The thesis's discriminator of what the network saw with a light map."""
+class ConditionalDiscriminator(nn.Module):
+    """The thesis's discriminator of light maps, conditioned on the generator's input."""
 
     def __init__(self, widths: Sequence[int]) -> None:
         super().__init__()
-        self.discriminator = Discriminator(tuple(widths))
+        self.network = ConditionalPatchGan(tuple(widths))
 
-    def fooled(self, views: LossInputs) -> Tensor:
-        """What the network is to lessen."""
-        return self._told(views, light_maps(views)[0], 1.0)
+    def generator_loss(self, inputs: LossInputs) -> Tensor:
+        """Cross-entropy of the network's output with the label "real"."""
+        return self._cross_entropy(inputs, light_maps(inputs)[0], 1.0)
 
-    def mistaken(self, views: LossInputs) -> Tensor:
-        """What the discriminator itself is to lessen."""
-        output, target = light_maps(views)
-        return 0.5 * (self._told(views, target, 1.0) + self._told(views, output, 0.0))
+    def discriminator_loss(self, inputs: LossInputs) -> Tensor:
+        """Mean cross-entropy of target and output with their labels."""
+        output, target = light_maps(inputs)
+        return 0.5 * (self._cross_entropy(inputs, target, 1.0) + self._cross_entropy(inputs, output, 0.0))
 
-    def _told(self, views: LossInputs, light: Tensor, reference: float) -> Tensor:
-        assert views.condition is not None
-        logits = self.discriminator(views.condition[:, :SEEN], light)
-        return functional.binary_cross_entropy_with_logits(logits, torch.full_like(logits, reference))
+    def _cross_entropy(self, inputs: LossInputs, light: Tensor, label: float) -> Tensor:
+        assert inputs.condition is not None
+        logits = self.network(inputs.condition[:, :FEATURES], light)
+        return functional.binary_cross_entropy_with_logits(logits, torch.full_like(logits, label))
 
 
-def light_maps(views: LossInputs) -> tuple[Tensor, Tensor]:
-    """Direct and indirect light without albedo of network and reference, in means of the sphere on Tanh's scale; -1 in the
-    sky.
-    """
-    assert views.condition is not None
-    direct, unit = torch.split(views.condition[:, SEEN:], [COLORS, 1], dim=1)
-    output, target = (to_tanh((light / unit + direct) * views.seen) for light in (views.output, views.target))
+def light_maps(inputs: LossInputs) -> tuple[Tensor, Tensor]:
+    """Direct and indirect light / albedo of network and reference on the scale of Tanh; -1 in the sky."""
+    assert inputs.condition is not None
+    direct, unit = torch.split(inputs.condition[:, FEATURES:], [COLORS, 1], dim=1)
+    output, target = (to_tanh((x / unit + direct) * inputs.surface_mask) for x in (inputs.output, inputs.target))
     return output, target

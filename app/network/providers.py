@@ -1,0 +1,79 @@
+"""Execution providers of onnxruntime: which exist, and sessions on one of them."""
+
+import os
+from pathlib import Path
+
+import onnxruntime as ort
+
+from app.errors import ModelError, SettingsError, did_you_mean
+
+AUTO = "auto"
+MAX_REASON_LENGTH = 200
+_REMOTE = ("AzureExecutionProvider",)  # sends data to a server: never a choice here
+
+
+def list_providers() -> list[str]:
+    """Short names of the execution providers of this onnxruntime, fastest first."""
+    return [short_name(name) for name in ort.get_available_providers() if name not in _REMOTE]
+
+
+def check_provider(provider: str) -> None:
+    """Refuse what is neither ``auto`` nor a provider of this onnxruntime.
+
+    Raises
+    ------
+    SettingsError
+        When ``provider`` is unknown; lists the known ones.
+    """
+    known = (AUTO, *list_providers())
+    if provider not in known:
+        raise SettingsError(f"this onnxruntime has no provider {provider!r}", "--provider",
+                            did_you_mean(provider, known))
+
+
+def open_session(path: Path, provider: str) -> ort.InferenceSession:
+    """A session on ``provider``, or for ``auto`` on CUDA if there is any, else on the CPU.
+
+    Raises
+    ------
+    SettingsError
+        When this onnxruntime has no such provider.
+    ModelError
+        When onnxruntime can't load the file.
+    """
+    check_provider(provider)
+    known = list_providers()
+    chosen = provider if provider != AUTO else "cuda" if "cuda" in known else "cpu"
+    wanted = [name for name in ort.get_available_providers() if short_name(name) in (chosen, "cpu")]
+    options = ort.SessionOptions()
+    options.graph_optimization_level = ort.GraphOptimizationLevel.ORT_ENABLE_ALL
+    options.intra_op_num_threads = _physical_cores()
+    # Threads that spin between frames would slow down the passes that follow.
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    options.use_deterministic_compute = True
+    options.log_severity_level = 4
+    try:
+        # The CPU has no fallback; onnxruntime would try again, and log it on the terminal.
+        return ort.InferenceSession(str(path), options, providers=wanted, enable_fallback=chosen != "cpu")
+    except Exception as error:  # onnxruntime's own exceptions share no public base class
+        raise ModelError(f"onnxruntime can't load the network ({one_line(error)})", path,
+                         "expected an ONNX graph that this onnxruntime supports") from None
+
+
+def short_name(provider: str) -> str:
+    """``CPUExecutionProvider`` as ``cpu``."""
+    return provider.removesuffix("ExecutionProvider").lower()
+
+
+def one_line(error: Exception) -> str:
+    """The beginning of an error's message, on one line."""
+    return " ".join(str(error).split())[:MAX_REASON_LENGTH]
+
+
+def _physical_cores() -> int:
+    """Cores that this process may use, without hyper-threads, which would share their vector units."""
+    try:
+        folder = Path("/sys/devices/system/cpu")
+        return len({(folder / f"cpu{n}/topology/thread_siblings_list").read_text() for n in os.sched_getaffinity(0)})
+    except (OSError, AttributeError):
+        return os.cpu_count() or 1

@@ -1,0 +1,130 @@
+"""Instances of meshes, their materials and textures as Mitsuba meshes."""
+
+from typing import Any
+
+import numpy as np
+
+from app.arrays import F32, F64
+from app.io.image import srgb_decode
+from app.math3d import normal_matrix
+from app.scene import Instance, Material, Mesh, Scene, Texture
+from export.reference.mitsuba_lights import SIDE_GAP
+
+
+class MeshConverter:
+    """Makes Mitsuba meshes of instances; ``notices`` names what it can't reproduce."""
+
+    def __init__(self, mi: Any, scene: Scene, time: float, origin: F64, scale: float) -> None:
+        self._mi, self._scene, self._time, self._origin, self._scale = mi, scene, time, origin, scale
+        self.notices: list[str] = []
+        self._bsdfs: dict[tuple[int, bool], Any] = {}  # shared, because shading is faster with fewer
+
+    def convert(self, instance: Instance, side: int = 0) -> Any:
+        """The instance as a reflecting mesh (``side`` 0), or as an emitter to its front (1) or back (-1)."""
+        mi, mesh = self._mi, self._scene.meshes[instance.mesh]
+        material = self._scene.materials[mesh.material]
+        transform = instance.transform_at(self._time)
+        corners = mesh.triangles.ravel()  # unshared vertices, so that a triangle can have its face normal
+        points = mesh.positions[corners].astype(np.float64) @ transform[:3, :3].T + transform[:3, 3]
+        points = (points - self._origin) * self._scale
+        mirrored = np.linalg.det(transform[:3, :3]) < 0
+        normals = _shading_normals(mesh.normals[corners] @ normal_matrix(transform).T, points)
+        if side:
+            facing = _face_normals(points)
+            facing *= (-side if mirrored else side) / np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-300)
+            points, normals = points + SIDE_GAP * facing, facing
+        properties = mi.Properties()
+        if side:
+            properties["emitter"] = mi.load_dict({"type": "area", "radiance": self._texture(
+                material.emission, material.emission_map)})
+        by_vertex = mesh.colors is not None and material.albedo_map is None
+        if (mesh.material, by_vertex) not in self._bsdfs:
+            self._bsdfs[mesh.material, by_vertex] = self._bsdf(material, by_vertex)
+        properties["bsdf"] = self._bsdfs[mesh.material, by_vertex]
+        self._note_differences(mesh, material)
+        # Shading normals decide to which side an area light emits, the winding which side is the front.
+        flip = bool(side) and (mirrored != (side < 0))
+        faces = np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)[:, ::-1 if flip else 1]
+        converted = mi.Mesh(instance.name, len(corners), len(faces), has_vertex_normals=True,
+                            has_vertex_texcoords=mesh.uvs is not None, props=properties)
+        if mesh.colors is not None:
+            colors = mesh.colors[corners].astype(np.float32)
+            albedo = colors[:, :3] * np.asarray(material.albedo, np.float32)
+            converted.add_attribute("vertex_albedo", 3, albedo.ravel())
+            converted.add_attribute("vertex_opacity", 1, _opacity_of(colors[:, 3] * material.alpha, material))
+        buffers = mi.traverse(converted)
+        buffers["vertex_positions"] = points.astype(np.float32).ravel()
+        buffers["vertex_normals"] = normals.astype(np.float32).ravel()
+        buffers["faces"] = np.ascontiguousarray(faces).ravel()
+        if mesh.uvs is not None:
+            texture = material.emission_map if side else material.albedo_map
+            buffers["vertex_texcoords"] = _texcoords(mesh.uvs[corners], texture).astype(np.float32).ravel()
+        buffers.update()
+        return converted
+
+    def _bsdf(self, material: Material, by_vertex: bool) -> Any:
+        reflectance = ({"type": "mesh_attribute", "name": "vertex_albedo"} if by_vertex
+                       else self._texture(material.albedo, material.albedo_map))
+        bsdf: dict[str, Any] = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": reflectance}}
+        if material.alpha_cutoff is not None:
+            opacity = {"type": "mesh_attribute", "name": "vertex_opacity"} if by_vertex else self._opacity(material)
+            bsdf = {"type": "mask", "opacity": opacity, "bsdf": bsdf}
+        return self._mi.load_dict(bsdf)
+
+    def _texture(self, factor: tuple[float, float, float], texture: Texture | None) -> dict[str, Any]:
+        if texture is None:
+            return {"type": "rgb", "value": list(factor)}
+        return self._bitmap(_linear_pixels(texture)[..., :3] * np.asarray(factor, np.float32), texture)
+
+    def _opacity(self, material: Material) -> dict[str, Any]:
+        if material.albedo_map is None:
+            return {"type": "rgb", "value": float(_opacity_of(np.array([material.alpha], np.float32), material)[0])}
+        alpha = _linear_pixels(material.albedo_map)[..., 3:] * np.float32(material.alpha)
+        return self._bitmap(_opacity_of(alpha, material), material.albedo_map, "nearest")
+
+    def _bitmap(self, pixels: F32, texture: Texture, filter_type: str = "bilinear") -> dict[str, Any]:
+        return {"type": "bitmap", "bitmap": self._mi.Bitmap(np.ascontiguousarray(pixels)), "raw": True,
+                "filter_type": filter_type, "wrap_mode": "repeat" if any(texture.repeat) else "clamp"}
+
+    def _note_differences(self, mesh: Mesh, material: Material) -> None:
+        texture = material.albedo_map
+        if texture is None:
+            return
+        if mesh.colors is not None and (mesh.colors != 1).any():
+            self.notices.append(f"{mesh.name!r}: the path tracer ignores the vertex colours of a textured mesh")
+        if mesh.uvs is not None and any(texture.repeat) and not all(texture.repeat):
+            clamped = _texcoords(mesh.uvs, texture)[:, texture.repeat.index(False)]
+            if clamped.min() < 0 or clamped.max() > 1:
+                self.notices.append(f"{mesh.name!r}: the path tracer repeats a texture clamped in one direction")
+
+
+def _face_normals(points: F64) -> F64:
+    """Unnormalized normals of unshared triangles, one per corner."""
+    return np.cross(points[1::3] - points[::3], points[2::3] - points[::3]).repeat(3, axis=0)
+
+
+def _shading_normals(normals: F64, points: F64) -> F64:
+    """Unit normals of the corners; a corner without a normal gets that of its face."""
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    chosen = np.where(length > 1e-6, normals, _face_normals(points))
+    return chosen / np.maximum(np.linalg.norm(chosen, axis=1, keepdims=True), 1e-300)
+
+
+def _texcoords(uvs: F32, texture: Texture | None) -> F64:
+    """Texture coordinates with Mitsuba's v, which starts at the top row."""
+    uv1 = np.concatenate([uvs, np.ones_like(uvs[:, :1])], axis=1).astype(np.float64)
+    transformed = uv1 @ (texture.transform if texture is not None else np.eye(3)).T
+    return np.stack([transformed[:, 0], 1.0 - transformed[:, 1]], axis=1)
+
+
+def _opacity_of(alpha: F32, material: Material) -> F32:
+    """Alpha scaled so that the material's cutoff becomes 1/2, the path tracer's threshold."""
+    return np.clip(alpha / np.float32(2 * max(material.alpha_cutoff or 0, 1e-6)), 0, 1)
+
+
+def _linear_pixels(texture: Texture) -> F32:
+    """Linear float32 [H, W, 4]."""
+    if texture.pixels.dtype != np.uint8:
+        return texture.pixels.astype(np.float32)
+    pixels = texture.pixels.astype(np.float32) / 255
+    return np.concatenate([srgb_decode(pixels[..., :3]), pixels[..., 3:]], axis=-1)

@@ -1,0 +1,92 @@
+"""Ember, world-surfel radiosity, on onnxruntime and torch: times, and errors by precision."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import onnxruntime as ort
+import torch
+
+from app.arrays import F32
+from app.paths import nets_dir
+from export.models.ember import Ember
+from gpu_sections.common import Json, Options, ember_inputs, format_size, max_error, measure_ms, skipped
+
+MODEL = nets_dir() / "ember.onnx"
+CUDA = "CUDAExecutionProvider"
+
+
+def network(options: Options) -> Json:
+    """Times of onnxruntime on the CPU and torch on the GPU, if any, and errors against torch in double precision."""
+    return {format_size(size): _measure(ember_inputs(size), options) for size in options.sizes}
+
+
+def onnxruntime_cuda(options: Options) -> Json:
+    """Times of onnxruntime's CUDA provider with and without TF32, and errors against its CPU provider."""
+    if CUDA not in ort.get_available_providers():
+        return skipped(f"this onnxruntime has no {CUDA}")
+    if hasattr(ort, "preload_dlls"):
+        ort.preload_dlls()  # CUDA and cuDNN of the nvidia-* packages
+    rows = {}
+    for size in options.sizes:
+        inputs = ember_inputs(size)
+        reference = ort.InferenceSession(MODEL, providers=["CPUExecutionProvider"]).run(None, inputs)[0]
+        for label, settings in {"tf32": {"use_tf32": "1"}, "float32": {"use_tf32": "0"}}.items():
+            session = ort.InferenceSession(MODEL, providers=[(CUDA, settings), "CPUExecutionProvider"])
+            rows[f"{format_size(size)} {label}"] = {
+                "runs_on": session.get_providers()[0],
+                **measure_ms(partial(session.run, None, inputs), options),
+                "max_error": max_error(session.run(None, inputs)[0], reference)}
+    return rows
+
+
+def _measure(inputs: dict[str, F32], options: Options) -> Json:
+    cuda = torch.cuda.is_available()
+    device = torch.device("cuda" if cuda else "cpu")
+    session = ort.InferenceSession(MODEL, providers=["CPUExecutionProvider"])
+    model = Ember().eval().to(device)
+    tensors = {name: torch.from_numpy(values).to(device) for name, values in inputs.items()}
+
+    def wait_for(run: Callable[[], object]) -> Callable[[], None]:
+        def waiting() -> None:
+            run()
+            if cuda:
+                torch.cuda.synchronize()
+        return waiting
+
+    with torch.no_grad():
+        reference = Ember().eval().double().to(device)(**{n: t.double() for n, t in tensors.items()}).cpu().numpy()
+        output = session.run(None, inputs)[0]
+        row: Json = {"grid": list(output.shape[2:]), "onnxruntime_error": max_error(output, reference),
+                     "onnxruntime_cpu": measure_ms(lambda: session.run(None, inputs), options, 20)}
+        for tf32 in (False, True):
+            torch.backends.cuda.matmul.allow_tf32 = tf32
+            values = model(**tensors).cpu().numpy()
+            mean_error = float(np.abs(values - reference).mean() / np.abs(reference).mean())
+            row[f"torch tf32={tf32}"] = {**measure_ms(wait_for(lambda: model(**tensors)), options),
+                                         "max_error": max_error(values, reference), "mean_error": mean_error}
+        torch.backends.cuda.matmul.allow_tf32 = False
+        if not cuda:
+            return {**row, "cuda_graph": skipped("torch finds no CUDA device")}
+        upload = wait_for(lambda: [torch.from_numpy(values).to(device) for values in inputs.values()])
+        return {**row, "host_to_device": measure_ms(upload, options),
+                "cuda_graph": _measure_graph(model, tensors, reference, wait_for, options)}
+
+
+def _measure_graph(model: Ember, tensors: dict[str, torch.Tensor], reference: F32,
+                   wait_for: Callable[[Callable[[], object]], Callable[[], None]], options: Options) -> Json:
+    """Replay the network as a CUDA graph."""
+    stream = torch.cuda.Stream()  # type: ignore[no-untyped-call]
+    stream.wait_stream(torch.cuda.current_stream())
+    with torch.cuda.stream(stream):
+        for _ in range(3):
+            model(**tensors)
+    torch.cuda.current_stream().wait_stream(stream)
+    graph = torch.cuda.CUDAGraph()
+    with torch.cuda.graph(graph):
+        output = model(**tensors)
+    replay = wait_for(graph.replay)
+    replay()
+    return {**measure_ms(replay, options, 100), "max_error": max_error(output.cpu().numpy(), reference)}

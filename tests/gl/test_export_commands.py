@@ -1,0 +1,68 @@
+"""Commands of ``python -m export`` that draw or write files for developers."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from pathlib import Path
+
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+if any(importlib.util.find_spec(name) is None for name in ("mitsuba", "torch", "distributed")):
+    pytest.skip("the extra 'export' is not installed", allow_module_level=True)
+
+from app.golden.catalogue import PROBE, PROBE_ENVIRONMENT
+from app.network.contract_json import read_contract
+from export.__main__ import cli
+from export.dataset import contact_sheet
+from export.dataset.scene_key import scene_key
+from export.onnx import probe
+from export.validation import choose_views
+from export.validation.views import generated
+
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+
+TOML = ("size = [64, 48]\nspp = 4\nmax_bounces = 4\ndenoise = false\n[sources]\n"
+        "room = {weight = 1, pairs_per_scene = 2}\n")
+
+
+def run(*arguments: str) -> str:
+    done = CliRunner().invoke(cli, arguments, catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+@pytest.mark.usefixtures("path_tracer")
+def test_choose_writes_the_list_without_dropped_views(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in {"FILES": {}, "GENERATED": (("room", 0),), "VIEWS_OF_GENERATED": 2, "CANDIDATES": 8,
+                        "LIST": tmp_path / "views.json"}.items():
+        monkeypatch.setattr(choose_views, name, value)
+    run("validate", "choose", "--drop", "room-0-1", "--sheet", str(tmp_path / "sheet.png"))
+    listed = json.loads((tmp_path / "views.json").read_text("utf-8"))
+    assert [view["name"] for view in listed["views"]] == ["room-0-0"] and listed["dropped"] == ["room-0-1"]
+    assert listed["views"][0]["key"] == scene_key(generated("room", 0).scene)
+    width, height = Image.open(tmp_path / "sheet.png").size
+    assert (width, height) == (contact_sheet.COLUMNS * listed["size"][0], listed["size"][1])
+
+
+def test_probe_writes_the_networks_of_the_goldens(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(probe, "PROBE", tmp_path / "probe.onnx")
+    monkeypatch.setattr(probe, "PROBE_ENVIRONMENT", tmp_path / "probe_environment.onnx")
+    assert len(run("onnx", "probe").splitlines()) == 2
+    for bundled in (PROBE, PROBE_ENVIRONMENT):
+        assert read_contract(tmp_path / bundled.name) == read_contract(bundled)
+
+
+@pytest.mark.usefixtures("path_tracer")
+def test_sheet_shows_the_first_pairs_of_a_dataset(tmp_path: Path) -> None:
+    (tmp_path / "small.toml").write_text(TOML)
+    data, picture = tmp_path / "data", tmp_path / "sheet.jpg"
+    run("dataset", "make", "--out", str(data), "--frames", "2", "--config", str(tmp_path / "small.toml"),
+        "--workers", "1")
+    run("dataset", "sheet", str(data), str(picture), "--count", "2")
+    sheet = Image.open(picture)
+    assert sheet.size == (8 * 160, 120)
+    shown = [sheet.crop((160 * k, 0, 160 * k + 160, 120)).convert("L").getextrema()[1] for k in range(3)]
+    assert min(shown[:2]) > 50 and shown[2] < 10
