@@ -20,9 +20,21 @@ cli.add_typer(validate, name="validate")
 cli.command()(rebuild)
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Run the command line; print a user's error as one line, as ``python -m app`` does, and exit with code 2."""
     try:
-        cli()
+        sys.exit(cli(standalone_mode=False))
     except AfterglowError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+        message = str(error)
+    except typer.TyperException as error:
+        text = error.format_message()
+        message = text and f"command line: {text[:1].lower()}{text[1:].rstrip('. ')} (--help lists the options)"
+    except typer.Abort:
+        sys.exit(1)
+    if message:  # it is empty after the help of a group
+        typer.echo(typer.style("error:", fg="red", bold=True) + " " + " ".join(message.split()), err=True)
+    sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()

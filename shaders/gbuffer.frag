@@ -47,7 +47,7 @@ layout(location = WRITE_SPECULAR_ROUGHNESS) out vec4 out_specular_roughness;
 #ifdef WRITE_MOTION
 in vec3 clip_now;
 in vec3 clip_before;
-layout(location = WRITE_MOTION) out vec4 out_motion;      // pixels, +y down; z: depth one frame ago / now; w: inverse_depth
+layout(location = WRITE_MOTION) out vec4 out_motion;      // pixels, +y down; z: depth one frame ago / now; w: inverse depth
 #endif
 
 // Towards the viewer, from screen-space derivatives.

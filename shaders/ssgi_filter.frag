@@ -1,4 +1,4 @@
-// Gathers the walks of 3x3 texels on the same surface. Two runs, over texels that are 1 and 3 spacing, see 9x9 (Dammertz
+// Gathers the walks of 3x3 texels on the same surface. Two runs, over texels that are 1 and 3 apart, see 9x9 (Dammertz
 // et al. 2010, "Edge-Avoiding À-Trous Wavelet Transform for fast Global Illumination Filtering").
 #include "numbers.glsl"
 #include "grid.glsl"

@@ -13,7 +13,7 @@ const float STILL_PIXELS = 0.01;    // motion below which a texel counts as stil
 const float DEPTH_TOLERANCE = 0.03; // relative
 
 uniform sampler2D lit;
-uniform sampler2D motion;      // w: inverse_depth
+uniform sampler2D motion;      // w: inverse depth
 uniform sampler2D taa_prev;    // rgb: history, a: frames accumulated
 uniform sampler2D depth_prev;
 uniform float near;            // distance of the near plane in scene units
@@ -97,7 +97,7 @@ vec2 sky_motion()
 }
 #endif
 
-// Motion of the nearest surface in and around the quad (z: inverse_depth one frame ago), so that edges move with what is
+// Motion of the nearest surface in and around the quad (z: inverse depth one frame ago), so that edges move with what is
 // before them.
 vec3 nearest_motion(ivec2 t, ivec2 outward)
 {
@@ -113,7 +113,7 @@ vec3 nearest_motion(ivec2 t, ivec2 outward)
     return vec3(best.xy * vec2(1.0, -1.0), best.z > 0.0 ? best.w / best.z : 0.0);
 }
 
-// Whether a surface of the given inverse_depth was visible one frame ago in or around the quad at texel t: between the
+// Whether a surface of the given inverse depth was visible one frame ago in or around the quad at texel t: between the
 // nearest and the farthest there, so that jitter across an edge counts as seen.
 bool was_visible(ivec2 t, ivec2 outward, float expected)
 {

@@ -17,8 +17,8 @@ uniform sampler2D normal;
 uniform sampler2D depth;
 uniform vec2 ratio;  // full-resolution texels per low-resolution texel
 #ifdef HAS_INDIRECT_PREV
-uniform sampler2D motion;         // w: inverse_depth
-uniform sampler2D indirect_prev;  // a: inverse_depth
+uniform sampler2D motion;         // w: inverse depth
+uniform sampler2D indirect_prev;  // a: inverse depth
 uniform sampler2D normal_prev;
 uniform float max_frames;  // of history
 uniform bool history_valid;

@@ -12,6 +12,8 @@ from app.paths import shader_dir
 from app.scene import Scene
 
 PATH_TRACER_PACKAGES = ("mitsuba", "drjit")
+COMMAND_FILES = ("__init__.py", "cli.py")       # of the path tracer; references do not depend on them
+ENVIRONMENT_FILES = ("environment_tracer.py",)  # those of scenes without an environment do not depend on it
 # Shaders of the light that the renderer adds to path-traced diffuse light: emission and specular, and the background.
 SURFACE_SHADERS = ("gbuffer.vert", "gbuffer.frag", "shadow.vert", "shadow.frag", "shadow_nearest.frag", "direct.frag")
 BACKGROUND_SHADERS = ("gbuffer.vert", "gbuffer.frag", "background.frag")
@@ -27,8 +29,11 @@ def exporter_version(scene: Scene) -> str:
     """
     package = require_path_tracer()
     digest = hashlib.sha256("".join(map(metadata.version, PATH_TRACER_PACKAGES)).encode())
-    modules = (denoise, environment) if scene.environment is not None else (denoise,)
-    for file in (*sorted((package / "reference").glob("*.py")), *(Path(str(module.__file__)) for module in modules)):
+    has_environment = scene.environment is not None
+    modules = (denoise, environment) if has_environment else (denoise,)
+    unused = COMMAND_FILES if has_environment else (*COMMAND_FILES, *ENVIRONMENT_FILES)
+    tracer = [file for file in sorted((package / "reference").glob("*.py")) if file.name not in unused]
+    for file in (*tracer, *(Path(str(module.__file__)) for module in modules)):
         digest.update(file.read_bytes())
     return digest.hexdigest()
 

@@ -42,13 +42,13 @@ class NetworkCase:
         Raises
         ------
         SceneError
-            When a saved tensor can't be read, or does not have the shape of the network's contract.
+            When a saved tensor can't be read, or has no first frame or not the shape of the network's contract.
         """
         contract = read_contract(self.model)
         size = contract.screen_size(self.source.size)
         names = tensor_names(contract)
-        goldens = {t: read_picture(saved, name) for t, name in names.items()}
-        images = {t: frames[FRAME] for t, frames in goldens.items() if frames and FRAME in frames}
+        read = {t: _read(saved, name) for t, name in names.items()}
+        images = {t: image for t, image in read.items() if image is not None}
         if len(images) < len(names):
             first_frame = self.source.first_tensors()
             images = {t: half(first_frame[name]).astype(np.float32) for t, name in names.items()}
@@ -58,6 +58,15 @@ class NetworkCase:
         return [*(Picture("saved tensors", names[t], {FRAME: image}) for t, image in images.items()),
                 *(Picture("network", channel.removesuffix(".rgb"), {FRAME: np.moveaxis(planes, 0, -1)})
                   for channel, planes in outputs.items())]
+
+
+def _read(saved: Path, name: str) -> F32 | None:
+    """A saved tensor; None if there is none."""
+    frames = read_picture(saved, name)
+    if frames is not None and FRAME not in frames:
+        raise SceneError(f"no layer 'frame{FRAME}' in the saved tensor", saved / file_name(name),
+                         "expected a tensor that golden update saved; delete the file and it saves a new one")
+    return None if frames is None else frames[FRAME]
 
 
 def _tensor(image: F32, shape: tuple[int, ...], path: Path) -> F32:

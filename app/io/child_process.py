@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -14,6 +15,8 @@ from app.errors import ProcessError
 
 ROOT = Path(__file__).resolve().parents[2]  # contains the packages ``app`` and ``export``
 NICENESS = 5  # of children that must not slow this process down
+GROUPS = ("dataset", "onnx", "validate", "golden")  # commands that have commands of their own
+ERROR_LINE = re.compile(r"(?:error|app\.errors\.\w+): (.+?): (.+) \((.+)\)")  # printed by a command, or a traceback's
 
 
 def run_module(module: str, arguments: Sequence[str] = (), *, stdin: str = "") -> str:
@@ -22,7 +25,7 @@ def run_module(module: str, arguments: Sequence[str] = (), *, stdin: str = "") -
     Raises
     ------
     ProcessError
-        When it fails; contains its own error line.
+        When it fails; says what its own error line says.
     """
     done = subprocess.run(_command(module, arguments), input=stdin, capture_output=True, text=True, check=False,
                           env=_environment())
@@ -61,11 +64,15 @@ def _command(module: str, arguments: Sequence[str]) -> list[str]:
 
 def _environment() -> dict[str, str]:
     """Environment variables with which a child process imports these packages, whatever its working directory."""
-    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))}
 
 
 def _error(module: str, arguments: Sequence[str], code: int, stderr: str) -> ProcessError:
-    lines = stderr.strip().splitlines() or [f"exit code {code}"]
-    reason = next((line for line in lines if line.startswith("error: ")), lines[-1]).removeprefix("error: ")
-    command = shlex.join(["python", "-m", module, *arguments[:1]])
-    return ProcessError(f"failed: {reason}", command, "expected it to succeed")
+    lines = stderr.strip().splitlines()
+    if found := next(filter(None, map(ERROR_LINE.fullmatch, reversed(lines))), None):
+        where, what, expected = found.groups()
+        return ProcessError(what, where, expected)
+    named = 2 if arguments and arguments[0] in GROUPS else 1
+    reason = lines[-1] if lines else f"exit code {code}"
+    return ProcessError(f"failed: {reason}", shlex.join(["python", "-m", module, *arguments[:named]]),
+                        "run it in a terminal for all that it prints")

@@ -106,8 +106,10 @@ class _Reader:
             self._builder.notice(f"{name!r}: geometry without readable positions is omitted")
             return None
         default = len(self._uv_sets) - 1  # comes after the materials of the file
-        material = spec.get("material", default)
-        if material == default and "material" in spec:
+        material = spec.get("material")
+        if material is None:
+            material = default
+        elif not 0 <= material < default:
             raise IndexError(f"no material {material}")
         positions = self._file.accessor(attributes["POSITION"]).astype(np.float64)
         order = self._file.accessor(spec["indices"])[:, 0] if "indices" in spec else np.arange(len(positions))

@@ -35,7 +35,7 @@ def contract_to_json(contract: ModelContract) -> str:
 
 
 def contract_from_json(text: str, where: object) -> ModelContract:
-    """Parse and check a contract.
+    """Parse and check a contract; keys whose value is null count as absent.
 
     Parameters
     ----------
@@ -52,6 +52,7 @@ def contract_from_json(text: str, where: object) -> ModelContract:
     except (ValueError, RecursionError) as error:
         raise ModelError(f"the contract is no JSON ({error})", where, "expected a JSON object") from None
     _check_version(value, where)  # first, since another version may have other keys
+    value = _without_nulls(value)
     check(value, where, schema=SCHEMA, error=ModelError)
     tensors = {group: {tensor: _tensor(spec) for tensor, spec in value[group].items()}
                for group in ("inputs", "outputs")}
@@ -66,6 +67,19 @@ def _check_version(value: Any, where: object) -> None:
     if version != VERSION:
         advice = f", which python -m export onnx restamp {where} makes of version 1" if version == 1 else ""
         raise ModelError(f"contract version {version!r}", where, f"expected version {VERSION}{advice}")
+
+
+def _without_nulls(contract: Any) -> Any:
+    """A copy without null values of the contract itself and of its tensors."""
+    contract = _drop_nulls(contract)
+    for group in ("inputs", "outputs"):
+        if isinstance(contract, dict) and isinstance(tensors := contract.get(group), dict):
+            contract[group] = {tensor: _drop_nulls(spec) for tensor, spec in tensors.items()}
+    return contract
+
+
+def _drop_nulls(value: Any) -> Any:
+    return {k: v for k, v in value.items() if v is not None} if isinstance(value, dict) else value
 
 
 def _tensor(spec: dict[str, Any]) -> TensorSpec:

@@ -44,7 +44,8 @@ class Dataset:
         self.folder = folder
         about = read_about(folder)
         if about is None:
-            raise SettingsError("no dataset", folder, f"expected one of python -m export dataset make --out {folder}")
+            raise SettingsError("no dataset", folder,
+                                f"expected a dataset; make one with python -m export dataset make --out {folder}")
         self.config, self.seed, self._length = about.config, about.seed, about.pairs
         missing = next((i for i in range(self._length) if not item_path(folder, i).is_file()), None)
         if missing is not None:
@@ -88,7 +89,7 @@ def read_about(folder: Path) -> About | None:
     Raises
     ------
     SettingsError
-        When the file is damaged, or its configuration is not valid any more.
+        When the file is damaged or was made by another version.
     """
     path = folder / FILE
     if not path.is_file():
@@ -96,6 +97,10 @@ def read_about(folder: Path) -> About | None:
     try:
         table = json.loads(path.read_text("utf-8"))
         return About(config_from_table(table["config"], path), int(table["seed"]), int(table["pairs"]))
+    except SettingsError as error:
+        raise SettingsError(f"made by another version ({error.what})", path,
+                            "expected this version's keys; make it again with python -m export dataset make "
+                            "--out and a new folder") from None
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise SettingsError(f"can't read the file ({error})", path,
                             "expected a file of python -m export dataset make") from None

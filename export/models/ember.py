@@ -1,7 +1,7 @@
 """Ember, world-surfel radiosity: traced bounces between surfels, and attention that interpolates their light.
 
 The network is exactly linear in light and treats all colours alike, since all weights come from geometry.
-docs/network.md has the mathematics.
+docs/ember.md has the mathematics.
 """
 
 import torch
@@ -34,7 +34,7 @@ class Ember(Network):
     def __init__(self, surfels: int = SURFEL_COUNT, rays: int = RAYS_PER_SURFEL) -> None:
         super().__init__()
         self.contract = ModelContract(
-            name="ember", paper="world surfels with traced transport, interpolated by attention; docs/network.md",
+            name="ember", paper="world surfels with traced transport, interpolated by attention; docs/ember.md",
             inputs={"screen": TensorSpec(("position.view.xyz", "normal.view.xyz")),
                     "surfels": TensorSpec(("position.view.xyz", "normal.view.xyz", "irradiance.rgb",
                                            "emissive_irradiance.rgb", "surfel.radius", "surfel.weight"),

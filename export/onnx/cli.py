@@ -9,12 +9,13 @@ import typer
 from rich import box
 from rich.table import Table
 
-from app.errors import ModelError
+from app.errors import ModelError, did_you_mean
 from app.io.atomic_files import write_text
 from app.io.terminal import print_table
 from app.paths import nets_dir
 
 LIGHT_FACTORS = (0.1, 10.0)  # of the linearity check
+WHERE = "NETWORK"            # the argument that names networks
 
 cli = typer.Typer(no_args_is_help=True, help="Write networks as ONNX files, store contracts in them and check them.")
 
@@ -43,7 +44,7 @@ def write(networks: Annotated[list[str] | None, typer.Argument(
     for path in checkpoints:
         for file in export_checkpoint(load_checkpoint(Path(path)), folder, precision or tuple(Precision)):
             print(file)
-    for name in _known_networks(names) if names or not checkpoints else ():
+    for name in _known_networks(names, ", or a checkpoint (.pt)") if names or not checkpoints else ():
         print(export_network(name, folder))
 
 
@@ -55,9 +56,10 @@ def stamp(model: Annotated[Path, typer.Argument(help="The .onnx file, which is r
     from export.onnx.export import stamp as stamp_file
 
     try:
-        text = contract.read_text()
-    except OSError as error:
-        raise ModelError(f"can't read the contract ({error.strerror})", contract, "expected a JSON file") from None
+        text = contract.read_text("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8"
+        raise ModelError(f"can't read the contract ({reason})", contract, "expected a JSON file") from None
     stamp_file(model, contract_from_json(text, contract))
 
 
@@ -127,9 +129,9 @@ def linearity(networks: Annotated[list[str] | None, typer.Argument(
 
     table = Table("network", "f(L1 + L2)", *(f"f({factor:g} L)" for factor in LIGHT_FACTORS), box=box.SIMPLE)
     for name in networks or bundled_models():
-        file = find_model(name)
+        file = find_model(name, WHERE)
         if not isinstance(file, Path):
-            raise ModelError(f"{name!r} is not a network", "export onnx linearity", "expected an .onnx file")
+            raise ModelError(f"{name!r} is not a network", WHERE, "expected an .onnx file")
         contract = Network(file, RENDERED_SIZE, "cpu").contract  # checked against its graph
         model, inputs = file.read_bytes(), [arrays for _, arrays in rendered_inputs(contract)]
         errors = [max(additivity(model, x) for x in inputs),
@@ -156,8 +158,13 @@ def probe() -> None:
         print(path)
 
 
-def _known_networks(names: list[str] | None) -> list[str]:
+def _known_networks(names: list[str] | None, others: str = "") -> list[str]:
     """``names``, or all untrained networks if there are none.
+
+    Parameters
+    ----------
+    others : str
+        What the command takes besides; for the error.
 
     Raises
     ------
@@ -168,6 +175,5 @@ def _known_networks(names: list[str] | None) -> list[str]:
 
     for name in names or ():
         if name not in UNTRAINED:
-            raise ModelError(f"no untrained network {name!r}", "export onnx",
-                             f"expected one of: {', '.join(UNTRAINED)}, or a checkpoint (.pt)")
+            raise ModelError(f"no untrained network {name!r}", WHERE, f"{did_you_mean(name, UNTRAINED)}{others}")
     return names or list(UNTRAINED)

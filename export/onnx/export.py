@@ -11,7 +11,7 @@ import onnxruntime as ort
 import torch
 
 from app.errors import ModelError
-from app.io.atomic_files import replace_file, write_text
+from app.io.atomic_files import prepare_folders, replace_file, write_text
 from app.network.contract import KEY, ModelContract
 from app.network.contract_json import contract_to_json
 from app.network.selection import HALF_SUFFIX
@@ -99,11 +99,13 @@ def write_network(network: Network, folder: Path, inputs: Iterable[tuple[str, Ar
     ------
     ModelError
         When it does not agree.
+    OutputError
+        When the folder can't be written to.
     """
     contract = network.contract
     example = _to_torch(example_inputs(contract), contract)
     path = folder / f"{contract.name}.onnx"
-    folder.mkdir(parents=True, exist_ok=True)
+    prepare_folders(folder)
     with replace_file(path) as temporary:
         model = trace_network(network, example)
         _set_contract(model, contract)

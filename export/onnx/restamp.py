@@ -32,11 +32,11 @@ def restamp(path: Path) -> None:
     Raises
     ------
     ModelError
-        When the file is not an ONNX model or has no contract of version 1.
+        When the file is not an ONNX model or has no valid contract of version 1.
     """
     model = load_model(path)
     metadata = {p.key: p.value for p in model.metadata_props}
-    contract = contract_from_json(json.dumps(_updated(_read_contract(metadata.get(KEY, ""), path))), path)
+    contract = contract_from_json(json.dumps(_updated(_read_contract(metadata.get(KEY, ""), path), path)), path)
     if contract.static_input is not None:
         _rename_tensors(model.graph)
     onnx.helper.set_model_props(model, metadata | {KEY: contract_to_json(contract)})
@@ -49,18 +49,26 @@ def _read_contract(text: str, path: Path) -> dict[str, Any]:
         value = json.loads(text)
         if value["version"] == OLD_VERSION:
             return dict(value)
-    except (ValueError, TypeError, KeyError):
+    except (ValueError, TypeError, KeyError, RecursionError):
         pass
     raise ModelError(f"no contract of version {OLD_VERSION}", path, "expected a network of an earlier release")
 
 
-def _updated(contract: dict[str, Any]) -> dict[str, Any]:
+def _updated(contract: dict[str, Any], path: Path) -> dict[str, Any]:
     updated = {RENAMED_KEYS.get(key, key): value for key, value in contract.items()} | {"version": VERSION}
-    for group in ("inputs", "outputs"):
-        updated[group] = {tensor: {**spec, "channels": [RENAMED_CHANNELS.get(name, name) for name in spec["channels"]],
-                                   "grid": RENAMED_GRIDS.get(spec.get("grid"), spec.get("grid", SCREEN))}
-                          for tensor, spec in contract[group].items()}
+    try:
+        for group in ("inputs", "outputs"):
+            updated[group] = {tensor: _updated_tensor(spec) for tensor, spec in contract[group].items()}
+    except (AttributeError, KeyError, TypeError):
+        raise ModelError(f"damaged contract of version {OLD_VERSION}", path,
+                         "expected inputs and outputs by name, each with a list of channels and a grid") from None
     return updated
+
+
+def _updated_tensor(spec: dict[str, Any]) -> dict[str, Any]:
+    grid = spec.get("grid", SCREEN)
+    return {**spec, "channels": [RENAMED_CHANNELS.get(name, name) for name in spec["channels"]],
+            "grid": RENAMED_GRIDS.get(grid, grid)}
 
 
 def _rename_tensors(graph: onnx.GraphProto) -> None:

@@ -85,10 +85,13 @@ def load_checkpoint(path: Path) -> Checkpoint:
     """
     try:
         state = torch.load(path, map_location="cpu", weights_only=True)
-        if state.pop("version") != VERSION:
-            raise KeyError
+        if (version := state.pop("version")) != VERSION:
+            raise ModelError(f"made by another version ({version})", path,
+                             f"expected {VERSION}; make it again with python -m export train and a new --out")
         config = config_from_table(state.pop("config"), path)
         return Checkpoint(config=config, progress=Progress(**state.pop("progress")), **state)
+    except ModelError:
+        raise
     except OSError as error:
         raise ModelError(f"can't read the checkpoint ({error.strerror})", path, "expected a file") from None
     except Exception as error:  # torch raises many types for damaged files

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageDraw
 
-from app.io.atomic_files import write_text
+from app.errors import OutputError, SettingsError, did_you_mean
+from app.io.atomic_files import prepare_folders, replace_file, write_text
 from app.load import load_scene
 from app.network.selection import find_model
 from app.renderer import Renderer
@@ -35,27 +36,41 @@ FILES = {  # file, lightings of its sidecar file, and views per lighting includi
 }
 GENERATED = (("room", 0), ("room", 1), ("courtyard", 2), ("blocks-day", 0))  # source and seed
 VIEWS_OF_GENERATED = 4
+SHEET_FORMATS = {".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg"}
 
 
 def write_views(scenes: Path, seed: int, drop: list[str], sheet: Path | None) -> None:
-    """Choose views, write the list of all except those in ``drop``, and optionally a contact sheet."""
-    entries: list[dict[str, Any]] = []
-    pictures: list[Image.Image] = []
+    """Choose views, write the list of all except those in ``drop``, and optionally a contact sheet.
+
+    Raises
+    ------
+    SettingsError
+        When ``drop`` contains an unknown name.
+    OutputError
+        When the sheet can't be written; the list is then unchanged.
+    """
+    if sheet is not None:
+        if sheet.suffix.lower() not in SHEET_FORMATS:
+            raise OutputError(f"unknown suffix {sheet.suffix!r}", sheet, f"expected one of: {', '.join(SHEET_FORMATS)}")
+        prepare_folders(sheet.parent)
+    chosen: list[tuple[dict[str, Any], Scene, Camera]] = []
     for entry, scene, cameras in [*_of_files(scenes, seed), *_of_generators(seed)]:
         for k, camera in enumerate(cameras):
             name = "-".join(str(entry[key]) for key in ("scene", "lighting") if key in entry) + f"-{k}"
-            if name in drop:
-                continue
-            entries.append({"name": name, **entry, "camera": asdict(camera)})
-            if sheet is not None:
-                pictures.append(_picture(scene, camera, name))
+            chosen.append(({"name": name, **entry, "camera": asdict(camera)}, scene, camera))
         print(entry["scene"], entry.get("lighting", ""), len(cameras), flush=True)
+    names = [entry["name"] for entry, _, _ in chosen]
+    if unknown := [name for name in drop if name not in names]:
+        raise SettingsError(f"no view {unknown[0]!r}", "--drop", did_you_mean(unknown[0], names))
+    chosen = [view for view in chosen if view[0]["name"] not in drop]
+    if sheet is not None:
+        with replace_file(sheet) as temporary:
+            tile([_picture(scene, camera, entry["name"]) for entry, scene, camera in chosen]).save(
+                temporary, SHEET_FORMATS[sheet.suffix.lower()])
     files = {name: {"file": file, "sha256": digest(scenes / file)}
              for name, (file, _, _) in FILES.items()}
     about = {"made_by": "python -m export validate choose", "seed": seed, "dropped": drop, "size": SIZE}
-    write_text(LIST, json.dumps({**about, "files": files, "views": entries}, indent=1) + "\n")
-    if sheet is not None:
-        tile(pictures).save(sheet)
+    write_text(LIST, json.dumps({**about, "files": files, "views": [entry for entry, _, _ in chosen]}, indent=1) + "\n")
 
 
 def _of_files(folder: Path, seed: int) -> list[tuple[dict[str, Any], Scene, list[Camera]]]:

@@ -125,7 +125,7 @@ def environments(
     write_text(out / "environments.csv", to_csv(rows))
     _print(("scene", "views", "model", *METRICS),
            [(row["scene"], str(row["views"]), row["model"], *(f"{row[name]:.3f}" for name in METRICS))
-            for row in by_scene(rows)])
+            for row in by_scene(rows, METRICS)])
 
 
 @cli.command()

@@ -24,6 +24,7 @@ from export.validation.views import View
 
 WHERE = "MODEL"      # the argument that names models
 LAYERS = ("final", "indirect")
+ERRORS = tuple(f"{layer}.{metric}" for layer in LAYERS for metric in METRICS)  # keys of a row
 ORACLE = "× oracle"  # suffix of a model whose light is scaled by the best constant per colour channel and view
 ALL = "mean"         # in place of a scene's name: the mean over all views
 
@@ -80,10 +81,9 @@ def measure_errors(views: Sequence[View], models: Sequence[str], spp: int, refer
     return rows
 
 
-def by_scene(rows: Sequence[Row]) -> list[Row]:
-    """Means of all errors for each model over the ``views`` of each scene, and over all (scene ``mean``)."""
+def by_scene(rows: Sequence[Row], metrics: Sequence[str] = ERRORS) -> list[Row]:
+    """Means of ``metrics`` for each model over the ``views`` of each scene, and over all (scene ``mean``)."""
     models, scenes = dict.fromkeys(row["model"] for row in rows), dict.fromkeys(row["scene"] for row in rows)
-    metrics = [name for name, value in rows[0].items() if isinstance(value, float)]
     means = []
     for scene, model in product((*scenes, ALL), models):
         if chosen := [row for row in rows if row["model"] == model and scene in (row["scene"], ALL)]:

@@ -1,7 +1,7 @@
 // The lobe of a rough surface's reflections.
 #include "numbers.glsl"
 
-const float MIN_ALPHA = 2e-3;  // least alpha
+const float MIN_ALPHA = 2e-3;  // for smaller ones q would be little but its rounding, 1e-7; for 0 the lobe is 0 / 0
 
 // Trowbridge-Reitz distribution times height-correlated Smith visibility (Heitz 2014).
 float ggx_lobe(float n_h, float n_v, float n_l, float alpha)

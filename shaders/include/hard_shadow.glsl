@@ -6,7 +6,7 @@
 #include "numbers.glsl"
 
 const float SNAP = 1.0 / 64.0;  // texels by which rasterisation shifts surfaces, rounded up
-const float ROUNDING = 2e-6;    // of inverse_depth
+const float ROUNDING = 2e-6;    // of inverse depth
 const float RELIEF = 1.5;       // texels; parallel steps that are lower are too fine for the map
 const float MAX_RECEIVER_SLOPE = 1e5;
 
@@ -17,7 +17,7 @@ uniform sampler2D shadow_slope;
 struct MapPlane {
     vec2 corner;     // of the light's square, in texels of the atlas
     vec2 at;
-    vec2 slope;      // inverse_depth that the receiver's plane gains along the map
+    vec2 slope;      // inverse depth that the receiver's plane gains along the map
     float inverse_depth;
     float depth;     // of the receiver; for parallel light half the map's width
     float wide;      // squared tangent of half the map's angle; for parallel light 1

@@ -11,7 +11,7 @@ vec2 plane_slope(vec3 normal, vec2 pixel)
     return 2.0 * image.zw * lens.xy * facing.xy / dot(facing, view_ray(pixel));
 }
 
-// Whether a texel shows the surface that is expected there, by its inverse_depth and normal. Two frames, each jittered, are
+// Whether a texel shows the surface that is expected there, by its inverse depth and normal. Two frames, each jittered, are
 // up to a pixel apart. ``slope``: see ``plane_slope``.
 bool same_surface(float found, float expected, vec2 slope, vec3 normal_found, vec3 normal_expected)
 {

@@ -1,4 +1,4 @@
-"""Light straight from an environment: coarse shading against integrals, and with other networks and lights."""
+"""Light straight from an environment: unshadowed shading against integrals, and with other networks and lights."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ PASS = ModelContract(
 
 
 def write_pass(folder: Path, contract: ModelContract = PASS) -> Path:
-    """A network that gives half the coarse shading."""
+    """A network that gives half the unshadowed shading."""
     values = [helper.make_tensor_value_info(t, TensorProto.FLOAT, shape) for t, shape in (
         ("x", [1, 6, "h", "w"]), ("sky", [1, 75]), ("y", [1, 6, "h", "w"]))]
     nodes = [helper.make_node("ReduceSum", ["sky"], ["all"], keepdims=0),
@@ -139,13 +139,13 @@ def test_it_is_added_to_the_light_of_lamps() -> None:
 
 
 def test_a_network_shades_and_another_adds_the_bounces(tmp_path: Path, small_ember: Path) -> None:
-    """Half the coarse shading straight, and ember takes the sky as direct light then: it adds bounces alone."""
+    """Half the unshadowed shading straight, and ember takes the sky as direct light then: it adds bounces alone."""
     network = write_pass(tmp_path)
     scene = under(DUSK, floor(2.0), quad((-1, 0, -1), (2, 0, 0), (0, 2, 0)), quad((-1, 0, 1), (0, 0, -2), (0, 2, 0)),
                   box((-0.3, 0, -0.3), (0.6,) * 3, glossy(0.5, albedo=0.4)))
-    coarse, less = (draw(scene, SIZE, ("direct", "specular"), model=model) for model in (UNSHADOWED, network))
+    unshadowed, less = (draw(scene, SIZE, ("direct", "specular"), model=model) for model in (UNSHADOWED, network))
     for name, image in less.items():
-        np.testing.assert_allclose(image, 0.5 * coarse[name], rtol=3e-3, atol=1e-3)
+        np.testing.assert_allclose(image, 0.5 * unshadowed[name], rtol=3e-3, atol=1e-3)
     alone, beside = (draw(scene, SIZE, ("direct", "indirect"), model=models)
                      for models in (small_ember, (network, small_ember)))
     assert not alone["direct"].any()

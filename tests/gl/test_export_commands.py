@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 if any(importlib.util.find_spec(name) is None for name in ("mitsuba", "torch", "distributed")):
     pytest.skip("the extra 'export' is not installed", allow_module_level=True)
 
+from app.errors import AfterglowError
 from app.golden.catalogue import PROBE, PROBE_ENVIRONMENT
 from app.network.contract_json import read_contract
 from export.__main__ import cli
@@ -34,13 +35,19 @@ def run(*arguments: str) -> str:
     return done.output
 
 
-@pytest.mark.usefixtures("path_tracer")
-def test_choose_writes_the_list_without_dropped_views(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def few_views(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The list that ``validate choose`` writes, of two views."""
     for name, value in {"FILES": {}, "GENERATED": (("room", 0),), "VIEWS_OF_GENERATED": 2, "CANDIDATES": 8,
                         "LIST": tmp_path / "views.json"}.items():
         monkeypatch.setattr(choose_views, name, value)
+    return tmp_path / "views.json"
+
+
+@pytest.mark.usefixtures("path_tracer")
+def test_choose_writes_the_list_without_dropped_views(tmp_path: Path, few_views: Path) -> None:
     run("validate", "choose", "--drop", "room-0-1", "--sheet", str(tmp_path / "sheet.png"))
-    listed = json.loads((tmp_path / "views.json").read_text("utf-8"))
+    listed = json.loads(few_views.read_text("utf-8"))
     assert [view["name"] for view in listed["views"]] == ["room-0-0"] and listed["dropped"] == ["room-0-1"]
     assert listed["views"][0]["key"] == scene_key(generated("room", 0).scene)
     width, height = Image.open(tmp_path / "sheet.png").size
@@ -66,3 +73,33 @@ def test_sheet_shows_the_first_pairs_of_a_dataset(tmp_path: Path) -> None:
     assert sheet.size == (8 * 160, 120)
     shown = [sheet.crop((160 * k, 0, 160 * k + 160, 120)).convert("L").getextrema()[1] for k in range(3)]
     assert min(shown[:2]) > 50 and shown[2] < 10
+
+
+@pytest.mark.parametrize(("arguments", "message"), [
+    (["onnx", "precision", "nope"], r"NETWORK: no untrained network 'nope' \(.*expected one of: [^()]+[^t]\)$"),
+    (["onnx", "write", "nope"], r"NETWORK: no untrained network 'nope' \(.*, or a checkpoint \(\.pt\)\)$"),
+    (["onnx", "linearity", "nope"], "NETWORK: no model 'nope'"),
+    (["onnx", "linearity", "ssgi"], "NETWORK: 'ssgi' is not a network"),
+    (["onnx", "write", "gather", "--out", "FOLDER/file/out"], "file/out: is not a writable folder"),
+    (["onnx", "scaling", "--out", "FOLDER/file/out"], "file/out: is not a writable folder"),
+    (["onnx", "stamp", "FOLDER/a.onnx", "FOLDER/file"], r"file: can't read the contract \(not UTF-8\)"),
+    (["reference", "--scene-json", "bad.json"], r"--scene-json: needs a scene \(expected a SCENE too\)")])
+def test_a_wrong_argument_is_one_error(arguments: list[str], message: str, tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"\xff")
+    with pytest.raises(AfterglowError, match=message):
+        run(*(argument.replace("FOLDER", str(tmp_path)) for argument in arguments))
+
+
+@pytest.mark.usefixtures("path_tracer")
+@pytest.mark.parametrize(("arguments", "message"), [
+    (["--drop", "room-0-2"], r"--drop: no view 'room-0-2' \(did you mean 'room-0-\d'\? expected one of: room-0-0, "),
+    (["--sheet", "FOLDER/sheet.unknown"], "unknown suffix '.unknown'"),
+    (["--sheet", "FOLDER/views.json/sheet.png"], "is not a writable folder"),
+    (["--sheet", "FOLDER/folder.png"], "can't write the file")])
+def test_choose_keeps_the_list_if_an_option_is_wrong(
+        arguments: list[str], message: str, tmp_path: Path, few_views: Path) -> None:
+    few_views.write_text("old")
+    (tmp_path / "folder.png").mkdir()
+    with pytest.raises(AfterglowError, match=message):
+        run("validate", "choose", *(argument.replace("FOLDER", str(tmp_path)) for argument in arguments))
+    assert few_views.read_text() == "old"

@@ -1,4 +1,4 @@
-"""Light kept from frame to frame stays where it is on the surfaces that a camera camera_paths along."""
+"""Light kept from frame to frame stays where it is on the surfaces that a camera moves along."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_light_does_not_creep_along_a_floor(pace: float) -> None:
         gathered = renderer.resource("indirect_low")
     depth = seen["depth"][PICKED][..., 0]
     near = (depth > 0) & (depth < 20)
-    near[-2:] = False  # was below the picture when the camera camera_paths backward
+    near[-2:] = False  # was below the picture when the camera moves backward
     assert gathered[near, 3].mean() > 0.8 * MAX_HISTORY[MotionKind.CAMERA]
     np.testing.assert_allclose(gathered[near, 0], light[near, 0], rtol=0.01)
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from app.evaluation.versions import BACKGROUND_SHADERS, SURFACE_SHADERS, renderer_version
+from app.evaluation import versions
+from app.evaluation.versions import BACKGROUND_SHADERS, SURFACE_SHADERS, exporter_version, renderer_version
 from app.gl import shader
 from app.golden.scenes import dusk, room
 from app.load import embedded_scene
@@ -52,3 +54,18 @@ def test_a_reference_depends_only_on_what_the_renderer_adds(tmp_path: Path, monk
         assert (renderer_version(room()) != version) == changes
         assert renderer_version(embedded_scene()) == plain
         (folder / name).write_text(text)
+
+
+def test_a_reference_depends_only_on_the_code_that_makes_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    files = ("__init__.py", "cli.py", "environment_tracer.py", "path_tracer.py")
+    (tmp_path / "reference").mkdir()
+    for name in files:
+        (tmp_path / "reference" / name).write_text(name)
+    monkeypatch.setattr(versions, "require_path_tracer", lambda: tmp_path)
+    monkeypatch.setattr(metadata, "version", lambda package: "1")
+    for scene, used in ((room(), files[3:]), (dusk(), files[2:])):
+        before = exporter_version(scene)
+        for name in files:
+            (tmp_path / "reference" / name).write_text("changed")
+            assert (exporter_version(scene) != before) == (name in used), name
+            (tmp_path / "reference" / name).write_text(name)

@@ -67,3 +67,11 @@ def test_cards_need_all_views_and_a_card_beside_each_network(tmp_path: Path) -> 
             CliRunner().invoke(cli, ["validate", "views", *arguments, "--cards", "--out", str(tmp_path / "out")],
                                catch_exceptions=False)
     assert not (tmp_path / "out").exists()
+
+
+def test_means_of_rows_and_of_none() -> None:
+    rows = [{"model": "a", "scene": scene, "view": "v", "psnr": psnr, "seconds": 9.0}
+            for scene, psnr in (("x", 1), ("x", 2.0), ("y", 6.0))]
+    assert by_scene([]) == by_scene([], ["psnr"]) == []
+    assert [(m["scene"], m["views"], m["psnr"]) for m in by_scene(rows, ["psnr"])] == [
+        ("x", 2, 1.5), ("y", 1, 6.0), ("mean", 3, 3.0)]

@@ -59,3 +59,12 @@ def test_tensors_of_another_network_are_refused(folder: Path) -> None:
     write_exr(folder / CASE.name / TENSOR, {"frame1": np.zeros((8, 8, 1), np.float16)})
     with pytest.raises(SceneError, match=r"tensor_screen.exr.*8 rows of 8.*delete the file"):
         check([CASE], folder)
+
+
+def test_a_saved_tensor_without_its_frame_is_refused_and_kept(folder: Path) -> None:
+    path = folder / CASE.name / TENSOR
+    write_exr(path, {"frame2": read_exr(path)["frame1"].astype(np.float16)})
+    for use in (lambda: check([CASE], folder), lambda: update([CASE], folder, [CASE.name])):
+        with pytest.raises(SceneError, match=r"tensor_screen.exr: no layer 'frame1'.*delete the file"):
+            use()
+    assert read_exr(path).keys() == {"frame2"}

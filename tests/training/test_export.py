@@ -110,3 +110,12 @@ def test_list_prints_all_presets() -> None:
     rows = {row["preset"]: row["weights"] for row in json.loads(done.stdout)}
     assert rows["bcnn-paper"] == pytest.approx(3.95e6, rel=0.02)
     assert rows["gather"] == 0 and rows["bcnn-8"] < rows["bcnn-16"] < rows["bcnn-paper"]
+
+
+@pytest.mark.parametrize(("arguments", "problem"), [
+    (["nonsense"], "no such command 'nonsense'"), (["reference", "--spp", "x"], "invalid value for '--spp'")])
+def test_a_bad_command_line_is_one_line(arguments: list[str], problem: str) -> None:
+    done = subprocess.run([sys.executable, "-m", "export", *arguments], cwd=ROOT, capture_output=True, text=True,
+                          check=False)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert done.stderr.startswith(f"error: command line: {problem}")

@@ -21,6 +21,7 @@ from export.__main__ import cli  # noqa: E402
 from export.models import make_network  # noqa: E402
 from export.onnx.export import write_network  # noqa: E402
 from export.onnx.restamp import restamp  # noqa: E402
+from tests.tiny_network import TINY, write_tiny_network  # noqa: E402
 
 OLD_NAMES = {"surface_and_sky_radiance.rgb": "lumination.rgb", "emissive_irradiance.rgb": "glow.rgb",
              "unshadowed_environment.diffuse.rgb": "coarse.diffuse.rgb",
@@ -126,3 +127,32 @@ def test_the_command_prints_each_file(tmp_path: Path) -> None:
     run = CliRunner().invoke(cli, ["onnx", "restamp", str(old)])
     assert run.exit_code == 0, run.output
     assert run.stdout.strip().replace("\n", "") == str(old)
+
+
+def restamp_contract(path: Path, contract: dict[str, object]) -> None:
+    """Restamp the network in ``path`` with ``contract`` as its contract."""
+    model = onnx.load(path)
+    onnx.helper.set_model_props(model, {KEY: json.dumps(contract)})
+    onnx.save(model, path)
+    restamp(path)
+
+
+@pytest.mark.parametrize("change", [
+    {"inputs": None}, {"inputs": []}, {"inputs": {"x": None}}, {"inputs": {"x": []}}, {"inputs": {"x": {}}},
+    {"inputs": {"x": {"channels": None}}}, {"inputs": {"x": {"channels": [["direct.rgb"]]}}},
+    {"inputs": {"x": {"channels": ["direct.rgb"], "grid": ["screen"]}}}, {"outputs": {"y": 3}}])
+def test_a_damaged_contract_is_one_error(change: dict[str, object], tmp_path: Path) -> None:
+    path = write_tiny_network(tmp_path / "tiny.onnx")
+    with pytest.raises(ModelError, match=r"tiny\.onnx: damaged contract of version 1 \(expected"):
+        restamp_contract(path, {**TINY.to_dict(), "version": 1, **change})
+    contract = {key: value for key, value in TINY.to_dict().items() if key != "inputs"}
+    with pytest.raises(ModelError, match="damaged contract"):
+        restamp_contract(path, {**contract, "version": 1})
+
+
+def test_null_stands_for_an_absent_value(tmp_path: Path) -> None:
+    path = write_tiny_network(tmp_path / "tiny.onnx")
+    contract = TINY.to_dict()
+    inputs = {name: {**spec, "size": None, "rays": None, "grid": None} for name, spec in contract["inputs"].items()}
+    restamp_contract(path, {**contract, "inputs": inputs, "version": 1, "kept_from": None, "cube_axes": None})
+    assert read_contract(path) == TINY

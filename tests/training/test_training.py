@@ -339,3 +339,9 @@ def test_a_damaged_checkpoint_is_one_line(tmp_path: Path) -> None:
         load_checkpoint(tmp_path / CHECKPOINT)
     with pytest.raises(ModelError, match="can't read"):
         load_checkpoint(tmp_path / "missing.pt")
+
+
+def test_a_checkpoint_of_another_version_is_named(tmp_path: Path) -> None:
+    torch.save({"version": 3}, tmp_path / CHECKPOINT)
+    with pytest.raises(ModelError, match=rf"{CHECKPOINT}: made by another version \(3\) \(expected 4; make it again"):
+        load_checkpoint(tmp_path / CHECKPOINT)

@@ -18,9 +18,10 @@ from typer.testing import CliRunner
 
 from app.cli import cli
 from app.cli.options import parse_names
-from app.errors import DeviceError, SettingsError
+from app.errors import DeviceError, ProcessError, SettingsError
 from app.graph import BoundPass, Pass, Plan
 from app.io.aov_preview import preview
+from app.io.child_process import run_module
 from app.io.image import read_exr, read_png
 from app.scene import Camera
 from app.settings import Settings, parse_size
@@ -251,3 +252,37 @@ def test_the_module_runs_from_anywhere(tmp_path: Path) -> None:
     wrong = run("--size", "nonsense")
     assert (wrong.returncode, wrong.stderr) == (
         2, "error: --size: bad size 'nonsense' (expected WIDTHxHEIGHT in pixels, such as 1024x768)\n")
+
+
+@pytest.mark.parametrize(("arguments", "stderr", "message"), [
+    (["reference"], "error: off\nnote: x\nerror: a.json: cameras: no key (b) (expected c)\n",
+     "a.json: cameras: no key (b) (expected c)"),
+    ([], "Traceback ...:\napp.errors.SceneError: a.obj: no such file (expected one)",
+     "a.obj: no such file (expected one)"),
+    (["onnx", "scaling", "--out", "x"], "Traceback ...:\nKeyError: 'a'",
+     "python -m export onnx scaling: failed: KeyError: 'a' (run it in a terminal for all that it prints)"),
+    (["reference", "a.obj"], "",
+     "python -m export reference: failed: exit code 3 (run it in a terminal for all that it prints)")])
+def test_a_failed_child_says_what_its_own_error_says(
+        arguments: list[str], stderr: str, message: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(subprocess, "run", lambda *args, **options: subprocess.CompletedProcess(args, 3, "", stderr))
+    with pytest.raises(ProcessError) as caught:
+        run_module("export", arguments)
+    assert str(caught.value) == message
+
+
+@pytest.mark.parametrize(("before", "after"), [(None, [ROOT]), ("", [ROOT]), ("/more", [ROOT, "/more"])])
+def test_a_child_does_not_import_from_the_working_directory(
+        before: str | None, after: list[object], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    if before is not None:
+        monkeypatch.setenv("PYTHONPATH", before)
+    environments = []
+
+    def run(*args: object, env: dict[str, str], **options: object) -> subprocess.CompletedProcess[str]:
+        environments.append(env)
+        return subprocess.CompletedProcess(args, 0, "", "")
+
+    monkeypatch.setattr(subprocess, "run", run)
+    run_module("app")
+    assert environments[0]["PYTHONPATH"] == os.pathsep.join(map(str, after))

@@ -72,6 +72,8 @@ def test_the_screen_grid_is_never_empty() -> None:
     (changed(inputs={}), "here: inputs: 0 values (expected at least 1)"),
     (changed(inputs=["x"]), "here: inputs: wrong kind of value"),
     (changed(inputs={"x": 3}), "here: inputs.x: wrong kind of value 3"),
+    (changed(inputs={"x": None}), "here: inputs.x: wrong kind of value null"),
+    (changed(inputs=None), "here: missing key 'inputs'"),
     (changed(static_input="y"), "here: static_input 'y' is no input (expected one of: x)"),
     (with_tensor("inputs", channels=["direct.rgb", "normal.world.xzy"]),
      "here: unknown channel 'normal.world.xzy' of tensor 'x' (did you mean 'normal.world.xyz'? expected one of: "),
@@ -101,6 +103,11 @@ def test_a_wrong_contract_says_what_and_where(text: str, message: str) -> None:
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
     assert "expected" in caught.value.expected
+
+
+def test_null_stands_for_an_absent_value() -> None:
+    value = json.loads(with_tensor("inputs", size=None, rays=None))
+    assert contract_from_json(json.dumps({**value, "cube_axes": None, "static_input": None}), "here") == TINY
 
 
 def test_whole_numbers_may_be_written_with_a_point() -> None:

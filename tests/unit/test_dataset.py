@@ -223,6 +223,14 @@ def test_a_dataset_gives_pairs_and_targets(tmp_path: Path, expected: dict[int, b
         assert indirect.mean() > 0
 
 
+def test_a_dataset_of_another_version_is_named(tmp_path: Path) -> None:
+    write_about(tmp_path, About(SMALL, 0, PAIRS))
+    file = tmp_path / "dataset.json"
+    file.write_text(file.read_text("utf-8").replace('"spp"', '"paths"'))
+    with pytest.raises(SettingsError, match=r"dataset\.json: made by another version .*make it again with python -m"):
+        Dataset(tmp_path)
+
+
 def test_stored_targets_are_close_to_the_traced_ones(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     x = np.linspace(0, 4, 128)[None, :, None]

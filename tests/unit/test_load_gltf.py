@@ -270,8 +270,18 @@ def test_every_truncation_of_a_glb_is_a_scene_error(tmp_path):
             load_scene(path)
 
 
-def test_a_material_that_the_file_lacks_is_an_error(tmp_path):
+@pytest.mark.parametrize("material", [-1, 1, 2])
+def test_a_material_that_the_file_lacks_is_an_error(tmp_path, material):
     gltf = Gltf()
-    gltf.json["meshes"][0]["primitives"][0]["material"] = len(gltf.json.get("materials", []))
-    with pytest.raises(SceneError, match="no material 0"):
+    gltf.material()
+    gltf.json["meshes"][0]["primitives"][0]["material"] = material
+    with pytest.raises(SceneError, match=f"no material {material}"):
         load(gltf, tmp_path)
+
+
+def test_a_material_of_null_is_the_default(tmp_path):
+    gltf = Gltf()
+    gltf.material(pbrMetallicRoughness={"baseColorFactor": [0.5, 0.5, 0.5, 1]})
+    gltf.json["meshes"][0]["primitives"][0]["material"] = None
+    scene = load(gltf, tmp_path)
+    assert scene.materials[scene.meshes[0].material].albedo == (1.0, 1.0, 1.0)
