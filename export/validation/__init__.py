@@ -1,1 +1,1 @@
-"""Judging networks: validation views, camera paths, environments."""
+"""Compares models on validation views, along camera paths and under environments."""

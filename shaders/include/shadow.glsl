@@ -52,7 +52,7 @@ struct Pattern {
     vec2 spiral;
 };
 
-const mat2 TURN = mat2(-0.90525386, -0.42487109, 0.42487109, -0.90525386);  // from one point to the next
+const mat2 SPIRAL_ROTATION = mat2(-0.90525386, -0.42487109, 0.42487109, -0.90525386);  // from one point to the next
 
 // The next point: on the unit disc or, for rectangles, in the square [-1, 1]².
 vec2 next_point(inout Pattern s, bool square)
@@ -62,7 +62,7 @@ vec2 next_point(inout Pattern s, bool square)
 #ifdef HAS_RECT_LIGHT
     if (square) at = vec2(fract(u + s.noise * 7.31), fract(s.noise + 0.56984029 * s.k)) * 2.0 - 1.0;
 #endif
-    s.spiral = TURN * s.spiral;
+    s.spiral = SPIRAL_ROTATION * s.spiral;
     s.k += 1.0;
     return at;
 }
@@ -92,7 +92,7 @@ vec2 search_point(inout Pattern s, bool square)
 #ifdef HAS_RECT_LIGHT
     if (square) at /= max(abs(s.spiral.x), abs(s.spiral.y));
 #endif
-    s.spiral = TURN * s.spiral;
+    s.spiral = SPIRAL_ROTATION * s.spiral;
     s.k += 1.0;
     return at;
 }
@@ -252,7 +252,7 @@ float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool want
     vec2 rim = rim_point(square, noise);
     for (int i = 0; i < edge_taps; ++i) seen += texel_blocks(light, r, tap(r, disc, i == 0 ? rim : -rim)) ? 0.0 : 1.0;
     seen = quad_sum(seen);
-    // Eight taps can't judge a wide kernel with fine blockers in it, such as the bars before a window.
+    // Eight taps cannot sample a wide kernel well with fine blockers in it, such as the bars before a window.
     bool wide = weight > 0.0 && radius / reach * (1.0 - disc.share) / disc.share * light.tile.z > WIDE_KERNEL;
     bool penumbra = wide || parted(seen);
     int taps = wanted && penumbra ? PENUMBRA_TAPS : 0;
