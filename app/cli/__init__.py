@@ -34,8 +34,9 @@ class DefaultGroup(TyperGroup):
             _print_error(str(error))
             status = USER_ERROR
         except typer.TyperException as error:
-            message = error.format_message()
-            _print_error(f"command line: {message[:1].lower()}{message[1:].rstrip('. ')} (--help lists the options)")
+            if message := error.format_message():  # empty when a group without a command has printed its help
+                text = f"{message[:1].lower()}{message[1:].rstrip('. ')}"
+                _print_error(f"command line: {text} (--help lists the options)")
             status = USER_ERROR
         except typer.Abort:
             status = 1
