@@ -22,15 +22,19 @@ def describe_machine() -> dict[str, object]:
     """
     psutil = extra_module("psutil", "evaluation")
     return {
-        "processor": _processor(), "cores": len(os.sched_getaffinity(0)),
+        "processor": processor_name(), "cores": len(os.sched_getaffinity(0)),
         "physical_cores": psutil.cpu_count(logical=False), "memory_gb": round(psutil.virtual_memory().total / 1e9, 1),
         "system": f"{platform.system()} {platform.release()}", "python": platform.python_version(),
         "load_average": os.getloadavg()[0], "versions": {"afterglow": __version__, **_versions()},
     }
 
 
-def _processor() -> str:
-    lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
+def processor_name() -> str:
+    """The processor's model name, or its architecture where the system does not tell."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
+    except OSError:
+        lines = []
     return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")),
                 platform.machine())
 

@@ -1,6 +1,5 @@
 """Checkpoints: the complete state of a training run in one file, replaced atomically."""
 
-import platform
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from app.bench.machine import processor_name
 from app.errors import ModelError
 from app.io.atomic_files import replace_file
 from export.models import Network, make_network
@@ -103,9 +103,4 @@ def machine_name(device: torch.device) -> str:
     """Name of the GPU, or of the processor with its thread count."""
     if device.type == "cuda":
         return torch.cuda.get_device_name(device)
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        name = next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        name = platform.machine()
-    return f"{name}, {torch.get_num_threads()} threads"
+    return f"{processor_name()}, {torch.get_num_threads()} threads"

@@ -45,10 +45,11 @@ def compare_on_views(
                                       metavar="DIR")] = Path("out/validation"),
 ) -> None:
     """Compare models and the best constant ambient light on the validation views; print means per scene."""
+    from app.evaluation.tables import markdown_table
     from app.network.selection import all_models
     from app.settings import Settings, parse_size
     from export.validation.errors import by_scene, measure_errors
-    from export.validation.tables import HEADER, cards_of, table_lines, to_markdown, write_figures
+    from export.validation.tables import HEADER, cards_of, table_lines, write_figures
     from export.validation.timing import frame_times
     from export.validation.views import views
 
@@ -67,7 +68,7 @@ def compare_on_views(
     lines = table_lines(rows, times)
     write_text(out / "validation.csv", to_csv(rows))
     write_text(out / "validation.json", json.dumps(results, indent=1) + "\n")
-    write_text(out / "validation.md", to_markdown(HEADER, lines))
+    write_text(out / "validation.md", markdown_table(HEADER, lines) + "\n")
     write_figures(cards_to_write, rows, spp, times)
     _print(HEADER, lines)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from app.errors import ModelError
 from app.evaluation.metrics import METRICS
 from app.evaluation.picture_errors import AMBIENT
+from app.evaluation.tables import markdown_table
 from app.io.atomic_files import write_text
 from app.network.selection import NONE, SSGI, find_model
 from export.validation.errors import ALL, WHERE, Row, by_scene
@@ -26,11 +27,6 @@ def table_lines(rows: Sequence[Row], times: FrameTimes | None) -> list[list[str]
     return [[row["scene"], row["model"], *(format(row[key], metric.digits) for key, metric in COLUMNS.items()),
              f"{ms:.0f}" if (ms := milliseconds.get(row["scene"], {}).get(row["model"])) is not None else ""]
             for row in by_scene(rows)]
-
-
-def to_markdown(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    """A Markdown table."""
-    return "".join(f"| {' | '.join(line)} |\n" for line in (head, ["---"] * len(head), *lines))
 
 
 def cards_of(models: Sequence[str]) -> dict[str, Path]:
@@ -72,7 +68,7 @@ def with_figures(card: str, network: str, rows: Sequence[Row], spp: int, times: 
     lines = [[scene, str(means[scene, network]["views"]), *(_cell(means[scene, m]) for m in models)]
              for scene in scenes]
     section = (f"{HEADING}\n\nPSNR in dB and HDR-FLIP of the final picture, against {spp} denoised paths a pixel:\n\n"
-               f"{to_markdown(head, lines)}{_latency(network, times)}")
+               f"{markdown_table(head, lines)}\n{_latency(network, times)}")
     if SECTION.search(card):
         return SECTION.sub(lambda match: section + ("" if match.end() == len(card) else "\n"), card, count=1)
     return f"{card.rstrip()}\n\n{section}"

@@ -11,11 +11,12 @@ pytest.importorskip("mitsuba")
 
 from app.errors import AfterglowError
 from app.evaluation.picture_errors import AMBIENT
+from app.evaluation.tables import markdown_table
 from app.load import embedded_scene
 from export.__main__ import cli
 from export.reference.still import Still
 from export.validation.errors import ORACLE, by_scene, measure_errors
-from export.validation.tables import HEADER, table_lines, to_markdown, with_figures
+from export.validation.tables import HEADER, table_lines, with_figures
 from export.validation.timing import frame_times
 from export.validation.views import View
 from tests.tiny_network import write_tiny_network
@@ -44,7 +45,7 @@ def test_models_are_compared_with_cached_references(tmp_path: Path) -> None:
     times = frame_times(views, ["none", "radiosity"], (64, 48), "cpu", lambda line: None)
     ms = times.milliseconds
     assert ms["box"]["radiosity"] > ms["box"]["none"] > 0 and ms["mean"] == ms["box"]
-    page = to_markdown(HEADER, table_lines(rows, times)).splitlines()
+    page = markdown_table(HEADER, table_lines(rows, times)).splitlines()
     assert len({line.count("|") for line in page}) == 1 and len(page) == 2 + 2 * len(labels)
     assert page[2].startswith(f"| box | none | {psnr['none']:.2f} |") and f"| {ms['box']['none']:.0f} |" in page[2]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import platform
 import re
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from app.bench.headlines import headlines
+from app.bench.machine import processor_name
 from app.bench.records import rows
 from app.bench.regressions import compare, read_results
 from app.bench.report import html_report
@@ -229,3 +231,11 @@ def test_the_page_needs_no_other_file(results: Json) -> None:
 def test_the_same_results_make_the_same_page(results: Json) -> None:
     image = {"<box>": {"reference": np.full((12, 16, 3), 0.5, np.float32)}}
     assert html_report(results, image) == html_report(results, image)
+
+
+def test_a_system_without_cpuinfo_names_the_architecture(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> str:
+        raise FileNotFoundError
+
+    monkeypatch.setattr(Path, "read_text", refuse)
+    assert processor_name() == platform.machine()
