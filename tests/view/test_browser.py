@@ -44,6 +44,7 @@ def page(browser: Any, viewer: Viewer) -> Iterator[Any]:
     page.goto(viewer.link)
     wait_until(page, "window.afterglow?.state && afterglow.screen.header")
     page.evaluate("""() => { window.start ??= structuredClone(afterglow.state); }""")
+    assert page.evaluate("start.camera.eye") == [0, 1, 3.9]  # the test before has left nothing behind
     settle(page)
     yield page
     reset(page)
@@ -87,7 +88,8 @@ def drag(page: Any, start: tuple[float, float], by: tuple[float, float]) -> None
 
 
 def reset(page: Any) -> None:
-    """Restore the unedited scene."""
+    """Restore the unedited scene, after the page has sent what would otherwise follow and undo it."""
+    wait_until(page, "afterglow.idle")
     page.evaluate("""() => {
         const {camera, lights} = start;
         for (const object in afterglow.state.object_offsets)
