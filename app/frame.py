@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from app.errors import SettingsError
 from app.gl.lights import LightSet
@@ -25,6 +25,8 @@ from app.passes import (
     position,
     push_pull,
     shadow,
+    shadow_rays,
+    sky_light,
     ssgi,
     surfel_light,
     taa,
@@ -32,6 +34,7 @@ from app.passes import (
     unshadowed_environment,
     upsample,
 )
+from app.raycast.caster import Caster
 from app.scene import Environment, Scene
 from app.settings import Settings
 from app.surfels.tracked import TrackedSurfels
@@ -62,7 +65,9 @@ Step = Pass | Absent
 Size = tuple[int, int]
 
 NO_ENVIRONMENT = "the scene has no environment, or a black one"
-CUBE_PASSES = ("cube_gbuffer", "cube_direct", "cube_background")
+NOTHING_TRACED = "the shadows of all lights are in maps"
+SHADOW_RAY_PASSES = ("shadow_gbuffer", "shadow_rays", "shadow_history", "shadow_filter_near", "shadow_filter_far")
+CUBE_PASSES = ("cube_gbuffer", "cube_shadow_rays", "cube_direct", "cube_background")
 NETWORK_PASSES = (*CUBE_PASSES, "surfel_light", "pack_surfels", "pack_globals", "pack_screen", "network")
 SSGI_PASSES = ("ssgi_radiance", "ssgi", "ssgi_filter_near", "ssgi_filter_far")
 ENVIRONMENT_NETWORK_PASSES = ("environment_pack_globals", "environment_pack_screen", "environment_network")
@@ -96,36 +101,94 @@ class Frame:
         return compile_graph(self.steps, [*wanted, "display"] if "final" in outputs else wanted)
 
 
-def build_frame(scene: Scene, settings: Settings, lights: LightSet, models: Models) -> Frame:
-    """List the passes of one frame in the order of its flow; radiance in ``scene`` is scaled already."""
-    finished = "taa" if settings.taa else "lit"
-    return Frame(tuple(_steps(scene, settings, lights, models, finished)), finished)
+@dataclass(frozen=True, eq=False)
+class FrameInputs:
+    """What decides which passes a frame has.
+
+    Attributes
+    ----------
+    scene : Scene
+        Its radiance is scaled already.
+    caster : callable
+        Gives the caster of ``scene``; only passes that run call it.
+    """
+
+    scene: Scene
+    settings: Settings
+    lights: LightSet
+    caster: Callable[[], Caster]
+    models: Models
+
+    @property
+    def has_specular(self) -> bool:
+        return any(m.has_specular for m in self.scene.materials)
+
+    @property
+    def has_sky(self) -> bool:
+        """Whether the environment is direct light with traced shadows; a model that shades it makes them itself."""
+        return self.scene.environment is not None and self.models.environment is None
+
+    @property
+    def is_traced(self) -> bool:
+        """Whether any shadows are traced."""
+        return self.has_sky or self.lights.has_traced
 
 
-def _steps(scene: Scene, settings: Settings, lights: LightSet, models: Models, finished: str) -> Iterator[Step]:
-    has_specular = any(m.has_specular for m in scene.materials)
-    yield shadow.declare(lights) if scene.lights else Absent("shadow", "the scene has no light that casts shadows")
+def build_frame(inputs: FrameInputs) -> Frame:
+    """List the passes of one frame in the order of its flow."""
+    finished = "taa" if inputs.settings.taa else "lit"
+    return Frame(tuple(_steps(inputs, finished)), finished)
+
+
+def _steps(inputs: FrameInputs, finished: str) -> Iterator[Step]:
+    scene, settings, lights = inputs.scene, inputs.settings, inputs.lights
+    if lights.mapped:
+        yield shadow.declare(lights)
+    else:
+        yield Absent("shadow", "no light has a shadow map" if scene.lights else "the scene has no light")
     yield gbuffer.declare(scene)
     yield position.declare()
     if scene.environment is None:
         yield from _absent(NO_ENVIRONMENT, "background", *ENVIRONMENT_PASSES)
     else:
         yield background.declare(scene.environment)
-        yield from _environment_light(scene, scene.environment, settings, models.environment, has_specular)
-    yield direct.declare(lights, has_specular)
-    yield from _indirect_light(scene, settings, lights, models)
-    yield composite.declare(has_indirect=models.indirect is not None)
+        yield from _environment_light(inputs, scene.environment)
+    yield from _traced_shadows(inputs)
+    yield direct.declare(lights, inputs.has_specular, shadow_rays.grid(settings.size) if inputs.is_traced else None,
+                         inputs.has_sky)
+    yield from _indirect_light(inputs)
+    yield composite.declare(has_indirect=inputs.models.indirect is not None)
     yield taa.declare(scene.environment is not None) if settings.taa else Absent("taa", "switched off by --no-taa")
     yield tonemap.declare(finished)
 
 
-def _environment_light(scene: Scene, environment: Environment, settings: Settings,
-                       model: Network | Literal["unshadowed_environment"] | None, has_specular: bool) -> Iterator[Step]:
+def _traced_shadows(inputs: FrameInputs) -> Iterator[Step]:
+    """How much of the light of large lights, and of the environment, reaches what the screen shows."""
+    environment, settings = inputs.scene.environment, inputs.settings
+    if environment is None:
+        yield Absent("sky_light", NO_ENVIRONMENT)
+    elif not inputs.has_sky:
+        yield Absent("sky_light", "a model shades surfaces by the environment")
+    else:
+        yield sky_light.declare(environment)
+    if not inputs.is_traced:
+        yield from _absent(NOTHING_TRACED, *SHADOW_RAY_PASSES)
+        return
+    yield lowres_gbuffer.declare("shadow_gbuffer", shadow_rays.grid(settings.size))
+    yield from shadow_rays.declare(inputs.lights, inputs.has_sky, inputs.caster, settings.size,
+                                   has_history=settings.taa)
+    if not settings.taa:
+        yield Absent("shadow_history", "switched off by --no-taa")
+
+
+def _environment_light(inputs: FrameInputs, environment: Environment) -> Iterator[Step]:
     """Light straight from the environment at low resolution, with shadows by a network if there is one, upsampled."""
+    settings, model = inputs.settings, inputs.models.environment
     if model is None:
         yield from _absent("no model was chosen that shades an environment", *ENVIRONMENT_PASSES)
         return
-    low = {kind: f"environment_{kind}_low" for kind in (("diffuse", "specular") if has_specular else ("diffuse",))}
+    kinds = ("diffuse", "specular") if inputs.has_specular else ("diffuse",)
+    low = {kind: f"environment_{kind}_low" for kind in kinds}
     if isinstance(model, str):
         grid = unshadowed_environment.grid(settings.size)
         yield lowres_gbuffer.declare("environment_lowres_gbuffer", grid)
@@ -134,30 +197,30 @@ def _environment_light(scene: Scene, environment: Environment, settings: Setting
     else:
         grid = model.contract.screen_size(settings.size)
         yield lowres_gbuffer.declare("environment_lowres_gbuffer", grid)
-        yield from _environment_network(scene, environment, settings, model, grid, low)
+        yield from _environment_network(inputs, environment, model, grid, low)
     for kind, light in low.items():
         filled = f"environment_{kind}_filled"
         yield push_pull.declare(f"push_pull_{kind}", grid, light, "environment_lowres_gbuffer", filled)
         yield upsample.declare(f"upsample_{kind}", grid, filled, "environment_lowres_gbuffer", f"environment_{kind}")
-    if not has_specular:
+    if not inputs.has_specular:
         yield from _absent("no material has a specular lobe", "push_pull_specular", "upsample_specular")
 
 
-def _environment_network(scene: Scene, environment: Environment, settings: Settings, model: Network, grid: Size,
+def _environment_network(inputs: FrameInputs, environment: Environment, model: Network, grid: Size,
                          low: dict[str, str]) -> Iterator[Step]:
     """A network that puts shadows into the unshadowed light of the environment."""
     contract = model.contract
     tensors = pack_screen.tensor_names(contract)
     yield unshadowed_environment.declare(environment, grid, {kind: f"unshadowed_{kind}" for kind in low})
     yield _pack_globals("environment_pack_globals", contract, tensors, environment, None)
-    yield pack_screen.declare("environment_pack_screen", contract, settings.size, scene.longest_edge)
+    yield pack_screen.declare("environment_pack_screen", contract, inputs.settings.size, inputs.scene.longest_edge)
     targets = {name: low[kind] for name, kind in ((DIFFUSE, "diffuse"), (SPECULAR, "specular")) if kind in low}
     yield network.declare("environment_network", model, tensors, grid, targets)
 
 
-def _indirect_light(scene: Scene, settings: Settings, lights: LightSet, models: Models) -> Iterator[Step]:
+def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:
     """Indirect light at low resolution, accumulated over frames, and upsampled."""
-    model = models.indirect
+    settings, model = inputs.settings, inputs.models.indirect
     if model is None:
         yield from _absent("no model was chosen", *NETWORK_PASSES, *SSGI_PASSES, "lowres_gbuffer", "accumulate",
                            "push_pull", "upsample")
@@ -172,7 +235,7 @@ def _indirect_light(scene: Scene, settings: Settings, lights: LightSet, models: 
         grid = model.contract.screen_size(settings.size)
         yield lowres_gbuffer.declare("lowres_gbuffer", grid)
         yield from _absent("a network was chosen", *SSGI_PASSES)
-        yield from _network(scene, settings, lights, model, grid, target, models.environment is not None)
+        yield from _network(inputs, model, grid, target)
     if settings.taa:
         yield accumulate.declare(grid, noisy=isinstance(model, str))
     else:
@@ -181,30 +244,38 @@ def _indirect_light(scene: Scene, settings: Settings, lights: LightSet, models: 
     yield upsample.declare("upsample", grid, "indirect_filled", "lowres_gbuffer", "indirect", has_history=settings.taa)
 
 
-def _network(scene: Scene, settings: Settings, lights: LightSet, model: Network | RepeatedNetwork, grid: Size,
-             target: str, sky_is_direct: bool) -> Iterator[Step]:
+def _network(inputs: FrameInputs, model: Network | RepeatedNetwork, grid: Size, target: str) -> Iterator[Step]:
     """A network that writes ``target``, and the passes for the grids that it reads."""
-    contract = model.contract
+    contract, scene, settings = model.contract, inputs.scene, inputs.settings
     tensors = pack_screen.tensor_names(contract)
     if contract.face is None:
         yield from _absent("the network reads no cube", *CUBE_PASSES)
     else:
-        camera_axes = contract.cube_axes == "camera"
-        yield gbuffer.declare_cube(scene, contract.face, camera_axes)
-        yield direct.declare_cube(lights, contract.face, camera_axes)
-        if scene.environment is None:
-            yield Absent("cube_background", NO_ENVIRONMENT)
-        else:
-            yield background.declare_cube(scene.environment, contract.face, camera_axes)
+        yield from _cube(inputs, contract.face, contract.cube_axes == "camera")
     if contract.surfels is None:
         yield from _absent("the network reads no surfels", "surfel_light", "pack_surfels")
     else:
-        surfels = TrackedSurfels(scene, *contract.surfels)
-        yield surfel_light.declare(surfels, lights)
-        yield pack_surfels.declare(surfels, contract, tensors, scene.longest_edge, sky_is_direct)
+        surfels = TrackedSurfels(scene, inputs.caster, *contract.surfels)
+        yield surfel_light.declare(surfels, inputs.lights)
+        yield pack_surfels.declare(surfels, contract, tensors, scene.longest_edge)
     yield _pack_globals("pack_globals", contract, tensors, scene.environment, settings.bounces)
     yield pack_screen.declare("pack_screen", contract, settings.size, scene.longest_edge)
     yield network.declare("network", model, tensors, grid, {INDIRECT: target})
+
+
+def _cube(inputs: FrameInputs, face: int, camera_axes: bool) -> Iterator[Step]:
+    """What is seen from the eye in all directions, with direct light."""
+    lights, has_sky = inputs.lights, inputs.has_sky
+    yield gbuffer.declare_cube(inputs.scene, face, camera_axes)
+    if inputs.is_traced:
+        yield shadow_rays.declare_cube(lights, has_sky, inputs.caster, face, camera_axes)
+    else:
+        yield Absent("cube_shadow_rays", NOTHING_TRACED)
+    yield direct.declare_cube(lights, face, camera_axes, inputs.is_traced, has_sky)
+    if inputs.scene.environment is None:
+        yield Absent("cube_background", NO_ENVIRONMENT)
+    else:
+        yield background.declare_cube(inputs.scene.environment, face, camera_axes)
 
 
 def _pack_globals(name: str, contract: ModelContract, tensors: dict[str, str], environment: Environment | None,

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from app.frame import RADIANCE, build_frame
+from app.frame import RADIANCE, FrameInputs, build_frame
 from app.gl.context import Device
 from app.gl.frame_state import CameraBlock, Execute, FrameState
 from app.gl.geometry import GpuScene
@@ -21,6 +21,8 @@ from app.graph import BoundPass
 from app.math3d import View, halton
 from app.network.selection import Model, load_models
 from app.radiance_scale import radiance_scale
+from app.raycast.caster import Caster
+from app.raycast.light_extent import needs_rays
 from app.scene import Camera, Light, Scene
 from app.settings import Settings
 
@@ -84,10 +86,12 @@ class Renderer:
         settings = self.settings
         self._radiance_scale = radiance_scale(self.scene)
         scene = self.scene.with_radiance_scale(self._radiance_scale)
+        self._caster: Caster | None = None
+        self._scaled = scene
         self._geometry = GpuScene(self._gl, scene)
-        self._lights = LightSet(self._gl, scene)
+        self._lights = LightSet(self._gl, scene, self._needs_rays(scene))
         self._camera = CameraBlock(self._gl)
-        frame = build_frame(scene, settings, self._lights, self._models)
+        frame = build_frame(FrameInputs(scene, settings, self._lights, self._get_caster, self._models))
         self._sources = {o: frame.resource(o) for o in settings.outputs}
         self.missing = tuple(o for o, source in self._sources.items() if source is None)
         self.plan = frame.compile(settings.outputs)
@@ -100,6 +104,7 @@ class Renderer:
         self._non_finite: dict[str, int] = {b.name: 0 for b in self.plan.passes}
         self.after_pass: list[AfterPass] = [self._count_non_finite] if settings.check else []
         self._previous: View | None = None
+        self._relit = False
         self._index = 0
 
     def render(self, camera: Camera, time: float = 0.0) -> dict[str, Pixels]:
@@ -167,9 +172,10 @@ class Renderer:
         scene = self.scene.with_lights(*lights)
         if radiance_scale(scene) != self._radiance_scale:
             return False
-        if not self._lights.replace(scene.with_radiance_scale(self._radiance_scale)):
+        scaled = scene.with_radiance_scale(self._radiance_scale)
+        if not self._lights.replace(scaled, self._needs_rays(scaled)):
             return False
-        self.scene = scene
+        self.scene, self._relit = scene, True
         return True
 
     def cut(self) -> None:
@@ -217,12 +223,15 @@ class Renderer:
         settings, cut = self.settings, self._previous is None
         view = View.of(camera, settings.size, NEAR * self.scene.longest_edge)
         self._geometry.update(time, cut)
+        if self._caster is not None:
+            self._caster.move_to(time)
         self._lights.cover(self._geometry.boxes)
         frame = FrameState(
             size=settings.size, view=view, previous=self._previous or view,
             jitter=self._jitter() if self._accumulates else (0.0, 0.0), history_valid=not cut,
             accumulates=self._accumulates, noise_phase=settings.seed * GOLDEN_RATIO % 1.0, index=self._index,
-            exposure=settings.exposure / self._radiance_scale, geometry=self._geometry, lights=self._lights)
+            exposure=settings.exposure / self._radiance_scale, geometry=self._geometry, lights=self._lights,
+            relit=self._relit)
         self._lights.upload(view.eye)
         self._camera.upload(frame)
         asking = 0.0  # seconds
@@ -238,9 +247,19 @@ class Renderer:
                     hook(bound, self._pool)
         self._timer.extend("frame", -asking * 1e3)
         # Only now does anything of this frame become the next one's past, so it can be abandoned until here.
-        self._previous = view
+        self._previous, self._relit = view, False
         self._pool.swap()
         self._index += 1
+
+    def _get_caster(self) -> Caster:
+        """One caster of the scene for all who cast rays, made when the first of them does."""
+        if self._caster is None:
+            self._caster = Caster(self._scaled)
+        return self._caster
+
+    def _needs_rays(self, scene: Scene) -> tuple[bool, ...]:
+        """Which lights' shadows are traced, by what they light at all key times."""
+        return needs_rays(scene.lights, self._get_caster, scene.key_times)
 
     def _jitter(self) -> tuple[float, float]:
         """Halton offsets in clip units, centred on the pixel."""

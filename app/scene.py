@@ -271,10 +271,14 @@ class Scene:
         return max(float((self.bounds[1] - self.bounds[0]).max()), 1e-30)
 
     @property
+    def key_times(self) -> list[float]:
+        """Seconds between which all motion is linear, in order; 0 is one of them."""
+        return sorted({0.0} | {float(t) for i in self.instances if i.motion is not None for t in i.motion.times})
+
+    @property
     def swept_bounds(self) -> F64:
         """World-space box, shape (2, 3), around all positions of the instances; motion is linear between keys."""
-        times = {0.0} | {float(t) for i in self.instances if i.motion is not None for t in i.motion.times}
-        boxes = [bounds_of(self.meshes, self.instances, time) for time in times]
+        boxes = [bounds_of(self.meshes, self.instances, time) for time in self.key_times]
         return np.stack([np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)])
 
     def with_lights(self, *lights: Light) -> Scene:

@@ -3,9 +3,9 @@
 #include "octahedral.glsl"
 #include "grid.glsl"
 #include "shadow.glsl"
-#ifdef WRITE_SPECULAR
+#include "shadow_ratio.glsl"
+#include "sky_irradiance.glsl"
 #include "ggx.glsl"
-#endif
 
 uniform sampler2D albedo;
 uniform sampler2D normal;
@@ -37,19 +37,39 @@ void main()
     vec4 surface = texelFetch(normal, texel, 0);
     vec4 base = texelFetch(albedo, texel, 0);
     vec3 n = sanitize_normal(surface.xyz);
-    vec3 face = octahedral_decode(vec2(surface.a, base.a));
     vec3 p = surface_ray(gl_FragCoord.xy) * d;
+#ifdef WRITE_SPECULAR
+    vec4 lobe = texelFetch(specular_roughness, texel, 0);
+#endif
+#ifdef HAS_SHADOW
+    vec3 face = octahedral_decode(vec2(surface.a, base.a));
     QuadNoise noise = quad_noise();
-    for (int i = 0; i < LIGHT_COUNT; ++i) {
+    for (int i = 0; i < MAPPED_COUNT; ++i) {
         vec3 e = irradiance(lights[i], p, n);
         bool wanted = is_surface(d) && max(max(e.r, e.g), e.b) > 0.0;
         float v = visibility(lights[i], p, face, noise, wanted);
         v = wanted ? v : 0.0;
         diffuse += wanted ? v * e : vec3(0.0);
 #ifdef WRITE_SPECULAR
-        specular += wanted ? v * ggx_specular(lights[i], p, n, texelFetch(specular_roughness, texel, 0)) : vec3(0.0);
+        specular += wanted ? v * ggx_specular(lights[i], p, n, lobe) : vec3(0.0);
 #endif
     }
+#endif
+#ifdef HAS_SHADOW_RATIO
+    vec3 traced = vec3(0.0), traced_specular = vec3(0.0);
+    for (int i = MAPPED_COUNT; i < LIGHT_COUNT; ++i) {
+        traced += irradiance(lights[i], p, n);
+#ifdef WRITE_SPECULAR
+        traced_specular += ggx_specular(lights[i], p, n, lobe);
+#endif
+    }
+#ifdef HAS_SKY_IRRADIANCE
+    traced += unshadowed_sky_irradiance(n);
+#endif
+    vec3 v = is_surface(d) ? traced_visibility(n, d) : vec3(0.0);
+    diffuse += v * traced;
+    specular += v * traced_specular;
+#endif
 #ifdef HAS_ENVIRONMENT_DIFFUSE
     diffuse += PI * sanitize_radiance(texelFetch(environment_diffuse, texel, 0).rgb);
 #endif
@@ -60,7 +80,7 @@ void main()
 #ifdef WRITE_SPECULAR
 #ifdef HAS_ENVIRONMENT_SPECULAR
     if (is_surface(d))
-        specular += environment_reflectance(texelFetch(specular_roughness, texel, 0), max(dot(n, -normalize(p)), 0.0))
+        specular += environment_reflectance(lobe, max(dot(n, -normalize(p)), 0.0))
             * sanitize_radiance(texelFetch(environment_specular, texel, 0).rgb);
 #endif
     out_specular = vec4(sanitize_radiance(specular), 1.0);

@@ -48,6 +48,8 @@ class FrameState:
         Frames since the last cut.
     exposure : float
         Linear factor for the display image, with the scene's radiance scale undone.
+    relit : bool
+        Whether the lights have changed since the last frame.
     """
 
     size: tuple[int, int]
@@ -61,6 +63,7 @@ class FrameState:
     exposure: float
     geometry: GpuScene
     lights: LightSet
+    relit: bool
 
     @property
     def lighting(self) -> tuple[object, ...]:
@@ -69,8 +72,8 @@ class FrameState:
 
     @property
     def motion(self) -> MotionKind:
-        """What moved since the last frame; objects count before the camera."""
-        if self.geometry.moved:
+        """What moved since the last frame; objects and lights count before the camera."""
+        if self.geometry.moved or self.relit:
             return MotionKind.OBJECTS
         same = (np.array_equal(self.view.eye, self.previous.eye) and self.view.tan_half == self.previous.tan_half
                 and np.array_equal(self.view.rotation, self.previous.rotation))

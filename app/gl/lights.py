@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from copy import copy
 from dataclasses import dataclass
+from itertools import zip_longest
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from app.scene import DirectionalLight, Light, PointLight, RectLight, Scene, Spo
 
 # In the order of the numbers in lights.glsl.
 LIGHT_KINDS = {PointLight: "POINT", SpotLight: "SPOT", DirectionalLight: "DIRECTIONAL", RectLight: "RECT"}
+MAP_NAMES = {SINGLE_MAP: "SINGLE", CUBE_MAP: "CUBE", PARALLEL_MAP: "PARALLEL"}
 LIGHT_FLOATS = 32
 LIGHT_BYTES = 4 * LIGHT_FLOATS
 COLOR = slice(4, 7)  # of a light's floats
@@ -56,31 +58,48 @@ class ShadowFace:
 class LightSet:
     """All lights of a scene: their atlas layout, and a uniform block refreshed for each eye.
 
+    Parameters
+    ----------
+    traced : tuple of bool, optional
+        Whether the shadows of each light of the scene are traced; default none. The others have shadow maps.
+
+    Attributes
+    ----------
+    lights : tuple of Light
+        Those with maps first, as in the uniform block.
+    mapped : tuple of Light
+        Those with maps.
+
     Raises
     ------
     SceneError
         When the device's uniform blocks have no room for so many lights.
     """
 
-    def __init__(self, device: Device, scene: Scene) -> None:
+    def __init__(self, device: Device, scene: Scene, traced: tuple[bool, ...] = ()) -> None:
         max_lights = device.ctx.info["GL_MAX_UNIFORM_BLOCK_SIZE"] // LIGHT_BYTES
         if len(scene.lights) > max_lights:
             raise SceneError(f"{len(scene.lights)} lights are too many for {device.renderer}", scene.name,
                              f"expected at most {max_lights}")
-        self.lights = scene.lights
+        self._set_lights(scene.lights, traced or (False,) * len(scene.lights))
         self._bounds = self._swept = scene.swept_bounds
         self._max_size = device.max_size
-        self.tiles, self.atlas_size = lay_out(scene.lights, device.max_size)
+        self.tiles, self.atlas_size = lay_out(self.mapped, device.max_size)
         self.buffer = device.ctx.buffer(reserve=LIGHT_BYTES * max(1, len(self.lights)))
 
-    def replace(self, scene: Scene) -> bool:
+    def _set_lights(self, lights: tuple[Light, ...], traced: tuple[bool, ...]) -> None:
+        self.mapped = tuple(light for light, is_traced in zip(lights, traced, strict=True) if not is_traced)
+        self.lights = (*self.mapped,
+                       *(light for light, is_traced in zip(lights, traced, strict=True) if is_traced))
+
+    def replace(self, scene: Scene, traced: tuple[bool, ...]) -> bool:
         """Take the lights of ``scene`` if they need the same shaders and shadow maps; whether they do."""
         other = copy(self)
-        other.lights = scene.lights
-        other.tiles, other.atlas_size = lay_out(scene.lights, self._max_size)
+        other._set_lights(scene.lights, traced)
+        other.tiles, other.atlas_size = lay_out(other.mapped, self._max_size)
         if (other.defines, other.tiles) != (self.defines, self.tiles):
             return False
-        self.lights = scene.lights
+        self.lights, self.mapped = other.lights, other.mapped
         return True
 
     def cover(self, boxes: F64) -> None:
@@ -89,44 +108,50 @@ class LightSet:
         self._bounds = np.stack([np.minimum(self._swept[0], low), np.maximum(self._swept[1], high)])
 
     @property
-    def soft(self) -> bool:
-        """Whether any light has a size."""
-        return any(size_of(light) > 0 for light in self.lights)
+    def has_soft_maps(self) -> bool:
+        """Whether any light with a size has a shadow map."""
+        return any(size_of(light) > 0 for light in self.mapped)
 
     @property
-    def hard(self) -> bool:
-        """Whether any light has none."""
-        return any(size_of(light) <= 0 for light in self.lights)
+    def has_hard_maps(self) -> bool:
+        """Whether any light without a size has a shadow map."""
+        return any(size_of(light) <= 0 for light in self.mapped)
+
+    @property
+    def has_traced(self) -> bool:
+        """Whether the shadows of any light are traced."""
+        return len(self.mapped) < len(self.lights)
 
     @property
     def shadow_maps(self) -> tuple[str, ...]:
         """The resources of the shadow pass that the shaders of these lights read."""
-        needed = {"shadow": bool(self.lights), "shadow_slope": self.hard, "shadow_nearest": self.soft}
+        needed = {"shadow": bool(self.mapped), "shadow_slope": self.has_hard_maps,
+                  "shadow_nearest": self.has_soft_maps}
         return tuple(name for name, is_needed in needed.items() if is_needed)
 
     @property
     def defines(self) -> dict[str, object]:
-        """Shader defines: the number of lights, their kinds, and whether any has a size."""
-        kinds = {LIGHT_KINDS[type(light)] for light in self.lights}
-        defines: dict[str, object] = {f"HAS_{kind}_LIGHT": 1 for kind in sorted(kinds)}
-        if self.soft:
-            defines["HAS_SOFT_LIGHT"] = 1
-        if self.hard:
-            defines["HAS_HARD_LIGHT"] = 1
-        maps = {SINGLE_MAP: "SINGLE", CUBE_MAP: "CUBE", PARALLEL_MAP: "PARALLEL"}
-        defines |= {f"HAS_{maps[kind]}_MAP": 1 for kind in sorted({tile.kind for tile in self.tiles})}
-        return {"LIGHT_COUNT": len(self.lights), **defines}
+        """Shader defines: the number of lights, their kinds, whether any has a size, and their kinds of shadows."""
+        flags = {
+            **{f"HAS_{LIGHT_KINDS[type(light)]}_LIGHT": True for light in self.lights},
+            "HAS_SOFT_LIGHT": any(size_of(light) > 0 for light in self.lights),
+            "HAS_SOFT_MAP": self.has_soft_maps, "HAS_HARD_MAP": self.has_hard_maps,
+            **{f"HAS_{MAP_NAMES[tile.kind]}_MAP": True for tile in self.tiles},
+        }
+        return {"LIGHT_COUNT": len(self.lights), "MAPPED_COUNT": len(self.mapped),
+                **{name: 1 for name in sorted(flags) if flags[name]}}
 
     def upload(self, eye: F64) -> None:
         """Write the block with positions relative to ``eye``."""
         rows = np.zeros((max(1, len(self.lights)), LIGHT_FLOATS), np.float32)
-        for row, light, tile in zip(rows, self.lights, self.tiles, strict=False):
+        for row, light, tile in zip_longest(rows[:len(self.lights)], self.lights, self.tiles):
             self._pack(row.reshape(8, 4), light, tile, eye)
         self.buffer.write(_sanitize(rows).tobytes())
 
-    def _pack(self, row: F32, light: Light, tile: Tile, eye: F64) -> None:
+    def _pack(self, row: F32, light: Light, tile: Tile | None, eye: F64) -> None:
         position, color, u, v, location, frame_x, frame_y, frame_z = row
-        location[:] = (*tile.corner, tile.face, tile.kind)
+        if tile is not None:
+            location[:] = (*tile.corner, tile.face, tile.kind)
         color[3] = list(LIGHT_KINDS).index(type(light))
         if isinstance(light, DirectionalLight):
             parallel = self._parallel(light)
@@ -161,7 +186,7 @@ class LightSet:
 
     def faces(self) -> list[ShadowFace]:
         """Every square of the atlas."""
-        return [face for light, tile in zip(self.lights, self.tiles, strict=True) for face in self._faces(light, tile)]
+        return [face for light, tile in zip(self.mapped, self.tiles, strict=True) for face in self._faces(light, tile)]
 
     def _faces(self, light: Light, tile: Tile) -> list[ShadowFace]:
         x, y, n = *tile.corner, tile.face

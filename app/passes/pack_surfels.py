@@ -15,8 +15,7 @@ from app.surfels.tracked import TrackedSurfels
 from app.surfels.world import WorldSurfels
 
 
-def declare(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, str], extent: float,
-            sky_is_direct: bool) -> Pass:
+def declare(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, str], extent: float) -> Pass:
     """Packs the tensors on the grids ``surfels`` and ``rays``.
 
     Parameters
@@ -25,19 +24,14 @@ def declare(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, s
         The graph's name of each tensor.
     extent : float
         The scene's longest edge in scene units.
-    sky_is_direct : bool
-        Whether light straight from the environment counts as direct light, as where pixels are shaded by it, or as
-        emission.
     """
     specs = {t: spec for t, spec in contract.inputs.items() if spec.grid in (SURFELS, RAYS)}
     return Pass("pack_surfels", reads=("surfel_light",),
                 writes={names[t]: Buf(spec.shape((0, 0))) for t, spec in specs.items()},
-                make=lambda device, bound: make(surfels, contract, names, contract.scene_extent / extent,
-                                                sky_is_direct))
+                make=lambda device, bound: make(surfels, contract, names, contract.scene_extent / extent))
 
 
-def make(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, str], extent: float,
-         sky_is_direct: bool) -> Execute:
+def make(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, str], extent: float) -> Execute:
     direct: F32 = np.zeros((0, 3), np.float32)
     direct_stamps: tuple[int, ...] | None = None
 
@@ -48,9 +42,8 @@ def make(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, str]
             direct, direct_stamps = _mean_light(resources, world), resources.read_stamps()
         for tensor, spec in contract.inputs.items():
             if spec.grid == SURFELS:
-                irradiance, emissive = ((direct + world.sky_irradiance, world.emissive_irradiance) if sky_is_direct
-                                        else (direct, world.emissive_irradiance + world.sky_irradiance))
-                values = {name: _on_surfels(name, world, frame, extent, irradiance, emissive) for name in spec.channels}
+                irradiance = direct + world.sky_irradiance
+                values = {name: _on_surfels(name, world, frame, extent, irradiance) for name in spec.channels}
             elif spec.grid == RAYS and not resources.is_current(surfels.version, names[tensor]):
                 values = {"ray.surfel": world.index[None], "ray.albedo.rgb": np.moveaxis(world.albedo, -1, 0)}
             else:
@@ -76,8 +69,8 @@ def _mean_light(resources: Resources, world: WorldSurfels) -> F32:
                     axis=1).astype(np.float32)
 
 
-def _on_surfels(name: str, world: WorldSurfels, frame: FrameState, extent: float, irradiance: F32,
-                emissive: F32) -> NDArray[Any]:
+def _on_surfels(name: str, world: WorldSurfels, frame: FrameState, extent: float,
+                irradiance: F32) -> NDArray[Any]:
     """A channel, shape (components, S)."""
     match name:
         case "position.view.xyz":
@@ -89,7 +82,7 @@ def _on_surfels(name: str, world: WorldSurfels, frame: FrameState, extent: float
         case "irradiance.rgb":
             return irradiance.T
         case "emissive_irradiance.rgb":
-            return emissive.T
+            return world.emissive_irradiance.T
         case "surfel.radius":
             return world.radius[None] * np.float32(extent)
         case "surfel.weight":

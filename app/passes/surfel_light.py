@@ -1,6 +1,7 @@
-"""Direct light at the light samples of world surfels, from the same shadow maps as the picture's."""
+"""Direct light at the light samples of world surfels, with shadows from the picture's maps or by rays, as there."""
 
 import math
+from collections.abc import Mapping
 
 import moderngl
 import numpy as np
@@ -8,11 +9,16 @@ import numpy as np
 from app.arrays import F32
 from app.gl.context import Device
 from app.gl.frame_state import Execute, FrameState
+from app.gl.fullscreen import read_defines
 from app.gl.lights import LightSet
 from app.gl.pool import Resources
+from app.gl.shader import Program
+from app.gl.shadow_rays import ShadowRays, share_of
 from app.graph import BoundPass, Pass, Tex
 from app.surfels.tracked import TrackedSurfels
 from app.surfels.world import MAX_LIGHT_SAMPLES
+
+SAMPLES = 16  # shadow rays of a light sample
 
 
 def declare(surfels: TrackedSurfels, lights: LightSet) -> Pass:
@@ -29,9 +35,11 @@ def declare(surfels: TrackedSurfels, lights: LightSet) -> Pass:
 
 def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: LightSet,
          layout: tuple[int, int]) -> Execute:
-    program = device.fullscreen("surfel_light.frag", lights.defines)
-    names = "light_sample_position", "light_sample_normal"
+    program = device.fullscreen("surfel_light.frag", {**lights.defines, **read_defines(bound)})
+    names = "light_sample_position", "light_sample_normal", "light_sample_visibility"
     textures = {name: device.ctx.texture(layout, 4, dtype="f4") for name in names}
+    rays = (ShadowRays(device, layout, {**lights.defines, "GRID_SURFELS": 1}, surfels.caster)
+            if lights.has_traced else None)
 
     def execute(frame: FrameState, resources: Resources) -> None:
         surfels.update(frame.view, frame.geometry.time)
@@ -39,18 +47,30 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
         if resources.is_current(key):
             return
         world = surfels.world
-        for unit, (name, texture) in enumerate(textures.items(), len(bound.reads)):
-            texture.write(_as_texels(getattr(world, name), layout).tobytes())
-            texture.use(unit)
-            program.set(**{name: unit})
+        position, normal, visibility = textures.values()
+        position.write(_as_texels(world.light_sample_position, layout).tobytes())
+        normal.write(_as_texels(world.light_sample_normal, layout).tobytes())
+        local_eye = tuple(frame.view.eye - world.origin)
+        if rays is not None:
+            _bind(rays.program, {name: textures[name] for name in names[:2]}, 0)
+            rays.program.set(local_eye=local_eye)
+            visibility.write(share_of(*rays.trace(frame, range(SAMPLES))).tobytes())
         resources.target()
         device.ctx.enable_only(moderngl.NOTHING)
         resources.bind(program)
-        program.set(noise_phase=frame.noise_phase, local_eye=tuple(frame.view.eye - world.origin))
+        _bind(program, textures, len(bound.reads))
+        program.set(noise_phase=frame.noise_phase, local_eye=local_eye)
         device.draw_fullscreen(program)
         resources.set_current(key)
 
     return execute
+
+
+def _bind(program: Program, textures: Mapping[str, moderngl.Texture], first_unit: int) -> None:
+    """Bind textures to the samplers of their names, in the units from the first one on."""
+    for unit, (name, texture) in enumerate(textures.items(), first_unit):
+        texture.use(unit)
+        program.set(**{name: unit})
 
 
 def _as_texels(rows: F32, layout: tuple[int, int]) -> F32:

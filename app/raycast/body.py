@@ -42,6 +42,11 @@ class Body:
         Each instance with its matrix from object space to the body's space.
     textures : PrefilteredTextures
         Shared by all bodies of a scene.
+
+    Attributes
+    ----------
+    has_alpha_tested : bool
+        Whether rays can pass through some triangles; ``is_occluded`` leaves those out.
     """
 
     def __init__(self, scene: Scene, placed: Iterable[tuple[Instance, F64]], textures: PrefilteredTextures) -> None:
@@ -58,12 +63,16 @@ class Body:
         self._material = _concatenate([np.full(len(p.triangles), number[id(p.material)]) for p in parts], (0,),
                                       np.int64)
         self._mirrored = _concatenate([np.full(len(p.triangles), p.mirrored) for p in parts], (0,), np.bool_)
-        self._scene = _embree_scene(self.positions, self.triangles) if len(self.triangles) else None
+        self._scene = _embree_scene(self.positions, self.triangles)
         corners = self.positions if len(self.positions) else np.zeros((1, 3), np.float32)
         low, high = corners.min(axis=0).astype(np.float64), corners.max(axis=0).astype(np.float64)
         self.center, self.radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
         self._alpha_tested = np.array([m.alpha_cutoff is not None for m in self._materials], bool)
         self._light_proxies = np.array([m.is_light_proxy for m in self._materials], bool)
+        opaque, proxy = ~self._alpha_tested[self._material], self._light_proxies[self._material]
+        self._opaque = _embree_scene(self.positions, self.triangles[opaque & ~proxy])
+        self._opaque_proxies = _embree_scene(self.positions, self.triangles[opaque & proxy])
+        self.has_alpha_tested = bool((~opaque).any())
 
     def cast(self, origins: F32, directions: F32, t_max: F32) -> tuple[F32, Ints, F32, F32]:
         """Find the nearest triangle along each ray.
@@ -101,6 +110,26 @@ class Body:
         away = (normal * directions[hit]).sum(axis=1) > 0
         face[hit] = np.where(away[:, None], -normal, normal)
         return distance, triangle, uv, face
+
+    def is_occluded(self, origins: F32, vectors: F32, proxies_block: bool) -> Bools:
+        """Whether an opaque triangle lies between each origin and the end of its vector, shape (N,).
+
+        Parameters
+        ----------
+        origins, vectors : ndarray, float32, shape (N, 3)
+            In the body's space.
+        proxies_block : bool
+            Whether light proxies count.
+        """
+        occluded = _meets(self._opaque, origins, vectors)
+        if proxies_block and self._opaque_proxies is not None:
+            left = np.flatnonzero(~occluded)
+            occluded[left] = _meets(self._opaque_proxies, origins[left], vectors[left])
+        return occluded
+
+    def surface_corners(self) -> F32:
+        """Corners of all triangles but those of light proxies, shape (T, 3, 3), in the body's space."""
+        return self.positions[self.triangles[~self.is_light_proxy(np.arange(len(self.triangles)))]]
 
     def is_cut_out(self, triangle: Ints, uv: F32) -> Bools:
         """Whether the alpha test removes the surface at each hit, shape (N,)."""
@@ -162,9 +191,21 @@ class Body:
 
 
 def _embree_scene(positions: F32, triangles: Ints) -> Any:
+    """None without triangles."""
+    if len(triangles) == 0:
+        return None
     scene = EmbreeScene()
     TriangleMesh(scene, positions, triangles.astype(np.int32))
     return scene
+
+
+def _meets(scene: Any, origins: F32, vectors: F32) -> Bools:
+    """Whether anything of an Embree scene lies on each vector, shape (N,)."""
+    if scene is None or len(origins) == 0:
+        return np.zeros(len(origins), np.bool_)
+    hits = scene.run(np.ascontiguousarray(origins, np.float32), np.ascontiguousarray(vectors, np.float32),
+                     dists=np.ones(len(origins), np.float32), query="OCCLUDED")
+    return np.asarray(hits >= 0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -69,10 +69,13 @@ class Caster:
         From each body's space to local space.
     dynamic_instances : tuple of int
         The scene's instance that each body but the first stands for.
+    extent : float
+        Longest edge of the box around all positions of the instances, scene units.
     """
 
     def __init__(self, scene: Scene) -> None:
         self.origin = scene.bounds.mean(axis=0)
+        self.extent = float((scene.swept_bounds[1] - scene.swept_bounds[0]).max())
         self.ray_epsilon = np.float32(RAY_EPSILON * scene.longest_edge)
         to_local, textures = translation(-self.origin), PrefilteredTextures()
         self._instances = scene.instances
@@ -110,6 +113,53 @@ class Caster:
         hits.distance[~met] = np.inf
         hits.position[met] = origins[met] + directions[met] * hits.distance[met, None]
         return hits
+
+    def is_occluded(self, origins: F32, vectors: F32, proxies_block: bool) -> Bools:
+        """Whether a surface lies between each origin and the end of its vector, shape (N,).
+
+        Parameters
+        ----------
+        origins, vectors : ndarray, float32, shape (N, 3)
+            In local space.
+        proxies_block : bool
+            Whether the meshes of analytic lights count.
+        """
+        occluded = np.zeros(len(origins), np.bool_)
+        for index, (body, matrix) in enumerate(zip(self.bodies, self.matrices, strict=True)):
+            inverse = affine_inverse(matrix)
+            if inverse is None:
+                continue  # scaled to nothing
+            rows = np.flatnonzero(~occluded)
+            if index == STATIC:
+                start, along = origins[rows], vectors[rows]
+            else:
+                rows = rows[_rays_towards(*self.bounding_sphere(index), origins[rows], vectors[rows],
+                                          np.ones(len(rows), np.float32))]
+                start = (origins[rows] @ inverse[:3, :3].T + inverse[:3, 3]).astype(np.float32)
+                along = (vectors[rows] @ inverse[:3, :3].T).astype(np.float32)
+            occluded[rows] = body.is_occluded(start, along, proxies_block)
+            if body.has_alpha_tested:
+                rows = np.flatnonzero(~occluded)
+                hits = self.cast(origins[rows], vectors[rows], (index,), np.ones(len(rows), np.float32))
+                occluded[rows] = (hits.body >= 0) & (proxies_block | ~hits.is_light_proxy)
+        return occluded
+
+    def random_points(self, count: int, rng: np.random.Generator) -> tuple[F32, F32]:
+        """Points spread evenly over all surfaces but light proxies, and their face normals, both (count, 3).
+
+        Fewer, or none, where there is nothing to spread them over. In local space; sides of faces are arbitrary.
+        """
+        corners = [(body.surface_corners() @ matrix[:3, :3].T + matrix[:3, 3])
+                   for body, matrix in zip(self.bodies, self.matrices, strict=True)]
+        a, b, c = np.moveaxis(np.concatenate(corners), 1, 0)
+        cross = np.cross(b - a, c - a)
+        area = np.linalg.norm(cross, axis=1)
+        if not area.sum() > 0:
+            return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32)
+        chosen = rng.choice(len(area), count, p=area / area.sum())
+        root, v = np.sqrt(rng.random((count, 1))), rng.random((count, 1))
+        points = (1 - root) * a[chosen] + root * (1 - v) * b[chosen] + root * v * c[chosen]
+        return points.astype(np.float32), (cross[chosen] / area[chosen, None]).astype(np.float32)
 
     def bounding_sphere(self, index: int) -> tuple[F32, float]:
         """Centre in local space, shape (3,), and radius of a sphere around body ``index``."""

@@ -1,14 +1,22 @@
 """The surfels of a renderer: placed at the first frame, and again when the camera leaves the surfaces they cover."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from app.math3d import View
+from app.raycast.caster import Caster
 from app.scene import Scene
 from app.surfels.world import WorldSurfels
 
 
 class TrackedSurfels:
     """``count`` surfels with ``rays`` rays each.
+
+    Parameters
+    ----------
+    caster : callable
+        Gives the caster of the scene, which may be shared.
 
     Attributes
     ----------
@@ -20,11 +28,16 @@ class TrackedSurfels:
 
     world: WorldSurfels
 
-    def __init__(self, scene: Scene, count: int, rays: int) -> None:
-        self._scene, self.count, self.rays = scene, count, rays
+    def __init__(self, scene: Scene, caster: Callable[[], Caster], count: int, rays: int) -> None:
+        self._scene, self._caster, self.count, self.rays = scene, caster, count, rays
         self._placed_from, self._eye = np.zeros(3), np.zeros(3)
         self._covers_own_eye = False
         self.version = 0
+
+    @property
+    def caster(self) -> Caster:
+        """Casts rays at the scene; shared, so anyone may move it."""
+        return self._caster()
 
     def update(self, view: View, time: float) -> None:
         """Have surfels for what ``view`` sees at ``time`` seconds."""
@@ -44,7 +57,7 @@ class TrackedSurfels:
         return (far or self._covers_own_eye) and not self.world.covers(view.eye)
 
     def _place(self, view: View, time: float) -> None:
-        self.world = WorldSurfels(self._scene, view, self.count, self.rays, time)
+        self.world = WorldSurfels(self._scene, self.caster, view, self.count, self.rays, time)
         self._placed_from = self._eye = view.eye
         self._covers_own_eye = self.world.covers(view.eye)
         self.version += 1

@@ -32,6 +32,8 @@ class WorldSurfels:
 
     Parameters
     ----------
+    caster : Caster
+        Of the scene; may be shared, and is moved to the time of each call.
     view : View
         Where the walks over the surfaces start; surfels are densest in what it sees.
     count, rays : int
@@ -60,11 +62,11 @@ class WorldSurfels:
     light_sample_surfel : ndarray of int, shape (P,)
     """
 
-    def __init__(self, scene: Scene, view: View, count: int, rays: int, time: float = 0.0) -> None:
+    def __init__(self, scene: Scene, caster: Caster, view: View, count: int, rays: int, time: float = 0.0) -> None:
         rng = np.random.default_rng(0)
-        self._caster = Caster(scene)
-        self._caster.move_to(time)
-        self._time, self.origin = time, self._caster.origin
+        self._caster = caster
+        caster.move_to(time)
+        self._matrices, self.origin = caster.matrices, caster.origin
         self.count, self.rays = count, rays
         candidates = trace_walks(self._caster, view, CANDIDATES * count, rng)
         spacing = _estimate_spacing(candidates.position, count, scene.longest_edge)
@@ -93,12 +95,10 @@ class WorldSurfels:
 
     def move_to(self, time: float) -> bool:
         """Move bodies and surfels to ``time`` seconds and trace the rays that this changes; False if nothing moved."""
-        if time == self._time or not self._caster.dynamic_instances:
-            return False
-        before, self._time = self._caster.matrices, time
         self._caster.move_to(time)
-        if np.array_equal(before, self._caster.matrices):
+        if np.array_equal(self._matrices, self._caster.matrices):
             return False
+        self._matrices = self._caster.matrices
         self._update_positions()
         self.light_sample_position, self.light_sample_normal = self._light_samples.current()
         self._trace()

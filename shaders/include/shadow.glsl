@@ -23,10 +23,10 @@ const float DISTANCE_BIAS = 5e-4;      // relative
 const float QUAD_BLEND = 0.7;          // share of the quad's mean in the visibility of flat, soft quads
 
 uniform sampler2D shadow;
-#ifdef HAS_HARD_LIGHT
+#ifdef HAS_HARD_MAP
 #include "hard_shadow.glsl"
 #endif
-#ifdef HAS_SOFT_LIGHT
+#ifdef HAS_SOFT_MAP
 uniform sampler2D shadow_nearest;
 #endif
 uniform int edge_taps = TAPS;  // not a constant: the unrolled program outgrows a CPU's instruction cache (1.4 times slower)
@@ -44,7 +44,7 @@ QuadNoise quad_noise()
     return QuadNoise(noise, normalize(u * (0.5 - abs(u))));  // parabolas for sines: any spread of angles will do
 }
 
-#ifdef HAS_SOFT_LIGHT
+#ifdef HAS_SOFT_MAP
 // Points on the light by Roberts' R2 sequence, whose every stretch is well spread. The angle turns with k.
 struct Pattern {
     float k;
@@ -363,13 +363,13 @@ float parallel_visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wan
 // Share of the light that relative point p with face normal n sees; of no meaning unless wanted.
 float visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wanted)
 {
-#ifdef HAS_HARD_LIGHT
-#ifdef HAS_SOFT_LIGHT
+#ifdef HAS_HARD_MAP
+#ifdef HAS_SOFT_MAP
     if (light.position.w <= 0.0 && int(light.color.w) != RECT)
 #endif
     return hard_visibility(light, p, n);
 #endif
-#ifdef HAS_SOFT_LIGHT
+#ifdef HAS_SOFT_MAP
 #ifdef HAS_PARALLEL_MAP
     if (int(light.tile.w) == PARALLEL_MAP) return parallel_visibility(light, p, n, noise, wanted);
 #endif

@@ -1,0 +1,99 @@
+"""Shadow rays: the GPU chooses them, a caster on the CPU says which are blocked, and their light is summed."""
+
+from collections.abc import Mapping
+from typing import Protocol
+
+import moderngl
+import numpy as np
+
+from app.arrays import F32, F64, Bools
+from app.gl.context import Device
+from app.gl.frame_state import FrameState
+from app.gl.shader import Program
+
+TO_LIGHT, TO_SKY = 1.0, 2.0  # in shadow_rays.frag
+SKY_DISTANCE = 4.0           # of the scene's longest edge, that rays towards the environment cross
+RAY_EPSILON = 1e-4           # of the scene's longest edge, by which rays start off their surface
+
+
+class RayScene(Protocol):
+    """What shadow rays can meet.
+
+    Attributes
+    ----------
+    origin : ndarray, float64, shape (3,)
+        World-space point that positions are relative to.
+    extent : float
+        Longest edge of a box around everything, scene units.
+    """
+
+    origin: F64
+    extent: float
+
+    def is_occluded(self, origins: F32, vectors: F32, proxies_block: bool) -> Bools:
+        """Whether something lies between origins and the ends of vectors, both float32 (N, 3) in world axes.
+
+        Light proxies count where ``proxies_block`` is True.
+        """
+
+
+class ShadowRays:
+    """Shadow rays of a grid of receivers.
+
+    Parameters
+    ----------
+    size : tuple of int
+        Width and height of the grid.
+    defines : mapping
+        What receivers there are and which lights.
+    """
+
+    def __init__(self, device: Device, size: tuple[int, int], defines: Mapping[str, object], scene: RayScene) -> None:
+        self._device, self._size, self._scene = device, size, scene
+        self.program: Program = device.fullscreen("shadow_rays.frag", defines)
+        self._textures = [device.ctx.texture(size, 4, dtype="f4") for _ in range(3)]
+        self._target = device.ctx.framebuffer(self._textures)
+
+    def trace(self, frame: FrameState, samples: range) -> tuple[F32, F32]:
+        """Trace ``samples`` of each receiver; what ``program`` reads must be bound.
+
+        Parameters
+        ----------
+        samples : range
+            Indices into each receiver's sequence.
+
+        Returns
+        -------
+        visible, unshadowed : ndarray, float32, shape (h, w, 4)
+            Mean irradiance of the samples with and without occlusion, bottom row first; the number of samples.
+        """
+        count = self._size[0] * self._size[1]
+        visible, unshadowed = np.zeros((2, count, 3), np.float32)
+        shift = (frame.view.eye - self._scene.origin).astype(np.float32)
+        self.program.set(noise_phase=frame.noise_phase, ray_epsilon=RAY_EPSILON * self._scene.extent,
+                         sky_distance=SKY_DISTANCE * self._scene.extent)
+        self._target.use()
+        self._device.ctx.enable_only(moderngl.NOTHING)
+        for sample in samples:
+            self.program.set(sample_index=sample)
+            self._device.draw_fullscreen(self.program)
+            origin, vector, light = (np.frombuffer(t.read(), np.float32).reshape(count, 4) for t in self._textures)
+            unshadowed += light[:, :3]
+            for kind, proxies_block in ((TO_LIGHT, False), (TO_SKY, True)):
+                rows = np.flatnonzero((origin[:, 3] == kind) & (vector[:, :3] != 0).any(axis=1))
+                if len(rows):
+                    seen = rows[~self._scene.is_occluded(origin[rows, :3] + shift, vector[rows, :3], proxies_block)]
+                    visible[seen] += light[seen, :3]
+        return self._mean(visible, len(samples)), self._mean(unshadowed, len(samples))
+
+    def _mean(self, total: F32, samples: int) -> F32:
+        mean = np.full((len(total), 4), samples, np.float32)
+        mean[:, :3] = total / np.float32(samples)
+        return mean.reshape(self._size[1], self._size[0], 4)
+
+
+def share_of(visible: F32, unshadowed: F32) -> F32:
+    """The share of the unshadowed light that is visible, as ``trace`` gives both; 1 where there is no light."""
+    share = np.ones_like(visible)
+    np.divide(visible, unshadowed, out=share, where=unshadowed > 0)
+    return share

@@ -1,0 +1,116 @@
+"""Traced shadows of large lights and of the environment: how much of their light reaches the receivers of a grid.
+
+Shadow rays are traced on a low-resolution grid, accumulated over frames, and filtered. The result is a ratio of light
+with shadows to light without them, by which ``direct`` multiplies the exact unshadowed light (Heitz, Hill and McGuire
+2018, "Combining Analytic Direct Illumination and Stochastic Shadows").
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+from app.gl.context import Device
+from app.gl.frame_state import Execute, FrameState, MotionKind
+from app.gl.fullscreen import CUBE_PREFIX, cube_defines, make_fullscreen, ratio_to, read_defines
+from app.gl.lights import LightSet
+from app.gl.pool import Resources
+from app.gl.shadow_rays import RayScene, ShadowRays, share_of
+from app.graph import BoundPass, Pass, Resource, Tex
+
+MAX_RECEIVERS = 2**17      # of the screen's grid
+FIRST_RAYS = 2**22         # of a frame without history
+MAX_FIRST_SAMPLES = 64     # of a receiver in such a frame
+CUBE_SAMPLES = 16          # of a receiver on the cube, which has no history
+SAMPLES = {MotionKind.NONE: 1, MotionKind.CAMERA: 1, MotionKind.OBJECTS: 4}             # of a receiver in each frame
+MAX_SAMPLES = {MotionKind.NONE: 1024.0, MotionKind.CAMERA: 64.0, MotionKind.OBJECTS: 12.0}  # of its history
+SKY_READS = ("sky_irradiance", "sky_directions")
+SUMS = ("shadow_visible", "shadow_unshadowed")
+
+
+def grid(size: tuple[int, int]) -> tuple[int, int]:
+    """Width and height of the screen's grid: the image's, divided by the smallest whole number that is enough."""
+    divisor = 1
+    while math.prod(smaller := (-(-size[0] // divisor), -(-size[1] // divisor))) > MAX_RECEIVERS:
+        divisor += 1
+    return smaller
+
+
+def declare(lights: LightSet, has_sky: bool, scene: Callable[[], RayScene], size: tuple[int, int],
+            has_history: bool) -> Iterator[Pass]:
+    """The passes on the screen, for its ``shadow_gbuffer``.
+
+    Parameters
+    ----------
+    has_sky : bool
+        Whether the environment's shadows are traced too.
+    scene : callable
+        Gives what the rays can meet.
+    has_history : bool
+        Whether samples are accumulated over frames.
+    """
+    receivers = grid(size)
+    sums: dict[str, Resource] = {name: Tex("f4", 4, size=receivers) for name in SUMS}
+    now = {f"{name}_now": tex for name, tex in sums.items()} if has_history else sums
+    yield Pass("shadow_rays", reads=("albedo", "normal", "depth", *(SKY_READS if has_sky else ())), writes=now,
+               make=lambda device, bound: _make_rays(device, bound, lights, scene(), receivers, has_history))
+    if has_history:
+        yield Pass("shadow_history",
+                   reads=(*now, "shadow_gbuffer", "motion", *(f"{name}@prev" for name in SUMS), "shadow_gbuffer@prev"),
+                   writes=sums, make=make_fullscreen("shadow_history.frag", lambda frame: {
+                       "ratio": ratio_to(receivers, frame), "max_samples": MAX_SAMPLES[frame.motion],
+                       "history_valid": frame.history_valid},
+                       samplers={"shadow_gbuffer": "lowres_gbuffer", "shadow_gbuffer@prev": "lowres_gbuffer_prev"}))
+    averaged = tuple(f"{name}_averaged" for name in SUMS)
+    yield _filter("shadow_filter_near", SUMS, {name: Tex("f4", 4, size=receivers) for name in averaged}, receivers, 1)
+    yield _filter("shadow_filter_far", averaged, {"shadow_ratio": Tex("f2", 4, size=receivers)}, receivers, 3)
+
+
+def _filter(name: str, source: Sequence[str], target: Mapping[str, Resource], size: tuple[int, int],
+            spacing: int) -> Pass:
+    return Pass(name, reads=(*source, "shadow_gbuffer"), writes=target,
+                make=make_fullscreen("shadow_filter.frag", lambda frame: {
+                    "ratio": ratio_to(size, frame), "spacing": spacing},
+                    samplers={**dict(zip(source, SUMS, strict=True)), "shadow_gbuffer": "lowres_gbuffer"}))
+
+
+def _make_rays(device: Device, bound: BoundPass, lights: LightSet, scene: RayScene, size: tuple[int, int],
+               has_history: bool) -> Execute:
+    rays = ShadowRays(device, size, {**lights.defines, **read_defines(bound)}, scene)
+    first = min(MAX_FIRST_SAMPLES, max(1, FIRST_RAYS // math.prod(size)))
+
+    def execute(frame: FrameState, resources: Resources) -> None:
+        view = frame.view
+        key = view.eye.tobytes(), view.rotation.tobytes(), view.tan_half, frame.lighting
+        if not has_history and resources.is_current(key):
+            return
+        count = SAMPLES[frame.motion]
+        samples = range(first + frame.index * count, first + (frame.index + 1) * count)
+        resources.bind(rays.program)
+        rays.program.set(ratio=ratio_to(size, frame))
+        sums = rays.trace(frame, samples if has_history and frame.history_valid else range(first))
+        for name, values in zip(bound.writes, sums, strict=True):
+            resources[name].write(values.tobytes())
+        resources.set_current(key)
+
+    return execute
+
+
+def declare_cube(lights: LightSet, has_sky: bool, scene: Callable[[], RayScene], face: int, camera_axes: bool) -> Pass:
+    """On the cube around the camera, without a filter, since networks average over its texels."""
+    size = 6 * face, face
+    return Pass("cube_shadow_rays", reads=("cube_albedo", "cube_normal", "cube_depth", *(SKY_READS if has_sky else ())),
+                writes={"cube_shadow_ratio": Tex("f4", 4, size=size)},
+                make=lambda device, bound: _make_cube_rays(
+                    device, bound, scene(), size, {**lights.defines, **cube_defines(face, camera_axes)}))
+
+
+def _make_cube_rays(device: Device, bound: BoundPass, scene: RayScene, size: tuple[int, int],
+                    defines: Mapping[str, object]) -> Execute:
+    rays = ShadowRays(device, size, {**defines, **read_defines(bound)}, scene)
+
+    def execute(frame: FrameState, resources: Resources) -> None:
+        resources.bind(rays.program, CUBE_PREFIX)
+        rays.program.set(ratio=(1.0, 1.0))
+        visible, unshadowed = rays.trace(frame, range(CUBE_SAMPLES))
+        resources["cube_shadow_ratio"].write(share_of(visible, unshadowed).tobytes())
+
+    return execute

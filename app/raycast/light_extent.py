@@ -1,0 +1,87 @@
+"""Which lights are so large, for their distance from what they light, that a shadow map can't hold their shadows.
+
+A shadow map shows a scene from one point of the light. What the rest of the light sees differs the more, the larger the
+angle that the light subtends at a receiver.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.arrays import F32, F64, Bools
+from app.raycast.caster import Caster
+from app.scene import DirectionalLight, Light, PointLight, RectLight, SpotLight
+
+POINTS = 1024             # on the scene's surfaces, at each key time
+MAX_RELATIVE_SIZE = 0.05  # radius / distance up to which one map will do
+MAX_NEAR_SHARE = 0.02     # of what a light lights may lie nearer to it
+
+
+@dataclass(frozen=True, eq=False)
+class _Surfaces:
+    """Points of a scene at one time, in world space, and what lies between two points."""
+
+    points: F64
+    is_occluded: Callable[[F32, F32, bool], Bools]
+    origin: F64
+
+
+def needs_rays(lights: Sequence[Light], caster: Callable[[], Caster], times: Iterable[float]) -> tuple[bool, ...]:
+    """Whether each light's shadows must be traced.
+
+    Parameters
+    ----------
+    caster : callable
+        Gives the caster of the scene; called only if a light has an area.
+    times : iterable of float
+        Seconds at which the scene's objects are looked at.
+    """
+    areas = [_center_and_radius(light) for light in lights]
+    if all(radius <= 0 for _, radius in areas):
+        return (False,) * len(areas)
+    counts = np.zeros((len(areas), 2), np.int64)  # of points that each light lights, and of the near ones among them
+    rays, rng = caster(), np.random.default_rng(0)
+    for time in times:
+        rays.move_to(time)
+        points = rays.random_points(POINTS, rng)[0].astype(np.float64) + rays.origin
+        surfaces = _Surfaces(points, rays.is_occluded, rays.origin)
+        counts += [_count_near(light, *area, surfaces) for light, area in zip(lights, areas, strict=True)]
+    return tuple(bool(near > MAX_NEAR_SHARE * lit) for lit, near in counts)
+
+
+def _center_and_radius(light: Light) -> tuple[F64, float]:
+    """Centre in world space, shape (3,), and radius of a sphere around the light; 0 for parallel and point lights."""
+    match light:
+        case RectLight():
+            return np.asarray(light.center), float(np.linalg.norm(np.add(light.edge_u, light.edge_v))) / 2
+        case PointLight() | SpotLight():
+            return np.asarray(light.position), light.radius
+        case DirectionalLight():
+            return np.zeros(3), 0.0
+
+
+def _count_near(light: Light, center: F64, radius: float, surfaces: _Surfaces) -> tuple[int, int]:
+    """How many points see the light's centre, and how many of these are near for its size."""
+    if radius <= 0:
+        return 0, 0
+    to_light = center - surfaces.points
+    distance = np.linalg.norm(to_light, axis=1)
+    lit = _is_in_beam(light, to_light, distance) & (distance > 0)
+    origins = (surfaces.points[lit] - surfaces.origin).astype(np.float32)
+    vectors = to_light[lit].astype(np.float32)
+    away = np.float32(1e-3)  # off both ends, since surfaces of unknown side start and end the line
+    seen = ~surfaces.is_occluded(origins + away * vectors, (1 - 2 * away) * vectors, False)
+    near = radius > MAX_RELATIVE_SIZE * distance[lit]
+    return int(seen.sum()), int((near & seen).sum())
+
+
+def _is_in_beam(light: Light, to_light: F64, distance: F64) -> Bools:
+    """Whether points lie where the light sends light at all, shape (N,)."""
+    match light:
+        case RectLight(two_sided=False):
+            return np.asarray(to_light @ np.cross(light.edge_u, light.edge_v) < 0)
+        case SpotLight():
+            axis = np.asarray(light.direction) / np.linalg.norm(light.direction)
+            return np.asarray(-to_light @ axis >= np.cos(np.radians(light.outer_deg)) * distance)
+    return np.ones(len(to_light), np.bool_)

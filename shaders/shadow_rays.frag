@@ -1,0 +1,144 @@
+// One shadow ray for each receiver: towards a point of a light with an area, or along a direction of the environment,
+// chosen about as often as it contributes to the unshadowed light. What the rays meet is found elsewhere.
+#include "numbers.glsl"
+#include "grid.glsl"
+#include "nearest_texel.glsl"
+#include "light_sampling.glsl"
+#include "sky_irradiance.glsl"
+
+const int BLOCK = 9;              // texels along the edge of a block whose rays share one sequence (Keller and Heidrich 2001,
+                                  // "Interleaved Sampling"); the filter averages over as many
+const int SKY_CANDIDATES = 4;     // of which one is chosen (Talbot, Cline and Egbert 2005, "Importance Resampling for Global Illumination")
+const uvec3 RECURRENCE = uvec3(3518319155u, 2882110345u, 2360945575u);  // R3 of Roberts 2018, in 32-bit fixed point
+const float TO_UNIT = 1.0 / 4294967296.0;
+const float LUMINANCE_FLOOR = 1e-30;
+const float SHORTENED = 0.999;  // so that rays end before what touches the light
+
+#ifdef GRID_SURFELS
+uniform sampler2D light_sample_position;  // local space: world axes, the scene's centre as origin
+uniform sampler2D light_sample_normal;    // 0: no sample
+uniform vec3 local_eye;
+#else
+uniform sampler2D albedo;
+uniform sampler2D normal;
+uniform sampler2D depth;
+uniform vec2 ratio;          // texels of the G-buffer per receiver
+#endif
+#ifdef HAS_SKY_DIRECTIONS
+uniform sampler2D sky_directions;  // bottom row: direction; top row: power in W/m²
+#endif
+uniform int sample_index;    // of each receiver
+uniform float noise_phase;   // shifts the sequence, from the seed
+uniform float ray_epsilon;   // by which rays start off their surface, scene units
+uniform float sky_distance;  // length of a ray towards the environment, scene units
+
+layout(location = 0) out vec4 out_origin;  // relative space; a: 0: no ray, 1: towards a light, 2: towards the environment
+layout(location = 1) out vec4 out_vector;  // from there to the ray's end
+layout(location = 2) out vec4 out_light;   // unshadowed irradiance of the sample, over its probability
+
+struct Receiver {
+    vec3 p;
+    vec3 n;
+    vec3 face;
+    bool is_surface;
+};
+
+Receiver receiver(ivec2 texel)
+{
+#ifdef GRID_SURFELS
+    vec3 p = texelFetch(light_sample_position, texel, 0).xyz - local_eye;
+    vec3 n = texelFetch(light_sample_normal, texel, 0).xyz;
+    return Receiver(p, n, n, dot(n, n) > 0.5);
+#else
+    ivec2 full = nearest_texel(texel, ratio);
+    float d = texelFetch(depth, full, 0).r;
+    vec4 surface = texelFetch(normal, full, 0);
+    vec3 n = sanitize_normal(surface.xyz);
+    vec3 face = octahedral_decode(vec2(surface.a, texelFetch(albedo, full, 0).a));
+    return Receiver(surface_ray(vec2(full) + 0.5) * d, n, face, is_surface(d) && dot(n, n) > 0.5);
+#endif
+}
+
+// The next three numbers of the sequence that a block of receivers shares.
+vec3 sequence(ivec2 texel)
+{
+    uvec2 cell = uvec2(texel) % uint(BLOCK);
+    // Steps that have no factor in common with the block spread neighbours over the sequence.
+    uint lane = ((cell.x * uint(BLOCK) + cell.y) * 31u) % uint(BLOCK * BLOCK);
+    uint index = uint(sample_index) * uint(BLOCK * BLOCK) + lane;
+    uvec2 block = uvec2(texel) / uint(BLOCK);
+    uvec3 shift = uvec3(block.x * 2654435769u + block.y * 1640531513u) * uvec3(1u, 3u, 7u) + uint(noise_phase * 4294967040.0);
+    return vec3((RECURRENCE * index + shift) >> 8) * (256.0 * TO_UNIT);
+}
+
+float luminance(vec3 c)
+{
+    return dot(c, vec3(0.2126, 0.7152, 0.0722));
+}
+
+#ifdef HAS_SKY_DIRECTIONS
+// A direction of the environment, resampled by what it contributes.
+LightSample sample_sky(vec3 n, vec2 s)
+{
+    int count = textureSize(sky_directions, 0).x;
+    int first = int(s.x * float(count));
+    LightSample chosen = LightSample(n * sky_distance, vec3(0.0));
+    float total = 0.0, chosen_target = 0.0;
+    for (int i = 0; i < SKY_CANDIDATES; ++i) {
+        ivec2 at = ivec2((first + i * (count / SKY_CANDIDATES)) % count, 0);
+        vec3 direction = texelFetch(sky_directions, at, 0).xyz;
+        vec3 light = texelFetch(sky_directions, at + ivec2(0, 1), 0).rgb * (float(count) * max(dot(direction, n), 0.0));
+        float target = luminance(light);
+        total += target;
+        bool take = target > 0.0 && s.y * total < target;
+        // What is left of the number is as random as it was.
+        s.y = take ? s.y * total / max(target, LUMINANCE_FLOOR) : (s.y * total - target) / max(total - target, LUMINANCE_FLOOR);
+        chosen.vector = take ? direction * sky_distance : chosen.vector;
+        chosen.light = take ? light : chosen.light;
+        chosen_target = take ? target : chosen_target;
+    }
+    chosen.light *= total / (float(SKY_CANDIDATES) * max(chosen_target, LUMINANCE_FLOOR));
+    return chosen;
+}
+#endif
+
+void main()
+{
+    ivec2 texel = ivec2(gl_FragCoord.xy);
+    Receiver r = receiver(texel);
+    vec3 s = sequence(texel);
+
+    // One source in proportion to its unshadowed light: the running sum at which the choice falls.
+    float total = 0.0;
+#ifdef HAS_SKY_DIRECTIONS
+    float sky = luminance(unshadowed_sky_irradiance(r.n));
+    total += sky;
+#endif
+    for (int i = MAPPED_COUNT; i < LIGHT_COUNT; ++i) total += luminance(irradiance(lights[i], r.p, r.n));
+    float choice = s.x * total, passed = 0.0, part = 0.0;
+    int chosen = -1;
+#ifdef HAS_SKY_DIRECTIONS
+    passed = part = sky;
+#endif
+    bool to_sky = choice < passed;
+    for (int i = MAPPED_COUNT; i < LIGHT_COUNT; ++i) {
+        float light = luminance(irradiance(lights[i], r.p, r.n));
+        bool take = choice >= passed && light > 0.0;
+        chosen = take ? i : chosen;
+        part = take ? light : part;
+        passed += light;
+    }
+    LightSample ray = LightSample(r.n, vec3(0.0));
+    if (chosen >= 0 && !to_sky) ray = sample_light(lights[chosen], r.p, r.n, s.yz);
+#ifdef HAS_SKY_DIRECTIONS
+    if (to_sky) ray = sample_sky(r.n, s.yz);
+#endif
+    ray.light *= total / max(part, LUMINANCE_FLOOR);
+    bool wanted = r.is_surface && total > 0.0 && max(max(ray.light.r, ray.light.g), ray.light.b) > 0.0
+        && is_finite(dot(ray.light, vec3(1.0)) + dot(ray.vector, vec3(1.0)));
+    out_origin = wanted ? vec4(r.p + r.face * ray_epsilon, to_sky ? 2.0 : 1.0) : vec4(0.0);
+    // A ray into the surface meets it at once.
+    vec3 vector = dot(ray.vector, r.face) > 0.0 ? (ray.vector - r.face * ray_epsilon) * SHORTENED : vec3(0.0);
+    out_vector = vec4(vector, 0.0);
+    out_light = wanted ? vec4(min(ray.light, HALF_MAX), 1.0) : vec4(0.0);
+}
