@@ -11,6 +11,7 @@ from app.scene import Environment
 
 ORDER = 4            # of spherical harmonics
 CELLS = (32, 64)     # rows and columns of the map that light is sampled from
+CELL_EXTENT = 2 * math.pi / CELLS[1], math.pi / CELLS[0]  # of azimuth and polar angle, radians
 MIN_CELL_TEXELS = 4  # along a cell
 UNIFORM_SHARE = 0.2  # of the directions, spread over the whole sphere; the others go where the light is
 GOLDEN_RATIO = (math.sqrt(5) - 1) / 2
@@ -90,8 +91,7 @@ def sky_light(environment: Environment, count: int) -> SkyLight:
     warped by the probability of each cell.
     """
     cell, power, angle = _cells(environment)
-    light = power.mean(axis=1)
-    chance = UNIFORM_SHARE * angle / angle.sum() + (1 - UNIFORM_SHARE) * light / max(float(light.sum()), 1e-300)
+    chance = _light_chance(power, angle)
     rows = chance.reshape(CELLS)
     row = _index(rows.sum(axis=1)[None], (np.arange(count) + 0.5) / count)
     column = _index(rows[row], np.arange(count) * GOLDEN_RATIO % 1)
@@ -99,6 +99,36 @@ def sky_light(environment: Environment, count: int) -> SkyLight:
     share = 1 / (count * chance[chosen])
     arrays = cell[chosen], power[chosen] * share[:, None], angle[chosen] * share, cell, power
     return SkyLight(*(np.asarray(x, np.float32) for x in arrays))
+
+
+def sky_strata(environment: Environment, rows: int, columns: int) -> tuple[F32, F32]:
+    """The cells that a point of the unit square stands for, if points are spread evenly over the environment's light.
+
+    Parameters
+    ----------
+    rows, columns : int
+        Strata of the unit square; each stands for the same share of the light, but for the evenly spread part.
+
+    Returns
+    -------
+    corner : ndarray, float32, shape (rows, columns, 2)
+        Azimuth and polar angle where a stratum's cell begins, radians; its extent is ``CELL_EXTENT``. The direction is
+        (sin polar sin azimuth, cos polar, -sin polar cos azimuth) in world space.
+    power : ndarray, float32, shape (rows, columns, 3)
+        Radiance times the solid angle that each stratum represents, W/m².
+    """
+    _, power, angle = _cells(environment)
+    chance = _light_chance(power, angle).reshape(CELLS)
+    row = _index(chance.sum(axis=1)[None], (np.arange(rows) + 0.5) / rows)
+    column = np.stack([_index(chance[row], np.full(rows, (k + 0.5) / columns)) for k in range(columns)], axis=1)
+    cell = row[:, None] * CELLS[1] + column
+    # What all cells send is kept exactly: the strata of a cell share its power.
+    count = np.bincount(cell.ravel(), minlength=len(power))
+    chosen = power[cell] / count[cell][..., None]
+    chosen *= (power.sum(axis=0) / np.maximum(chosen.sum(axis=(0, 1)), 1e-300))
+    azimuth = (column / CELLS[1] - 0.5) * 2 * math.pi - math.radians(environment.rotation_deg)
+    corner = np.stack([azimuth, np.broadcast_to(row[:, None], cell.shape) * math.pi / CELLS[0]], axis=-1)
+    return np.asarray(corner, np.float32), np.asarray(chosen, np.float32)
 
 
 def harmonics(environment: Environment, rotation: F64) -> F32:
@@ -151,6 +181,12 @@ def _cells(environment: Environment) -> tuple[F64, F64, F64]:
     about_y = np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]])
     angle = np.repeat(np.add.reduceat(_bands(h), np.arange(rows) * h // rows) / columns, columns)
     return texel_directions(rows, columns).reshape(-1, 3) @ about_y.T, power.reshape(-1, 3), angle
+
+
+def _light_chance(power: F64, angle: F64) -> F64:
+    """Probability of each cell, shape (cells,): mostly by its light, partly by its solid angle."""
+    light = power.mean(axis=1)
+    return UNIFORM_SHARE * angle / angle.sum() + (1 - UNIFORM_SHARE) * light / max(float(light.sum()), 1e-300)
 
 
 def _index(chances: Floats, at: Floats) -> Ints:

@@ -11,6 +11,7 @@ const int BLOCK = 9;              // texels along the edge of a block whose rays
 const int SKY_CANDIDATES = 4;     // of which one is chosen (Talbot, Cline and Egbert 2005, "Importance Resampling for Global Illumination")
 const uvec3 RECURRENCE = uvec3(3518319155u, 2882110345u, 2360945575u);  // R3 of Roberts 2018, in 32-bit fixed point
 const float TO_UNIT = 1.0 / 4294967296.0;
+const vec2 SKY_CELL_EXTENT = vec2(PI / 32.0);  // of azimuth and polar angle, as in environment.py
 const float LUMINANCE_FLOOR = 1e-30;
 const float SHORTENED = 0.999;  // so that rays end before what touches the light
 
@@ -24,8 +25,8 @@ uniform sampler2D normal;
 uniform sampler2D depth;
 uniform vec2 ratio;          // texels of the G-buffer per receiver
 #endif
-#ifdef HAS_SKY_DIRECTIONS
-uniform sampler2D sky_directions;  // bottom row: direction; top row: power in W/m²
+#ifdef HAS_SKY_STRATA
+uniform sampler2D sky_strata;  // lower half: azimuth and polar angle where each begins; upper half: power in W/m²
 #endif
 uniform int sample_index;    // of each receiver
 uniform float noise_phase;   // shifts the sequence, from the seed
@@ -59,16 +60,28 @@ Receiver receiver(ivec2 texel)
 #endif
 }
 
-// The next three numbers of the sequence that a block of receivers shares.
+// A hash of three numbers (pcg3d of Jarzynski and Olano 2020, "Hash Functions for GPU Rendering").
+uvec3 hash(uvec3 v)
+{
+    v = v * 1664525u + 1013904223u;
+    v.x += v.y * v.z;
+    v.y += v.z * v.x;
+    v.z += v.x * v.y;
+    v ^= v >> 16u;
+    v.x += v.y * v.z;
+    v.y += v.z * v.x;
+    v.z += v.x * v.y;
+    return v;
+}
+
+// The next three numbers of a receiver's sequence. Those of a block start evenly spread, those of two blocks anywhere.
 vec3 sequence(ivec2 texel)
 {
     uvec2 cell = uvec2(texel) % uint(BLOCK);
-    // Steps that have no factor in common with the block spread neighbours over the sequence.
+    // A step without a factor in common with the block spreads neighbours over the starts.
     uint lane = ((cell.x * uint(BLOCK) + cell.y) * 31u) % uint(BLOCK * BLOCK);
-    uint index = uint(sample_index) * uint(BLOCK * BLOCK) + lane;
-    uvec2 block = uvec2(texel) / uint(BLOCK);
-    uvec3 shift = uvec3(block.x * 2654435769u + block.y * 1640531513u) * uvec3(1u, 3u, 7u) + uint(noise_phase * 4294967040.0);
-    return vec3((RECURRENCE * index + shift) >> 8) * (256.0 * TO_UNIT);
+    uvec3 start = hash(uvec3(uvec2(texel) / uint(BLOCK), uint(noise_phase * 65536.0))) + RECURRENCE.zxy * lane;
+    return vec3((RECURRENCE * uint(sample_index) + start) >> 8u) * (256.0 * TO_UNIT);
 }
 
 float luminance(vec3 c)
@@ -76,23 +89,27 @@ float luminance(vec3 c)
     return dot(c, vec3(0.2126, 0.7152, 0.0722));
 }
 
-#ifdef HAS_SKY_DIRECTIONS
-// A direction of the environment, resampled by what it contributes.
-LightSample sample_sky(vec3 n, vec2 s)
+#ifdef HAS_SKY_STRATA
+// A direction of the environment for s in [0, 1)², one of four in opposite quarters of the unit square that is chosen,
+// by pick in [0, 1), in proportion to what it contributes.
+LightSample sample_sky(vec3 n, vec2 s, float pick)
 {
-    int count = textureSize(sky_directions, 0).x;
-    int first = int(s.x * float(count));
+    ivec2 strata = textureSize(sky_strata, 0) / ivec2(1, 2);
     LightSample chosen = LightSample(n * sky_distance, vec3(0.0));
     float total = 0.0, chosen_target = 0.0;
     for (int i = 0; i < SKY_CANDIDATES; ++i) {
-        ivec2 at = ivec2((first + i * (count / SKY_CANDIDATES)) % count, 0);
-        vec3 direction = texelFetch(sky_directions, at, 0).xyz;
-        vec3 light = texelFetch(sky_directions, at + ivec2(0, 1), 0).rgb * (float(count) * max(dot(direction, n), 0.0));
+        vec2 at = fract(s + 0.5 * vec2(i & 1, i >> 1)) * vec2(strata);
+        ivec2 stratum = min(ivec2(at), strata - 1);
+        vec2 angles = texelFetch(sky_strata, stratum, 0).xy + (at - vec2(stratum)) * SKY_CELL_EXTENT;
+        vec3 direction = vec3(sin(angles.y) * sin(angles.x), cos(angles.y), -sin(angles.y) * cos(angles.x));
+        vec3 light = texelFetch(sky_strata, stratum + ivec2(0, strata.y), 0).rgb
+            * (float(strata.x * strata.y) * max(dot(direction, n), 0.0));
         float target = luminance(light);
         total += target;
-        bool take = target > 0.0 && s.y * total < target;
+        bool take = target > 0.0 && pick * total < target;
         // What is left of the number is as random as it was.
-        s.y = take ? s.y * total / max(target, LUMINANCE_FLOOR) : (s.y * total - target) / max(total - target, LUMINANCE_FLOOR);
+        pick = take ? pick * total / max(target, LUMINANCE_FLOOR)
+                    : (pick * total - target) / max(total - target, LUMINANCE_FLOOR);
         chosen.vector = take ? direction * sky_distance : chosen.vector;
         chosen.light = take ? light : chosen.light;
         chosen_target = take ? target : chosen_target;
@@ -110,14 +127,14 @@ void main()
 
     // One source in proportion to its unshadowed light: the running sum at which the choice falls.
     float total = 0.0;
-#ifdef HAS_SKY_DIRECTIONS
+#ifdef HAS_SKY_STRATA
     float sky = luminance(unshadowed_sky_irradiance(r.n));
     total += sky;
 #endif
     for (int i = MAPPED_COUNT; i < LIGHT_COUNT; ++i) total += luminance(irradiance(lights[i], r.p, r.n));
     float choice = s.x * total, passed = 0.0, part = 0.0;
     int chosen = -1;
-#ifdef HAS_SKY_DIRECTIONS
+#ifdef HAS_SKY_STRATA
     passed = part = sky;
 #endif
     bool to_sky = choice < passed;
@@ -130,8 +147,8 @@ void main()
     }
     LightSample ray = LightSample(r.n, vec3(0.0));
     if (chosen >= 0 && !to_sky) ray = sample_light(lights[chosen], r.p, r.n, s.yz);
-#ifdef HAS_SKY_DIRECTIONS
-    if (to_sky) ray = sample_sky(r.n, s.yz);
+#ifdef HAS_SKY_STRATA
+    if (to_sky) ray = sample_sky(r.n, s.yz, choice / max(sky, LUMINANCE_FLOOR));
 #endif
     ray.light *= total / max(part, LUMINANCE_FLOOR);
     bool wanted = r.is_surface && total > 0.0 && max(max(ray.light.r, ray.light.g), ray.light.b) > 0.0

@@ -22,7 +22,7 @@ MAX_FIRST_SAMPLES = 64     # of a receiver in such a frame
 CUBE_SAMPLES = 16          # of a receiver on the cube, which has no history
 SAMPLES = {MotionKind.NONE: 1, MotionKind.CAMERA: 1, MotionKind.OBJECTS: 4}             # of a receiver in each frame
 MAX_SAMPLES = {MotionKind.NONE: 1024.0, MotionKind.CAMERA: 64.0, MotionKind.OBJECTS: 12.0}  # of its history
-SKY_READS = ("sky_irradiance", "sky_directions")
+SKY_READS = ("sky_irradiance", "sky_strata")
 SUMS = ("shadow_visible", "shadow_unshadowed")
 
 

@@ -1,11 +1,9 @@
-"""The environment as direct light: its unshadowed irradiance on any normal, and directions to trace shadow rays along."""
-
-import math
+"""The environment as direct light: unshadowed irradiance by normal, and parts for shadow rays."""
 
 import numpy as np
 
 from app.arrays import F32
-from app.environment import sky_light
+from app.environment import sky_light, sky_strata
 from app.gl.frame_state import Execute, FrameState
 from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
@@ -13,13 +11,13 @@ from app.network.channels import HALF_MAX
 from app.scene import Environment
 
 NORMALS = 64      # texels along the octahedral map of normals
-DIRECTIONS = 512  # that shadow rays choose from
+STRATA = (64, 64)  # rows and columns of equally bright parts of the environment, for shadow rays
 
 
 def declare(environment: Environment) -> Pass:
     """The pass; it runs once."""
     return Pass("sky_light", writes={"sky_irradiance": Tex("f2", 4, size=(NORMALS, NORMALS)),
-                                     "sky_directions": Tex("f4", 4, size=(DIRECTIONS, 2))},
+                                     "sky_strata": Tex("f4", 4, size=(STRATA[1], 2 * STRATA[0]))},
                 make=lambda device, bound: make(bound, environment))
 
 
@@ -30,9 +28,9 @@ def make(bound: BoundPass, environment: Environment) -> Execute:
         if "sky_irradiance" in bound.writes:
             irradiance = np.minimum(_irradiance(environment), HALF_MAX)
             resources["sky_irradiance"].write(irradiance.astype(np.float16).tobytes())
-        if "sky_directions" in bound.writes:
-            light = sky_light(environment, DIRECTIONS)
-            resources["sky_directions"].write(_as_texels(np.stack([light.direction, light.power])).tobytes())
+        if "sky_strata" in bound.writes:
+            corner, power = sky_strata(environment, *STRATA)
+            resources["sky_strata"].write(np.concatenate([_as_texels(corner), _as_texels(power)]).tobytes())
         resources.set_current(None)
 
     return execute
@@ -54,12 +52,14 @@ def octahedral_directions(size: int) -> F32:
 
 def _irradiance(environment: Environment) -> F32:
     """Unshadowed irradiance for each normal of the octahedral map, W/m², shape (NORMALS, NORMALS, 4)."""
-    light = sky_light(environment, DIRECTIONS)
     normal = octahedral_directions(NORMALS).reshape(-1, 3)
-    everywhere = np.ones((len(normal), DIRECTIONS), np.bool_)
-    return _as_texels(math.pi * light.irradiance(normal, everywhere)).reshape(NORMALS, NORMALS, 4)
+    light = sky_light(environment, 1)
+    unoccluded = np.maximum(normal @ light.cell.T, 0) @ light.cell_power
+    return _as_texels(unoccluded).reshape(NORMALS, NORMALS, 4)
 
 
 def _as_texels(rows: F32) -> F32:
-    """Vectors of three as texels of four, float32, the last 0."""
-    return np.concatenate([rows, np.zeros((*rows.shape[:-1], 1))], axis=-1).astype(np.float32)
+    """Vectors of two or three numbers as texels of four, float32, zeros in the others."""
+    texels = np.zeros((*rows.shape[:-1], 4), np.float32)
+    texels[..., :rows.shape[-1]] = rows
+    return texels
