@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 
 from app.frame import RADIANCE, FrameInputs, build_frame
 from app.gl.context import Device
-from app.gl.frame_state import CameraBlock, Execute, FrameState
+from app.gl.frame_state import REFRESH_FRAMES, CameraBlock, Execute, FrameState
 from app.gl.geometry import GpuScene
 from app.gl.lights import LightSet
 from app.gl.pool import Pixels, Pool, Resources
@@ -104,8 +105,9 @@ class Renderer:
         self._non_finite: dict[str, int] = {b.name: 0 for b in self.plan.passes}
         self.after_pass: list[AfterPass] = [self._count_non_finite] if settings.check else []
         self._previous: View | None = None
-        self._relit = False
         self._index = 0
+        self._lighting: object = None
+        self._unchanged = 0  # frames that lights and objects have been as they are
 
     def render(self, camera: Camera, time: float = 0.0) -> dict[str, Pixels]:
         """Draw one frame and read back the outputs of the settings.
@@ -175,8 +177,18 @@ class Renderer:
         scaled = scene.with_radiance_scale(self._radiance_scale)
         if not self._lights.replace(scaled, self._needs_rays(scaled)):
             return False
-        self.scene, self._relit = scene, True
+        self.scene = scene
         return True
+
+    @property
+    def shadow_methods(self) -> dict[str, int]:
+        """Number of lights for each type of light and way of shadowing it."""
+        names = [f"{type(light).__name__} {method}" for method, lights in (
+            ("by shadow map", self._lights.mapped), ("by rays", self._lights.lights[len(self._lights.mapped):]))
+            for light in lights]
+        if any(b.name == "sky_light" for b in self.plan.passes):
+            names.append("environment by rays")
+        return dict(Counter(names))
 
     def cut(self) -> None:
         """Forget all history: the next frame is a first frame."""
@@ -226,12 +238,14 @@ class Renderer:
         if self._caster is not None:
             self._caster.move_to(time)
         self._lights.cover(self._geometry.boxes)
+        lighting = self._lights.lights, self._geometry.changes
+        unchanged = REFRESH_FRAMES if cut else self._unchanged + 1 if lighting == self._lighting else 0
         frame = FrameState(
             size=settings.size, view=view, previous=self._previous or view,
             jitter=self._jitter() if self._accumulates else (0.0, 0.0), history_valid=not cut,
             accumulates=self._accumulates, noise_phase=settings.seed * GOLDEN_RATIO % 1.0, index=self._index,
             exposure=settings.exposure / self._radiance_scale, geometry=self._geometry, lights=self._lights,
-            relit=self._relit)
+            unchanged=unchanged)
         self._lights.upload(view.eye)
         self._camera.upload(frame)
         asking = 0.0  # seconds
@@ -247,7 +261,7 @@ class Renderer:
                     hook(bound, self._pool)
         self._timer.extend("frame", -asking * 1e3)
         # Only now does anything of this frame become the next one's past, so it can be abandoned until here.
-        self._previous, self._relit = view, False
+        self._previous, self._lighting, self._unchanged = view, lighting, unchanged
         self._pool.swap()
         self._index += 1
 

@@ -41,6 +41,7 @@ struct Receiver {
     vec3 p;
     vec3 n;
     vec3 face;
+    vec3 origin;  // of its rays: off the surface, and towards the eye, where nothing is in the way, also in a corner
     bool is_surface;
 };
 
@@ -49,14 +50,15 @@ Receiver receiver(ivec2 texel)
 #ifdef GRID_SURFELS
     vec3 p = texelFetch(light_sample_position, texel, 0).xyz - local_eye;
     vec3 n = texelFetch(light_sample_normal, texel, 0).xyz;
-    return Receiver(p, n, n, dot(n, n) > 0.5);
+    return Receiver(p, n, n, p + n * ray_epsilon, dot(n, n) > 0.5);
 #else
     ivec2 full = nearest_texel(texel, ratio);
     float d = texelFetch(depth, full, 0).r;
     vec4 surface = texelFetch(normal, full, 0);
     vec3 n = sanitize_normal(surface.xyz);
     vec3 face = octahedral_decode(vec2(surface.a, texelFetch(albedo, full, 0).a));
-    return Receiver(surface_ray(vec2(full) + 0.5) * d, n, face, is_surface(d) && dot(n, n) > 0.5);
+    vec3 p = surface_ray(vec2(full) + 0.5) * d;
+    return Receiver(p, n, face, p + (face - normalize(p)) * ray_epsilon, is_surface(d) && dot(n, n) > 0.5);
 #endif
 }
 
@@ -153,9 +155,9 @@ void main()
     ray.light *= total / max(part, LUMINANCE_FLOOR);
     bool wanted = r.is_surface && total > 0.0 && max(max(ray.light.r, ray.light.g), ray.light.b) > 0.0
         && is_finite(dot(ray.light, vec3(1.0)) + dot(ray.vector, vec3(1.0)));
-    out_origin = wanted ? vec4(r.p + r.face * ray_epsilon, to_sky ? 2.0 : 1.0) : vec4(0.0);
+    out_origin = wanted ? vec4(r.origin, to_sky ? 2.0 : 1.0) : vec4(0.0);
     // A ray into the surface meets it at once.
-    vec3 vector = dot(ray.vector, r.face) > 0.0 ? (ray.vector - r.face * ray_epsilon) * SHORTENED : vec3(0.0);
+    vec3 vector = dot(ray.vector, r.face) > 0.0 ? (ray.vector + r.p - r.origin) * SHORTENED : vec3(0.0);
     out_vector = vec4(vector, 0.0);
     out_light = wanted ? vec4(min(ray.light, HALF_MAX), 1.0) : vec4(0.0);
 }

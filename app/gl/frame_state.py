@@ -22,6 +22,7 @@ class MotionKind(Enum):
     OBJECTS = 2
 
 
+REFRESH_FRAMES = 8  # from a change of objects or lights on, in which history is short
 # Frames of indirect light: it follows moving objects, so its history must be short; a moving camera changes no light.
 MAX_HISTORY = {MotionKind.NONE: 256.0, MotionKind.CAMERA: 10.0, MotionKind.OBJECTS: 3.0}
 
@@ -48,8 +49,8 @@ class FrameState:
         Frames since the last cut.
     exposure : float
         Linear factor for the display image, with the scene's radiance scale undone.
-    relit : bool
-        Whether the lights have changed since the last frame.
+    unchanged : int
+        Frames since objects or lights have changed last; many after a cut.
     """
 
     size: tuple[int, int]
@@ -63,7 +64,7 @@ class FrameState:
     exposure: float
     geometry: GpuScene
     lights: LightSet
-    relit: bool
+    unchanged: int
 
     @property
     def lighting(self) -> tuple[object, ...]:
@@ -72,8 +73,11 @@ class FrameState:
 
     @property
     def motion(self) -> MotionKind:
-        """What moved since the last frame; objects and lights count before the camera."""
-        if self.geometry.moved or self.relit:
+        """What moved since the last frame; objects count before the camera.
+
+        Changed lights count as objects, and both for some frames more, since what was accumulated before is wrong.
+        """
+        if self.unchanged < REFRESH_FRAMES:
             return MotionKind.OBJECTS
         same = (np.array_equal(self.view.eye, self.previous.eye) and self.view.tan_half == self.previous.tan_half
                 and np.array_equal(self.view.rotation, self.previous.rotation))

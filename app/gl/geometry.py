@@ -64,11 +64,6 @@ class GpuScene:
         if cut:
             self.previous = self.transforms
 
-    @property
-    def moved(self) -> bool:
-        """Whether any instance has moved since the last frame."""
-        return self.previous is not self.transforms
-
     def visible(self, clip: F64, origin: F64, include: Callable[[Drawable], bool] = lambda _: True) -> list[Drawable]:
         """Drawables that may touch the frustum of ``clip``, which takes points relative to ``origin``."""
         inside = boxes_in_frustum(self.boxes - origin, frustum_planes(clip))

@@ -12,7 +12,7 @@ from app.gl.frame_state import FrameState
 from app.gl.shader import Program
 
 TO_LIGHT, TO_SKY = 1.0, 2.0  # in shadow_rays.frag
-SKY_DISTANCE = 4.0           # of the scene's longest edge, that rays towards the environment cross
+SKY_DISTANCE = 100.0         # of the scene's longest edge, that rays towards the environment cross
 RAY_EPSILON = 1e-4           # of the scene's longest edge, by which rays start off their surface
 
 
@@ -24,7 +24,7 @@ class RayScene(Protocol):
     origin : ndarray, float64, shape (3,)
         World-space point that positions are relative to.
     extent : float
-        Longest edge of a box around everything, scene units.
+        Longest edge of the scene, scene units.
     """
 
     origin: F64

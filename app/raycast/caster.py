@@ -70,12 +70,12 @@ class Caster:
     dynamic_instances : tuple of int
         The scene's instance that each body but the first stands for.
     extent : float
-        Longest edge of the box around all positions of the instances, scene units.
+        Longest edge of the scene, scene units.
     """
 
     def __init__(self, scene: Scene) -> None:
         self.origin = scene.bounds.mean(axis=0)
-        self.extent = float((scene.swept_bounds[1] - scene.swept_bounds[0]).max())
+        self.extent = scene.longest_edge
         self.ray_epsilon = np.float32(RAY_EPSILON * scene.longest_edge)
         to_local, textures = translation(-self.origin), PrefilteredTextures()
         self._instances = scene.instances

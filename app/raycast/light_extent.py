@@ -47,7 +47,9 @@ def needs_rays(lights: Sequence[Light], caster: Callable[[], Caster], times: Ite
         points = rays.random_points(POINTS, rng)[0].astype(np.float64) + rays.origin
         surfaces = _Surfaces(points, rays.is_occluded, rays.origin)
         counts += [_count_near(light, *area, surfaces) for light, area in zip(lights, areas, strict=True)]
-    return tuple(bool(near > MAX_NEAR_SHARE * lit) for lit, near in counts)
+    # A light of which nothing sees the centre is traced too: nothing is known about what sees the rest of it.
+    return tuple(radius > 0 and bool(near >= MAX_NEAR_SHARE * lit)
+                 for (_, radius), (lit, near) in zip(areas, counts, strict=True))
 
 
 def _center_and_radius(light: Light) -> tuple[F64, float]:

@@ -14,6 +14,7 @@ const int PARALLEL_MAP = 3;
 const int TAPS = 2;                    // blocker-search and edge-test samples per texel; the four texels of a quad share theirs
 const int PENUMBRA_TAPS = 14;          // of the filter
 const float HARD_KERNEL = 1.0;         // smallest radius of the filter, in texels
+const float MIN_LINE_WIDTH = 1.25;     // texels that a blocker may lie off the line to the light, more than the outermost tap
 const float WIDE_KERNEL = 256.0;       // texels across from which the filter always runs
 const float MAX_THROW = 0.5;       // of the map: blockers of parallel light farther away are not searched
 const float MIN_BLOCKER_SHARE = 0.15;    // of the distance to the light; blockers nearer to the light are not searched
@@ -204,7 +205,7 @@ bool texel_blocks(Light light, Receiver r, vec3 q)
     vec2 corner;
     vec2 texel = clamp(map_fraction(light, q, corner) * light.tile.z, 0.0, light.tile.z - 1.0);
     Stored s = relate(r, q, texelFetch(shadow, ivec2(corner) + ivec2(texel), 0).r, r.offset);
-    float least = HARD_KERNEL * 2.0 / light.tile.z * r.reach;  // or thin penumbrae would be lost between texels
+    float least = MIN_LINE_WIDTH * 2.0 / light.tile.z * r.reach;  // or thin penumbrae would be lost between texels
     return s.before && s.off <= SLACK * s.size + least * least;
 }
 
@@ -268,12 +269,13 @@ float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool want
 float radial_visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wanted)
 {
     p -= light.position.xyz;
+    float height = -dot(n, p);  // of the light above the receiver's plane
     p += n * (NORMAL_OFFSET * 2.0 / light.tile.z * length(p));
     float radius = light.position.w;
 #ifdef HAS_RECT_LIGHT
     if (int(light.color.w) == RECT) radius = sqrt(dot(light.u.xyz, light.u.xyz) + dot(light.v.xyz, light.v.xyz));
 #endif
-    Receiver r = Receiver(p, n, length(p) * (1.0 - DISTANCE_BIAS), -dot(n, p) * (1.0 - DISTANCE_BIAS), radius);
+    Receiver r = Receiver(p, n, length(p) * (1.0 - DISTANCE_BIAS), height * (1.0 - DISTANCE_BIAS), radius);
     return soft_radial_visibility(light, r, noise, wanted);
 }
 #endif

@@ -12,6 +12,7 @@ from app.load import embedded_scene
 from app.math3d import View
 from app.network.selection import find_model
 from app.radiance_scale import radiance_scale
+from app.raycast.caster import Caster
 from app.renderer import NEAR, Renderer
 from app.scene import Camera, Light, Material, PointLight, RectLight, Scene, SpotLight
 from app.settings import Settings
@@ -42,7 +43,7 @@ def surfel_light(scene: Scene, camera: Camera, model: Path) -> tuple[WorldSurfel
     with Renderer(scene, settings("indirect"), model) as renderer:
         renderer.render(camera)
         texels = renderer.resource("surfel_light")[::-1, :, :3].astype(np.float64) / radiance_scale(scene)
-    world = WorldSurfels(scene, View.of(camera, SIZE, NEAR * scene.longest_edge), *SMALL_EMBER)
+    world = WorldSurfels(scene, Caster(scene), View.of(camera, SIZE, NEAR * scene.longest_edge), *SMALL_EMBER)
     height, width = texels.shape[:2]
     quads = texels.reshape(height // 2, 2, width // 2, 2, 3)
     np.testing.assert_array_equal(quads.min(axis=(1, 3)), quads.max(axis=(1, 3)))  # hard light: no noise in a quad

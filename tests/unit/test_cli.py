@@ -41,6 +41,7 @@ class FakeRenderer:
         self.missing = ("motion",) if "motion" in settings.outputs else ()
         self.calls: list[tuple[str, Camera, float]] = []
         self.device = {"gl_renderer": "fake GL", "gl_version": "4.5", "provider": "FakeProvider"}
+        self.shadow_methods = {"RectLight by rays": 2, "SpotLight by shadow map": 1}
         names = ("gbuffer", "direct", *(["taa"] if settings.taa else []))
         self.plan = Plan(tuple(BoundPass(Pass(n), (), ()) for n in names), {"cube_gbuffer": "no network asks for it"},
                          frozenset(), {})

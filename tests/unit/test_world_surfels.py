@@ -28,7 +28,12 @@ def view(eye: Point = INSIDE, target: Point = (2, 1, 0)) -> View:
 
 
 def made(scene: Scene, count: int = 128, rays: int = 16, time: float = 0.0, eye: Point = INSIDE) -> WorldSurfels:
-    return WorldSurfels(scene, view(eye), count, rays, time)
+    return WorldSurfels(scene, Caster(scene), view(eye), count, rays, time)
+
+
+def track(scene: Scene, count: int) -> TrackedSurfels:
+    caster = Caster(scene)
+    return TrackedSurfels(scene, lambda: caster, count, 16)
 
 
 def furnished(motion: Motion | None = None) -> Scene:
@@ -333,7 +338,7 @@ def test_another_room_behind_a_wall_is_not_covered() -> None:
 
 
 def test_surfels_are_placed_again_when_the_camera_leaves_them() -> None:
-    tracked = TrackedSurfels(two_rooms(), 512, 16)
+    tracked = track(two_rooms(), 512)
     tracked.update(view(), 0.0)
     first, version = tracked.world, tracked.version
     tracked.update(view(), 0.0)
@@ -345,7 +350,7 @@ def test_surfels_are_placed_again_when_the_camera_leaves_them() -> None:
 
 
 def test_tracked_surfels_move_with_bodies() -> None:
-    tracked = TrackedSurfels(crossing(), 128, 16)
+    tracked = track(crossing(), 128)
     tracked.update(view(), 0.0)
     world, version = tracked.world, tracked.version
     tracked.update(view(), 0.5)

@@ -1,0 +1,142 @@
+"""Traced shadows: how much light comes through, how noisy it is, and how fast it follows what changes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.renderer import Renderer
+from app.scene import Camera, Environment, Light, PointLight, RectLight, Scene, SpotLight
+from app.settings import Settings
+from tests.gl.closed_forms import F64
+from tests.gl.scenes import F32, box, draw, floor, make_scene, quad, slide, without_shadows
+
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+
+SIZE = (192, 144)
+WHITE = (1.0,) * 3
+ABOVE = Camera((0.0, 0.9, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 70.0)
+PANE_HEIGHT, BAR_HEIGHT, BAR, PITCH = 2.5, 2.0, 0.05, 0.25  # metres
+
+
+def barred_pane() -> Scene:
+    """A pane of 2 m that faces down, with flat bars below it."""
+    pane = RectLight((0.0, PANE_HEIGHT, 0.0), (2.0, 0, 0), (0, 0, 2.0), WHITE)
+    bars = [quad((x - BAR / 2, BAR_HEIGHT, 2.0), (BAR, 0, 0), (0, 0, -4.0)) for x in bar_positions()]
+    return make_scene([floor(3.0), *bars], [pane], ABOVE)
+
+
+def bar_positions() -> F64:
+    return np.arange(-8, 9) * PITCH
+
+
+def share_behind_bars(at: F64) -> F64:
+    """Share of the pane's irradiance on the floor that passes the bars, by midpoints over the pane; at: [N, 3]."""
+    s = (np.arange(128) + 0.5) / 128 * 2 - 1
+    share, free = np.zeros((2, len(at)))
+    for x in s:
+        crossing = at[:, 0] + (x - at[:, 0]) * (BAR_HEIGHT / PANE_HEIGHT)
+        blocked = (np.abs(crossing[:, None] - bar_positions()) < BAR / 2).any(axis=1)
+        square = (x - at[:, :1])**2 + (s - at[:, 2:])**2 + PANE_HEIGHT**2
+        weight = (1 / square**2).sum(axis=1)  # both cosines are PANE_HEIGHT / distance
+        free += weight
+        share += np.where(blocked, 0.0, weight)
+    return share / free
+
+
+def error_behind_bars(frames: int) -> F64:
+    scene = barred_pane()
+    with Renderer(scene, Settings(SIZE, ("direct", "position"), taa=True)) as renderer:
+        for _ in range(frames):
+            images = renderer.render(ABOVE)
+    free = draw(without_shadows(scene), SIZE, ("direct",))["direct"][..., 1]
+    at = images["position"].astype(np.float64)[::4, ::4].reshape(-1, 3)
+    return images["direct"][::4, ::4, 1].ravel() / free[::4, ::4].ravel() - share_behind_bars(at)
+
+
+@pytest.mark.parametrize(("frames", "most"), [(1, 0.02), (40, 0.01)])
+def test_light_behind_bars_is_right_and_hardly_noisy(frames: int, most: float) -> None:
+    error = error_behind_bars(frames)
+    assert error.std() < most
+    assert abs(error.mean()) < 3e-3
+
+
+# Half diagonals or radii of 0.02 to 1.5, from touching a wall to far away, of a box of 2 m.
+SIZES_AND_DISTANCES = [(0.02, 0.05), (0.02, 4.0), (0.1, 0.15), (0.1, 1.0), (0.4, 0.45), (0.4, 2.0), (1.5, 1.6),
+                       (1.5, 6.0)]
+
+
+def lights_outside(size: float, distance: float) -> dict[str, Light]:
+    x = 1.0 + distance
+    return {"sphere": PointLight((x, 0.2, 0.3), WHITE, size),
+            "spot": SpotLight((x, 0.2, 0.3), (-1.0, 0.0, 0.0), WHITE, 50.0, 60.0, size),
+            "rectangle": RectLight((x, 0.2, 0.3), (0, 0, 1.4 * size), (0, 1.4 * size, 0), WHITE)}
+
+
+@pytest.mark.parametrize(("size", "distance"), SIZES_AND_DISTANCES)
+@pytest.mark.parametrize("kind", ["sphere", "spot", "rectangle"])
+def test_no_light_comes_into_a_closed_box(kind: str, size: float, distance: float) -> None:
+    light = lights_outside(size, distance)[kind]
+    scene = make_scene([box((-1, -1, -1), (2, 2, 2))], [light])
+    outside = draw(scene, (64, 48), ("direct",), Camera((3.0, 2.5, 2.5), (1.0, 0.2, 0.3), fov_y_deg=60.0))["direct"]
+    with Renderer(scene, Settings((48, 48), ("direct",), taa=False)) as renderer:
+        inside = [renderer.render(Camera((0.0, 0.1, 0.0), target, fov_y_deg=90.0))["direct"].mean() for target in (
+            (3.0, 0.1, 0.0), (-3.0, 0.1, 0.0), (0.0, 3.0, 0.01), (0.0, -3.0, 0.01), (0.0, 0.1, 3.0), (0.0, 0.1, -3.0))]
+    assert np.mean(inside) <= 1e-3 * outside.mean()
+
+
+def test_bounces_inside_a_closed_box_are_black_too(small_ember) -> None:
+    scene = make_scene([box((-1, -1, -1), (2, 2, 2))], [lights_outside(0.4, 0.45)["rectangle"]])
+    inside = draw(scene, (64, 48), ("final",), Camera((0, 0.1, 0), (1, 0, 0.2), fov_y_deg=80.0), small_ember)["final"]
+    assert inside.mean() <= 1e-3 * 0.5 / np.pi  # of what a wall that faces the light reflects
+
+
+@pytest.mark.parametrize("roof", [0.5, 1.0, 3.0])
+def test_the_sky_beside_a_roof_is_the_form_factor(roof: float) -> None:
+    """Under the edge of a half plane at any height half of an even sky's irradiance is left."""
+    even = Environment(np.full((8, 16, 3), 0.6, np.float32))
+    scene = replace(make_scene([floor(20.0), quad((-40, roof, 40), (40, 0, 0), (0, 0, -80))]), environment=even)
+    camera = Camera((0.0, 0.4 * roof, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 20.0)
+    share = draw(scene, SIZE, ("direct",), camera)["direct"][..., 1] / (0.5 * 0.6)
+    x = draw(scene, SIZE, ("position",), camera)["position"][..., 0].astype(np.float64)
+    expected = 0.5 + 0.5 * x / np.hypot(x, roof)
+    assert np.abs(share - expected).mean() < 0.015
+    assert share.mean() == pytest.approx(expected.mean(), abs=0.01)
+
+
+def pass_and_pane() -> tuple[Scene, Camera]:
+    """A lid that passes between a pane and a floor."""
+    pane = RectLight((0.0, 2.0, 0.0), (1.0, 0, 0), (0, 0, 1.0), WHITE)
+    lid = replace(quad((-1, 1.0, 1), (2, 0, 0), (0, 0, -2)), motion=slide([0, 1], [(8, 0, 0), (0, 0, 0)]))
+    return make_scene([floor(1.0), lid], [pane], ABOVE), ABOVE
+
+
+def test_a_shadow_follows_what_casts_it() -> None:
+    scene, camera = pass_and_pane()
+    with Renderer(scene, Settings(SIZE, ("direct",), taa=True)) as renderer:
+        bright = [renderer.render(camera, 0.0)["direct"].mean() for _ in range(20)][-1]
+        dark = [renderer.render(camera, 1.0)["direct"].mean() for _ in range(8)][-1]
+    assert dark < 0.1 * bright
+
+
+def test_another_light_shows_within_a_few_frames() -> None:
+    """The share of light that arrives is history of the lights before."""
+    camera = ABOVE
+    left, right = (RectLight((x, 2.0, 0.0), (1.0, 0, 0), (0, 0, 1.0), WHITE) for x in (-2.0, 2.0))
+    scene = make_scene([floor(1.0), box((-0.1, 0.3, -0.5), (0.2, 0.2, 1.0))], [left], camera)
+    expected: F32 = draw(scene.with_lights(right), SIZE, ("direct",))["direct"]
+    with Renderer(scene, Settings(SIZE, ("direct",), taa=True)) as renderer:
+        for _ in range(30):
+            renderer.render(camera)
+        assert renderer.relight((right,))
+        for _ in range(8):
+            found = renderer.render(camera)["direct"]
+    assert np.abs(found - expected).mean() < 0.03 * expected.mean()
+
+
+def test_the_picture_says_what_is_traced() -> None:
+    large, small = RectLight((0, 2.0, 0), (1.0, 0, 0), (0, 0, 1.0), WHITE), PointLight((0, 2.0, 0), WHITE, 0.01)
+    with Renderer(make_scene([floor(1.0)], [large, small]), Settings(SIZE)) as renderer:
+        assert renderer.shadow_methods == {"RectLight by rays": 1, "PointLight by shadow map": 1}
