@@ -129,8 +129,7 @@ def test_soft_shadows(kind: str) -> None:
     """Mean visibility error inside the true penumbra, against that of hard shadows."""
     soft, hard = (soft_scene(light) for light in SOFT[kind])
     free = free_light(soft, SOFT_SIZE)
-    spp = 768 if kind == "rectangle" else 192  # Mitsuba samples rectangles by area, which is noisier
-    reference = trace(soft, spp, size=SOFT_SIZE)["direct"][..., 1] / np.maximum(free, 1e-6)
+    reference = trace(soft, 192, size=SOFT_SIZE)["direct"][..., 1] / np.maximum(free, 1e-6)
     smooth = gaussian_filter(reference, 1.0)  # otherwise noise counts as penumbra
     penumbra = (free > 0.1 * free.max()) & (smooth > 0.05) & (smooth < 0.95)
     error, hard_error = (np.abs(draw(s, SOFT_SIZE, ("direct",))["direct"][..., 1]
@@ -276,7 +275,7 @@ def test_files_of_a_reference(corner: Still, tmp_path: Path) -> None:
     layers = read_exr(tmp_path / "reference.exr")
     np.testing.assert_allclose(layers[""], reference.layers["final"], rtol=2e-3, atol=1e-4)
     assert {"direct", "indirect", "indirect_single", "albedo", "normal", "depth"} <= set(layers)
-    np.testing.assert_allclose(read_exr(tmp_path / "aovs.exr")["depth"], layers["depth"], rtol=1e-2)
+    assert {file.name for file in tmp_path.iterdir()} == {"reference.exr", "reference.json"}
 
 
 def test_moving_objects_are_traced_at_their_place() -> None:
