@@ -67,16 +67,16 @@ class RadianceSamples:
 
     Attributes
     ----------
-    reflected : ndarray
-        Diffuse light of all bounces, and highlights; W/(sr m²).
     emitted : ndarray
-        Emission of the visible surface; the environment where no surface is visible.
+        Emission of the visible surface; the environment where no surface is visible. W/(sr m²), as is ``reflected``.
+    reflected : ndarray
+        Diffuse light of all bounces, and highlights.
     albedo, normal : ndarray
         As in ``Samples``.
     """
 
-    reflected: F32
     emitted: F32
+    reflected: F32
     albedo: F32
     normal: F32
 
@@ -154,10 +154,9 @@ class PathTracer:
         reflected = albedo(si, hit) * (direct + multi)
         if self._has_specular:
             reflected += self._specular(si, normal, -dr.normalize(ray.d), sampler, hit)
-        emitted = self._emission(ray, si)
-        return RadianceSamples(*evaluate(
-            dr.full(mi.Bool, True, len(pixels)), dr.select(hit, reflected, 0), emitted, dr.select(hit, albedo(si, hit), 0),
-            dr.select(hit, normal, 0)))
+        on_surface = (dr.select(hit, x, 0.0) for x in (reflected, albedo(si, hit), normal))
+        everywhere = dr.full(mi.Bool, True, len(pixels))
+        return RadianceSamples(*evaluate(everywhere, self._emission(ray, si), *on_surface))
 
     def make_integrator_timer(self, view: View, size: tuple[int, int]) -> Callable[[int], float]:
         """A function from samples per pixel to the seconds that Mitsuba's own ``path`` integrator takes, warmed up.
