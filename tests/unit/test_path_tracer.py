@@ -24,6 +24,7 @@ from app.scene import (
     SpotLight,
     Texture,
 )
+from export.reference import path_tracer
 from export.reference.path_tracer import PathTracer, RadianceSamples
 from export.reference.still import Still
 from export.reference.trace import trace_reference
@@ -207,6 +208,39 @@ def test_the_estimated_noise_covers_highlights() -> None:
     final = np.stack([run.layers["final"] for run in runs]).astype(np.float64)
     estimated = np.sqrt(np.mean([run.noise["final"] ** 2 for run in runs]))  # type: ignore[operator]
     assert estimated == pytest.approx(np.sqrt(final.var(axis=0, ddof=1).mean()) / final.mean(), rel=0.15)
+
+
+def test_the_denoiser_leaves_emission_and_background_sharp() -> None:
+    """They have no noise to remove; only reflected light is denoised."""
+    sky = np.random.default_rng(0).random((64, 128, 3), np.float32)
+    panel = quad((-1, -1, 0), (1, 0, 0), (0, 2, 0), emissive())
+    camera = Camera((0.0, 0.0, 2.0), (0.0, 0.0, 0.0), fov_y_deg=60.0)
+    still = Still(replace(make_scene([panel], camera=camera), environment=Environment(sky)), camera, (32, 24))
+    raw, denoised = (trace_reference(still, 8, denoised=on).layers["final"] for on in (False, True))
+    np.testing.assert_allclose(denoised, raw, atol=1e-3)
+
+
+def test_light_of_emissive_meshes_is_direct_or_bounced_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As one constant says; the sum is the same."""
+    panel = quad((-0.5, 1.0, -1.0), (1, 0, 0), (0, 0, 1), emissive())
+    scene = make_scene([floor(2.0), panel, quad((-2, 0, -1.5), (4, 0, 0), (0, 2, 0))], camera=CAMERA)
+    view = View.of(CAMERA, (64, 48), 1e-3)
+    sums = []
+    for direct in (False, True):
+        monkeypatch.setattr(path_tracer, "EMISSIVE_MESHES_ARE_DIRECT", direct)
+        samples = PathTracer(scene).trace(view, np.full((2**14, 2), 0.5), seed=0)
+        assert samples.direct.any() == direct
+        assert samples.single.mean() < samples.multi.mean()
+        sums.append((samples.direct + samples.multi).mean())
+    assert sums[0] == pytest.approx(sums[1], rel=0.02)
+
+
+def test_light_of_the_environment_is_direct() -> None:
+    """A convex scene reflects it once and bounces nothing."""
+    scene = replace(make_scene([floor(2.0)], camera=CAMERA), environment=Environment(np.ones((4, 8, 3), np.float32)))
+    samples = PathTracer(scene).trace(View.of(CAMERA, (64, 48), 1e-3), np.full((2**16, 2), 0.5), seed=0)
+    np.testing.assert_allclose(samples.direct.mean(axis=0), 1, rtol=0.02)
+    assert not samples.single.any() and not samples.multi.any()
 
 
 @pytest.mark.parametrize("height", [1e-3, 0.3])
