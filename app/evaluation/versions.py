@@ -10,7 +10,8 @@ from app.evaluation import denoise
 from app.scene import Scene
 
 PATH_TRACER_PACKAGES = ("mitsuba", "drjit")
-UNUSED_FILES = ("__init__.py", "cli.py", "environment_tracer.py")  # of the path tracer; references don't need them
+# Of the path tracer; references don't depend on them.
+UNUSED_FILES = ("__init__.py", "cli.py", "environment_tracer.py", "integrator_timer.py")
 
 
 def exporter_version(scene: Scene) -> str:

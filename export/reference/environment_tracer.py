@@ -52,7 +52,7 @@ class EnvironmentTracer(PathTracer):
 
     def shade(self, view: View, pixels: F64, seed: int) -> EnvironmentSamples:
         """One sample through each point of the image, shape (N, 2) in [0, 1], x to the right, y down."""
-        mi, scene = self._mi, self._scene
+        mi, scene = self._mi, self.scene
         sampler, ray = self._camera_rays(view, pixels, seed)
         si = self._intersect(scene.meshes, ray)
         hit = si.is_valid()

@@ -6,10 +6,8 @@ other reflections are diffuse, as in the renderer's model: indirect light has no
 surface that does not emit.
 """
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
-from time import perf_counter
 from typing import Any
 
 import drjit as dr
@@ -30,7 +28,6 @@ MAX_BOUNCES = 16
 MAX_RAYS = 2**20        # traced at once, which bounds the memory
 MAX_MASKED_LAYERS = 16  # masked surfaces that a ray can pass
 ROULETTE_DEPTH = 4      # bounces before Russian roulette begins
-SHORT_SECONDS = 1.0     # measurements below are repeated
 SHADOW_EPSILON = 1e-3   # of the distance to a light: what lies closer to the light does not block it
 # Whether unbounced light of emissive meshes that are no analytic lights is direct light; otherwise it counts as bounced
 # once. The renderer's passes and the networks' training targets agree with this.
@@ -105,6 +102,13 @@ class PathTracer:
     max_bounces : int
         Of indirect light; 0 traces direct light only.
 
+    Attributes
+    ----------
+    scene : MitsubaScene
+    max_bounces : int
+    notices : tuple of str
+        What is rendered differently from the renderer.
+
     Raises
     ------
     DeviceError
@@ -113,8 +117,8 @@ class PathTracer:
 
     def __init__(self, scene: Scene, time: float = 0.0, max_bounces: int = MAX_BOUNCES) -> None:
         mi = self._mi = load_mitsuba()
-        converted = self._scene = convert_scene(scene, time)
-        self._max_bounces = max_bounces
+        converted = self.scene = convert_scene(scene, time)
+        self.max_bounces = max_bounces
         self._has_specular = any(material.has_specular for material in scene.materials)
         self.notices = converted.notices
         lights = AnalyticLights(mi, scene.lights, converted.origin, converted.scale, EXTENT,
@@ -135,19 +139,19 @@ class PathTracer:
             Image positions in [0, 1], x to the right, y down.
         """
         sampler, ray = self._camera_rays(view, pixels, seed)
-        si = self._intersect(self._scene.meshes, ray)
+        si = self._intersect(self.scene.meshes, ray)
         hit = si.is_valid()
         normal = shading_normal(si)
         direct, single, multi = self._diffuse(si, normal, sampler, hit)
         # The rays' z is -1 in camera space, so t is the depth.
-        depth = si.t / dr.opaque(self._mi.Float, self._scene.scale)
+        depth = si.t / dr.opaque(self._mi.Float, self.scene.scale)
         return Samples(*evaluate(hit, direct, single, multi, albedo(si, hit), normal, depth))
 
     def trace_radiance(self, view: View, pixels: F64, seed: int) -> RadianceSamples:
         """Trace one path of all light through each point of the image, given as for ``trace``."""
         mi = self._mi
         sampler, ray = self._camera_rays(view, pixels, seed)
-        si = self._intersect(self._scene.meshes, ray)
+        si = self._intersect(self.scene.meshes, ray)
         hit = si.is_valid()
         normal = shading_normal(si)
         direct, _, multi = self._diffuse(si, normal, sampler, hit)
@@ -158,37 +162,9 @@ class PathTracer:
         everywhere = dr.full(mi.Bool, True, len(pixels))
         return RadianceSamples(*evaluate(everywhere, self._emission(ray, si), *on_surface))
 
-    def make_integrator_timer(self, view: View, size: tuple[int, int]) -> Callable[[int], float]:
-        """A function from samples per pixel to the seconds that Mitsuba's own ``path`` integrator takes, warmed up.
-
-        Short measurements are taken twice, and the smaller one counts.
-        """
-        mi, scene = self._mi, self._scene
-        origin = (view.eye - scene.origin) * scene.scale
-        sensor = mi.load_dict({
-            "type": "perspective", "fov": math.degrees(2 * math.atan(view.tan_half[1])), "fov_axis": "y",
-            "to_world": mi.ScalarTransform4f().look_at(origin=origin.tolist(), up=view.rotation[1].tolist(),
-                                                       target=(origin - view.rotation[2]).tolist()),
-            "film": {"type": "hdrfilm", "width": size[0], "height": size[1], "rfilter": {"type": "box"}}})
-        integrator = mi.load_dict({"type": "path", "max_depth": self._max_bounces + 2, "rr_depth": ROULETTE_DEPTH})
-        combined = mi.load_dict(scene.combined)
-
-        def render(spp: int) -> float:
-            start = perf_counter()
-            np.array(mi.render(combined, sensor=sensor, integrator=integrator, spp=spp))
-            return perf_counter() - start
-
-        def measure(spp: int) -> float:
-            seconds = render(spp)
-            return min(seconds, render(spp)) if seconds < SHORT_SECONDS else seconds
-
-        for spp in (1, 2):  # one sample per pixel and several compile to different kernels
-            render(spp)
-        return measure
-
     def _camera_rays(self, view: View, pixels: F64, seed: int) -> tuple[Any, Any]:
         """A sampler, and rays through points of the image, whose z is -1 in camera space."""
-        mi, scene = self._mi, self._scene
+        mi, scene = self._mi, self.scene
         sampler = mi.load_dict({"type": "independent"})
         # Opaque values and one buffer: other literals or alignments would compile the kernel again.
         sampler.seed(dr.opaque(mi.UInt32, seed), len(pixels))
@@ -200,7 +176,7 @@ class PathTracer:
 
     def _emission(self, ray: Any, si: Any) -> Any:
         """Emission towards the camera of the surface ``si``; the environment where there is none."""
-        mi, emitters = self._mi, self._scene.visible_emitters
+        mi, emitters = self._mi, self.scene.visible_emitters
         hit, radiance = si.is_valid(), mi.Color3f(0.0)
         if emitters is not None:
             up_to_surface = mi.Ray3f(ray)
@@ -227,14 +203,14 @@ class PathTracer:
         mi = self._mi
         direct = self._unbounced(self._direct, si, normal, sampler, active)
         single, multi = mi.Color3f(0.0), mi.Color3f(0.0)
-        if dr.hint(self._max_bounces > 0, mode="scalar"):
+        if dr.hint(self.max_bounces > 0, mode="scalar"):
             single += self._unbounced(self._indirect, si, normal, sampler, active)
             multi += single
             throughput, bounce = mi.Color3f(1.0), mi.UInt32(0)
             si, normal, active = type(si)(si), mi.Normal3f(normal), mi.Bool(active)
             while active:
                 ray = si.spawn_ray(LambertLobe(mi, normal).sample(sampler.next_2d()))
-                si = self._intersect(self._scene.meshes, ray)
+                si = self._intersect(self.scene.meshes, ray)
                 active &= si.is_valid()
                 normal = shading_normal(si)
                 throughput *= albedo(si, active)
@@ -244,7 +220,7 @@ class PathTracer:
                 single += dr.select(active & (bounce == 0), light, 0.0)
                 bounce += 1
                 survival = dr.select(bounce < ROULETTE_DEPTH, 1.0, dr.minimum(dr.max(throughput), 0.95))
-                active &= (bounce < self._max_bounces) & (sampler.next_1d() < survival)
+                active &= (bounce < self.max_bounces) & (sampler.next_1d() < survival)
                 throughput /= dr.maximum(survival, 1e-6)
         return direct, single, multi
 
@@ -287,13 +263,13 @@ class PathTracer:
     def _is_occluded(self, ray: Any, active: Any, meshes: Any) -> Any:
         if meshes is None:
             return self._mi.Bool(False)
-        return self._intersect(meshes, ray, active).is_valid() if self._scene.masked else meshes.ray_test(ray, active)
+        return self._intersect(meshes, ray, active).is_valid() if self.scene.masked else meshes.ray_test(ray, active)
 
     @dr.syntax
     def _intersect(self, meshes: Any, ray: Any, active: Any = True) -> Any:
         """The first surface along the rays, which pass the holes of masked surfaces."""
         si = meshes.ray_intersect(ray, active)
-        if dr.hint(self._scene.masked, mode="scalar"):
+        if dr.hint(self.scene.masked, mode="scalar"):
             through = self._is_hole(si)
             passed, layer = self._mi.Float(0.0), self._mi.UInt32(0)
             while through & (layer < MAX_MASKED_LAYERS):

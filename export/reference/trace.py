@@ -13,6 +13,7 @@ from app.arrays import F32, F64
 from app.evaluation.denoise import denoise
 from app.io.atomic_files import write_text
 from app.io.image import write_exr
+from export.reference.integrator_timer import make_integrator_timer
 from export.reference.path_tracer import MAX_BOUNCES, MAX_RAYS, PathTracer
 from export.reference.still import Still
 
@@ -118,7 +119,7 @@ def trace_baselines(still: Still, counts: Sequence[int], seed: int = 0,
         Of Mitsuba's own integrator, which is faster because it does not separate direct from indirect light.
     """
     tracer = PathTracer(still.scene, still.time, max_bounces)
-    measure = tracer.make_integrator_timer(still.view, still.size)
+    measure = make_integrator_timer(tracer.scene, still.view, still.size, max_bounces)
     means = TracedMeans(tracer, still, jitter=True)
     for total in sorted(set(counts)):
         means.add(total - means.count, seed * 2**10 + total)

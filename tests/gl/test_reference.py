@@ -14,6 +14,7 @@ from scipy.ndimage import binary_dilation, gaussian_filter, maximum_filter, mini
 from app.evaluation.denoise import denoise
 from app.evaluation.metrics import psnr
 from app.io.image import read_exr
+from app.math3d import View
 from app.renderer import Renderer
 from app.scene import (
     Camera,
@@ -120,6 +121,25 @@ def test_hard_light_away_from_shadow_edges(kind: str) -> None:
     decibels = psnr(drawn["direct"], reference["direct"], away)
     print(f"HARD {kind}: {decibels:.1f} dB over {away.mean():.0%} of the image")
     assert away.mean() > 0.7
+    assert decibels >= 40
+
+
+@pytest.mark.parametrize("kind", HARD)
+def test_highlights_of_hard_lights(kind: str) -> None:
+    """On a polished floor and a rough sphere that reflect nothing else, through pixel centres."""
+    floor_material, sphere_material = (Material(albedo=(0.0,) * 3, roughness=roughness, specular=(0.3, 0.4, 0.5))
+                                       for roughness in (0.4, 0.7))
+    scene = make_scene([floor(2.0, material=floor_material), sphere((0.25, 0.3, -0.1), 0.3, material=sphere_material)],
+                       [HARD[kind]], CAMERA)
+    w, h = SIZE
+    y, x = np.divmod(np.arange(w * h), w)
+    centres = np.stack([(x + 0.5) / w, (y + 0.5) / h], axis=1)
+    samples = PathTracer(scene, max_bounces=0).trace_radiance(View.of(CAMERA, SIZE, 1e-3), centres, seed=0)
+    reference, drawn = samples.reflected.reshape(h, w, 3), draw(scene, SIZE, ("specular",))["specular"]
+    away = ~edges(reference[..., 1] / reference.max(), 2)
+    decibels = psnr(drawn, reference, away)
+    print(f"HIGHLIGHT {kind}: {decibels:.1f} dB over {away.mean():.0%} of the image")
+    assert away.mean() > 0.7 and reference[away].max() > 0
     assert decibels >= 40
 
 
