@@ -16,8 +16,8 @@ Layers = dict[str, F32]
 Errors = dict[str, float]
 
 AMBIENT = "ambient (oracle)"
-UNDER_SKY = ("under an environment only the final picture is compared: the reference counts its direct light as "
-             "indirect, each model as it is defined")
+UNDER_SKY = ("under an environment only the final picture is compared: the reference counts its unbounced light "
+             "as direct, each model as it is defined")
 MAX_AMBIENT_RATIO = 16.0  # of the ambient light to the reference's mean radiance / albedo
 SEARCH_ROUNDS, SEARCH_STEPS = 6, 16
 

@@ -15,7 +15,7 @@ import numpy as np
 from app.arrays import F32, Bools
 from app.errors import SceneError
 from app.evaluation.hashing import content_key
-from app.evaluation.versions import exporter_version, renderer_version, require_path_tracer
+from app.evaluation.versions import exporter_version, require_path_tracer
 from app.io.atomic_files import replace_folder
 from app.io.child_process import run_module
 from app.io.image import read_exr
@@ -105,7 +105,7 @@ def make_reference(request: TraceRequest, scene: Scene, camera: Camera, spp: int
     ProcessError
         When the path tracer fails.
     """
-    key = content_key(scene, camera, request.size, spp, exporter_version(scene), renderer_version(scene))
+    key = content_key(scene, camera, request.size, spp, exporter_version(scene))
     return cache_reference(cache_folder() / key, lambda folder: _run(
         [*request.arguments, "--spp", str(spp), "--out", str(folder)]))
 

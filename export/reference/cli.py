@@ -27,7 +27,7 @@ def reference(scene: Annotated[Path | None, SCENE] = None,
                   metavar="N,…")] = "",
               seed: Annotated[int, typer.Option(min=0, max=31)] = 0,  # baselines derive 32-bit seeds from it
               out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("reference")) -> None:
-    """Path-trace a scene: reference.exr with direct, indirect and final light, aovs.exr with the renderer's images."""
+    """Path-trace a scene: reference.exr with direct, indirect and final light, reference.json with its noise."""
     if scene is None and scene_json is not None:
         raise SettingsError("needs a scene", "--scene-json", "expected a SCENE too")
     from export.reference.mitsuba_module import load_mitsuba

@@ -1,4 +1,4 @@
-"""Analytic lights and environments as Mitsuba emitters."""
+"""Environments as Mitsuba emitters, and analytic lights for Mitsuba's own integrators, which are only timed."""
 
 import math
 from collections.abc import Iterator

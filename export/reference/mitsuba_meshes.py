@@ -10,6 +10,8 @@ from app.math3d import normal_matrix
 from app.scene import Instance, Material, Mesh, Scene, Texture
 from export.reference.mitsuba_lights import SIDE_GAP
 
+MIN_SAMPLING_WEIGHT = 1e-9  # of an emitter
+
 
 class MeshConverter:
     """Makes Mitsuba meshes of instances; ``notices`` names what it can't reproduce."""
@@ -35,8 +37,9 @@ class MeshConverter:
             points, normals = points + SIDE_GAP * facing, facing
         properties = mi.Properties()
         if side:
-            properties["emitter"] = mi.load_dict({"type": "area", "radiance": self._texture(
-                material.emission, material.emission_map)})
+            properties["emitter"] = mi.load_dict({
+                "type": "area", "radiance": self._texture(material.emission, material.emission_map),
+                "sampling_weight": max(_mean_emission(material) * _area(points), MIN_SAMPLING_WEIGHT)})
         by_vertex = mesh.colors is not None and material.albedo_map is None
         if (mesh.material, by_vertex) not in self._bsdfs:
             self._bsdfs[mesh.material, by_vertex] = self._bsdf(material, by_vertex)
@@ -52,6 +55,9 @@ class MeshConverter:
             albedo = colors[:, :3] * np.asarray(material.albedo, np.float32)
             converted.add_attribute("vertex_albedo", 3, albedo.ravel())
             converted.add_attribute("vertex_opacity", 1, _opacity_of(colors[:, 3] * material.alpha, material))
+        if not side:
+            converted.add_attribute("face_f0", 3, np.tile(np.asarray(material.specular, np.float32), len(faces)))
+            converted.add_attribute("face_roughness", 1, np.full(len(faces), material.roughness, np.float32))
         buffers = mi.traverse(converted)
         buffers["vertex_positions"] = points.astype(np.float32).ravel()
         buffers["vertex_normals"] = normals.astype(np.float32).ravel()
@@ -96,6 +102,18 @@ class MeshConverter:
             clamped = _texcoords(mesh.uvs, texture)[:, texture.repeat.index(False)]
             if clamped.min() < 0 or clamped.max() > 1:
                 self.notices.append(f"{mesh.name!r}: the path tracer repeats a texture clamped in one direction")
+
+
+def _mean_emission(material: Material) -> float:
+    """Over all channels and the whole texture."""
+    texture = material.emission_map
+    pixels = np.ones(3, np.float32) if texture is None else _linear_pixels(texture)[..., :3]
+    return float((pixels * np.asarray(material.emission, np.float32)).mean())
+
+
+def _area(points: F64) -> float:
+    """Of unshared triangles."""
+    return float(np.linalg.norm(_face_normals(points)[::3], axis=1).sum()) / 2
 
 
 def _face_normals(points: F64) -> F64:

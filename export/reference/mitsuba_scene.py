@@ -1,7 +1,8 @@
-"""A ``Scene`` as Mitsuba scenes with the same triangles, textures, masks and lights.
+"""A ``Scene`` as Mitsuba scenes with the same triangles, textures, masks and emitters.
 
-As in the renderer, lights have no bodies: they emit but block no rays. Meshes and lights therefore live in separate
-Mitsuba scenes. Lengths are scaled, because Mitsuba's ray offsets suit scenes of a few tens of units.
+As in the renderer, lights have no bodies: they emit but block no rays. Meshes and emitters therefore live in separate
+Mitsuba scenes; the lights of ``Scene.lights`` are in ``analytic_lights.py``. Lengths are scaled, because Mitsuba's ray
+offsets suit scenes of a few tens of units.
 """
 
 from dataclasses import dataclass
@@ -18,18 +19,18 @@ EXTENT = 40.0  # longest edge of the scaled scene
 
 @dataclass(frozen=True, eq=False)
 class MitsubaScene:
-    """Meshes and lights, with ``scaled = (world - origin) * scale``.
+    """Meshes and emitters, with ``scaled = (world - origin) * scale``. A scene without content is None.
 
     Attributes
     ----------
     meshes : mitsuba.Scene
-        All meshes.
+        All meshes, with the attributes ``face_f0`` and ``face_roughness``.
     shadow_casters : mitsuba.Scene or None
         All meshes but the proxies of analytic lights.
-    lights, emissive, environment : mitsuba.Scene or None
-        ``Scene.lights``, the emissive meshes that are no light proxies, and the environment; None for an empty one.
+    visible_emitters, emissive, environment : mitsuba.Scene or None
+        All emissive meshes; those that are no proxies of analytic lights; the environment.
     combined : dict
-        All of it as one scene for Mitsuba's own integrators, in which lights have bodies.
+        All of it and the analytic lights as one scene for Mitsuba's own integrators, in which lights have bodies.
     masked : bool
         Whether a material has an alpha mask.
     notices : tuple of str
@@ -38,7 +39,7 @@ class MitsubaScene:
 
     meshes: Any
     shadow_casters: Any
-    lights: Any
+    visible_emitters: Any
     emissive: Any
     environment: Any
     combined: dict[str, Any]
@@ -61,15 +62,18 @@ def convert_scene(scene: Scene, time: float = 0.0) -> MitsubaScene:
     converter = MeshConverter(mi, scene, time, origin, scale)
     meshes: dict[str, Any] = {f"mesh{i}": converter.convert(instance) for i, instance in enumerate(scene.instances)}
     shadow_casters: dict[str, Any] = {}
+    visible_emitters: dict[str, Any] = {}
     emissive: dict[str, Any] = {}
     for (key, mesh), instance in zip(meshes.items(), scene.instances, strict=True):
         material = scene.materials[scene.meshes[instance.mesh].material]
+        emitters = {}
+        if material.emits:
+            emitters = {f"{key}side{side}": converter.convert(instance, side)
+                        for side in ((1, -1) if material.double_sided else (1,))}
+        visible_emitters |= emitters
         if not material.is_light_proxy:
             shadow_casters[key] = mesh
-            if material.emits:
-                emissive[key] = converter.convert(instance, side=1)
-                if material.double_sided:
-                    emissive[key + "back"] = converter.convert(instance, side=-1)
+            emissive |= emitters
     lights = {f"light{i}part{k}": emitter for i, light in enumerate(scene.lights)
               for k, emitter in enumerate(convert_light(mi, light, origin, scale))}
     environment = {} if scene.environment is None else {"environment": convert_environment(mi, scene.environment)}
@@ -82,7 +86,7 @@ def convert_scene(scene: Scene, time: float = 0.0) -> MitsubaScene:
         return mi.load_dict({"type": "scene"} | part | extra, parallel=False, optimize=False) if part else None
 
     return MitsubaScene(
-        load(meshes), load(shadow_casters), load(lights, bounds=bounds), load(emissive),
-        load(environment, bounds=bounds), {"type": "scene"} | meshes | lights | emissive | environment,
+        load(meshes), load(shadow_casters), load(visible_emitters), load(emissive), load(environment, bounds=bounds),
+        {"type": "scene"} | meshes | lights | emissive | environment,
         any(m.alpha_cutoff is not None for m in scene.materials), origin, scale,
         tuple(dict.fromkeys(converter.notices)))

@@ -13,15 +13,13 @@ from app.arrays import F32, F64
 from app.evaluation.denoise import denoise
 from app.io.atomic_files import write_text
 from app.io.image import write_exr
-from app.renderer import Renderer
-from app.settings import Settings
-from export.reference.non_diffuse import render_non_diffuse
-from export.reference.path_tracer import MAX_BOUNCES, MAX_RAYS, PathTracer, Samples
+from export.reference.integrator_timer import make_integrator_timer
+from export.reference.path_tracer import MAX_BOUNCES, MAX_RAYS, PathTracer
 from export.reference.still import Still
 
 MIN_BATCHES = 8  # noise is estimated from the variance between batches
+BASELINE_LAYERS = ("final", "albedo", "normal")
 NOISE_LAYERS = ("final", "direct", "indirect", "indirect_single")
-AOVS = ("albedo", "normal", "depth", "position", "direct", "specular", "emission")
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +31,8 @@ class TracedReference:
     layers : dict of str to ndarray, float32, shape (H, W, 3), depth (H, W, 1)
         Through the pixel centres: ``direct`` (radiance), ``indirect`` and ``indirect_single`` (radiance / albedo),
         ``albedo``, ``normal`` (world space, towards the camera), ``depth`` (linear; 0 where no surface is visible).
-        Averaged over each pixel's area: ``final``, all radiance that reaches the camera.
+        Averaged over each pixel's area: ``final``, all radiance that reaches the camera, with emission, highlights and
+        background.
     noise : dict of str to float or None
         Standard error of each of ``NOISE_LAYERS``: root mean square over the image, relative to the layer's mean.
         None when there was only one batch.
@@ -54,19 +53,17 @@ def trace_reference(still: Still, spp: int, seed: int = 0, max_bounces: int = MA
                     denoised: bool = False) -> TracedReference:
     """Trace ``spp`` paths through each pixel's centre, and another ``spp`` across each pixel's area for ``final``.
 
-    ``render_non_diffuse`` adds emission, specular light and background to ``final``.
-
     Parameters
     ----------
     progress : callable
         Called with the share of the samples that are done.
     denoised : bool
-        Denoise ``final`` and indirect light with Open Image Denoise. ``noise`` is measured before denoising.
+        Denoise reflected light in ``final``, and indirect light, with Open Image Denoise. ``noise`` is measured before.
 
     Raises
     ------
     DeviceError
-        When Mitsuba or EGL is missing.
+        When Mitsuba is missing.
     MissingExtraError
         When the denoiser is missing.
     """
@@ -79,8 +76,10 @@ def trace_reference(still: Still, spp: int, seed: int = 0, max_bounces: int = MA
     layers, over_area = centres.means(), areas.means()
     if denoised:
         layers |= {name: denoise(layers[name], layers["normal"]) for name in ("indirect", "indirect_single")}
-        over_area["final"] = denoise(over_area["final"], over_area["normal"], over_area["albedo"])
-    layers["final"] = over_area["final"] + render_non_diffuse(still, seed)
+        emitted = over_area["emitted"]  # the denoiser would blur it, although it has hardly any noise
+        reflected = denoise(over_area["final"] - emitted, over_area["normal"], over_area["albedo"])
+        over_area["final"] = reflected + emitted
+    layers["final"] = over_area["final"]
     noise = {name: (areas if name == "final" else centres).noise(name) for name in NOISE_LAYERS}
     return TracedReference(layers, noise, seconds, tracer.notices)
 
@@ -94,12 +93,10 @@ def mean_samples(tracer: PathTracer, still: Still, spp: int, seed: int = 0) -> d
 
 def write_reference(folder: Path, still: Still, spp: int, seed: int, max_bounces: int, about: dict[str, Any],
                     progress: Callable[[float], object], denoised: bool = False) -> TracedReference:
-    """Write ``reference.exr``, the renderer's own images as ``aovs.exr``, and last ``reference.json``."""
+    """Write ``reference.exr``, and last ``reference.json``."""
     (folder / "reference.json").unlink(missing_ok=True)  # it marks the images as complete
     reference = trace_reference(still, spp, seed, max_bounces, progress, denoised)
     _write_layers(folder / "reference.exr", reference.layers)
-    with Renderer(still.scene, Settings(still.size, AOVS, taa=False, provider="cpu")) as renderer:
-        write_exr(folder / "aovs.exr", renderer.render(still.camera, still.time))
     paths = 2 * spp * still.size[0] * still.size[1]
     about = {**about, "size": still.size, "spp": spp, "seed": seed, "max_bounces": max_bounces, "denoised": denoised,
              "noise": reference.noise, "seconds": reference.seconds, "paths_per_second": paths / reference.seconds,
@@ -122,13 +119,12 @@ def trace_baselines(still: Still, counts: Sequence[int], seed: int = 0,
         Of Mitsuba's own integrator, which is faster because it does not separate direct from indirect light.
     """
     tracer = PathTracer(still.scene, still.time, max_bounces)
-    measure = tracer.make_integrator_timer(still.view, still.size)
-    non_diffuse = render_non_diffuse(still, seed)
+    measure = make_integrator_timer(tracer.scene, still.view, still.size, max_bounces)
     means = TracedMeans(tracer, still, jitter=True)
     for total in sorted(set(counts)):
         means.add(total - means.count, seed * 2**10 + total)
         layers = means.means()
-        yield total, {**layers, "final": layers["final"] + non_diffuse}, measure(total)
+        yield total, {name: layers[name] for name in BASELINE_LAYERS}, measure(total)
 
 
 def write_baselines(folder: Path, still: Still, counts: Sequence[int], seed: int, max_bounces: int) -> None:
@@ -144,7 +140,7 @@ class TracedMeans:
     """Means of a still's layers over batches of samples, and the standard errors of these means.
 
     Samples go through the pixels' centres, which gives the layers of ``TracedReference`` but ``final``; with ``jitter``
-    they are spread over the pixels' areas, which gives ``final``, as diffuse radiance, and the guides of the denoiser.
+    they are spread over the pixels' areas, which gives ``final``, its part ``emitted``, and the denoiser's guides.
     """
 
     def __init__(self, tracer: PathTracer, still: Still, jitter: bool) -> None:
@@ -163,12 +159,12 @@ class TracedMeans:
         for batch, begin in enumerate(range(0, spp, batch_spp)):
             count = min(batch_spp, spp - begin)
             offsets = random.random((count, w * h, 2)) if self._jitter else np.full((count, 1, 1), 0.5)
-            samples = self._tracer.trace(self._still.view, ((corners + offsets) / (w, h)).reshape(-1, 2),
-                                         seed * 2**16 + batch)
+            trace = self._tracer.trace_radiance if self._jitter else self._tracer.trace
+            samples = trace(self._still.view, ((corners + offsets) / (w, h)).reshape(-1, 2), seed * 2**16 + batch)
             self.count += count
             self._batches += 1
-            means = Samples(*(getattr(samples, f.name).reshape(count, h, w, -1).mean(axis=0) for f in fields(samples)))
-            for name, image in _layers(means, self._jitter).items():
+            means = {f.name: getattr(samples, f.name).reshape(count, h, w, -1).mean(axis=0) for f in fields(samples)}
+            for name, image in _layers(means).items():
                 self._sums[name] = self._sums.get(name, 0.0) + count * image.astype(np.float64)
                 self._squares[name] = self._squares.get(name, 0.0) + count * image.astype(np.float64) ** 2
             progress((begin + count) / spp)
@@ -185,12 +181,13 @@ class TracedMeans:
         return float(np.sqrt(variance.mean()) / max(float(mean.mean()), 1e-30))
 
 
-def _layers(samples: Samples, jitter: bool) -> dict[str, F32]:
-    guides = {"albedo": samples.albedo, "normal": samples.normal}
-    if jitter:
-        return {"final": samples.albedo * (samples.direct + samples.multi), **guides}
-    return {"direct": samples.direct * samples.albedo, "indirect": samples.multi, "indirect_single": samples.single,
-            **guides, "depth": samples.depth}
+def _layers(means: dict[str, F32]) -> dict[str, F32]:
+    """Layers of the means of ``Samples`` or of ``RadianceSamples``."""
+    guides = {"albedo": means["albedo"], "normal": means["normal"]}
+    if "emitted" in means:
+        return {"final": means["reflected"] + means["emitted"], "emitted": means["emitted"], **guides}
+    return {"direct": means["direct"] * means["albedo"], "indirect": means["multi"], "indirect_single": means["single"],
+            **guides, "depth": means["depth"]}
 
 
 def _write_layers(path: Path, layers: dict[str, F32]) -> None:

@@ -13,7 +13,7 @@ from app.evaluation.denoise import denoiser_version
 from app.evaluation.metrics import METRICS
 from app.evaluation.picture_errors import AMBIENT, Layers, best_ambient, draw_ambient, draw_layers, errors_of
 from app.evaluation.reference import Reference, cache_folder, cache_reference
-from app.evaluation.versions import exporter_version, renderer_version
+from app.evaluation.versions import exporter_version
 from app.renderer import Renderer
 from app.settings import Settings
 from export.dataset.scene_key import scene_key
@@ -47,7 +47,7 @@ def reference_of(view: View, spp: int, folder: Path | None) -> Reference:
     """The path-traced and denoised reference, cached in ``folder`` or in the benchmark's cache."""
     still = view.still
     key = scene_key(still.scene, still.camera, still.size, still.time, spp, denoiser_version(),
-                    exporter_version(still.scene), renderer_version(still.scene))
+                    exporter_version(still.scene))
     return cache_reference((folder or cache_folder()) / f"{view.name}-{key}", lambda temporary: write_reference(
         temporary, still, spp, 0, MAX_BOUNCES, {"view": view.name}, lambda share: None, denoised=True))
 

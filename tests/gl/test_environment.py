@@ -90,6 +90,11 @@ def traced(scene: Scene, spp: int, bounces: int = 8) -> dict[str, F32]:
     return mean_samples(PathTracer(scene, max_bounces=bounces), Still(scene, scene.cameras["main"].at(0.0), SIZE), spp)
 
 
+def diffuse_light(images: dict[str, F32]) -> F32:
+    """Radiance / albedo of direct and indirect light."""
+    return images["direct"] / np.maximum(images["albedo"], 1e-6) + images["indirect"]
+
+
 @pytest.mark.parametrize("rotation", [0.0, 65.0])
 @pytest.mark.parametrize("size", [(1, 4), (8, 32), (300, 75)])
 def test_the_path_tracers_sky_is_ours(size: tuple[int, int], rotation: float) -> None:
@@ -104,7 +109,7 @@ def test_the_path_tracers_sky_is_ours(size: tuple[int, int], rotation: float) ->
         up = np.cross(normal, side)
         wall = quad(tuple(-side - up), tuple(2 * side), tuple(2 * up))
         scene = under(environment, wall, camera=Camera(tuple(2 * normal), (0, 0, 0), tuple(up), 30.0))
-        found = traced(scene, 256)["indirect"].mean(axis=(0, 1))
+        found = diffuse_light(traced(scene, 256)).mean(axis=(0, 1))
         expected = np.maximum(normal @ cells.cell.T, 0) @ cells.cell_power / np.pi
         np.testing.assert_allclose(found, expected, rtol=0.02)
 
@@ -129,22 +134,23 @@ def test_ember_lights_by_the_environment(small: Path, sun: bool) -> None:
     camera = Camera((3.5, 3.0, 4.5), (-0.5, 0.5, -0.5), fov_y_deg=50.0)
     block = box((-0.6, 0.0, -0.6), (1.2, 1.2, 1.2), Material(albedo=(0.6, 0.3, 0.2)))
     scene = under(Environment(radiance, 20.0), floor(3.0), *walls, block, camera=camera)
-    reference = traced(scene, 512)
-    found = draw(scene, SIZE, ("indirect",), model=small)["indirect"]
-    seen = reference["depth"][..., 0] > 0
-    assert found[seen].mean() == pytest.approx(reference["indirect"][seen].mean(), rel=0.05)
-    assert relative_error(found, reference["indirect"], seen) < (0.35 if sun else 0.15)
+    images = traced(scene, 512)
+    reference, seen = diffuse_light(images), images["depth"][..., 0] > 0
+    found = diffuse_light(draw(scene, SIZE, ("direct", "indirect", "albedo"), model=small))
+    assert found[seen].mean() == pytest.approx(reference[seen].mean(), rel=0.05)
+    assert relative_error(found, reference, seen) < (0.35 if sun else 0.15)
 
 
 def test_lamps_hide_the_sky(small: Path) -> None:
     """The mesh of an analytic light casts no shadow of lights, but is before the sky, for ember and the path tracer."""
     lid = quad((-1, 0.3, 1), (2, 0, 0), (0, 0, -2), Material(albedo=(0.0,) * 3, is_light_proxy=True))
     scene = under(DUSK, floor(1.0), lid, camera=Camera((0, 0.2, 1.6), (0, 0, 0), fov_y_deg=40.0))
-    reference = traced(scene, 256)
-    below = (reference["depth"][..., 0] > 0) & (reference["albedo"][..., 0] > 0.1)
-    found = draw(scene, SIZE, ("indirect",), model=small)["indirect"]
-    assert below.sum() > 100 and reference["indirect"][below].mean() < 0.3 * DUSK.radiance.mean()
-    assert found[below].mean() == pytest.approx(reference["indirect"][below].mean(), rel=0.25)
+    images = traced(scene, 256)
+    below = (images["depth"][..., 0] > 0) & (images["albedo"][..., 0] > 0.1)
+    reference = diffuse_light(images)[below].mean()
+    found = diffuse_light(draw(scene, SIZE, ("direct", "indirect", "albedo"), model=small))
+    assert below.sum() > 100 and reference < 0.3 * DUSK.radiance.mean()
+    assert found[below].mean() == pytest.approx(reference, rel=0.25)
 
 
 @pytest.mark.parametrize("radiance", [1e30, 1e-20])

@@ -7,16 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 pytest.importorskip("mitsuba", reason="the path tracer needs mitsuba")
 
 from app.math3d import View
 from app.network.selection import UNSHADOWED
 from app.scene import Camera, Environment, Scene
-from export.reference import non_diffuse
 from export.reference.environment_tracer import EnvironmentSamples, EnvironmentTracer
-from export.reference.still import Still
 from tests.gl.scenes import F32, draw, floor, quad
 from tests.gl.test_environment import DUSK, SIZE, under
 from tests.gl.test_environment_shading import WHITE, glossy, reflected
@@ -98,29 +95,6 @@ def test_diffuse_materials_have_no_specular_reflection() -> None:
     samples = shaded(scene, 256)
     assert not samples.reflectance.any() and not samples.specular_with_fresnel.any() and samples.diffuse.any()
     assert not draw(scene, SIZE, ("specular",), model=UNSHADOWED)["specular"][SIZE[1] // 2, SIZE[0] // 2].any()
-
-
-def test_environment_specular_of_a_reference_is_traced_in_strips(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With few rays at once, and with other samples for another seed."""
-    camera = Camera((0.0, 1.0, 3.0), (0.0, 0.4, 0.0), fov_y_deg=50.0)
-    still = Still(under(DUSK, floor(2.0, material=glossy(0.3, 0.5)), camera=camera), camera, SIZE)
-    whole = non_diffuse.trace_environment_specular(still)
-    rays = []
-    shade = EnvironmentTracer.shade
-
-    def counted(self: EnvironmentTracer, view: View, pixels: NDArray[np.float64], seed: int) -> EnvironmentSamples:
-        rays.append(len(pixels))
-        return shade(self, view, pixels, seed)
-
-    max_rays = 5 * non_diffuse.ENVIRONMENT_SPP * non_diffuse.SUPERSAMPLING**2 * SIZE[0]  # 5 rows, not a divisor
-    monkeypatch.setattr(non_diffuse, "MAX_RAYS", max_rays)
-    monkeypatch.setattr(EnvironmentTracer, "shade", counted)
-    strips, other = (non_diffuse.trace_environment_specular(still, seed) for seed in (0, 1))
-    assert len(rays) == 2 * -(-SIZE[1] // 5) and max(rays) <= max_rays
-    for image in (strips, other):
-        assert image.shape == whole.shape and (image != whole).any()
-        np.testing.assert_allclose(image, whole, rtol=0.15, atol=0.02)
-    assert (strips != other).any()
 
 
 def test_each_mesh_has_its_own_roughness() -> None:

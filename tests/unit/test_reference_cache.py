@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib import metadata
@@ -18,7 +20,7 @@ from app.bench.records import reference_record
 from app.cli import cli as app_cli
 from app.cli.bench import embedded
 from app.errors import MissingExtraError, ProcessError, SceneError
-from app.evaluation import reference
+from app.evaluation import reference, versions
 from app.evaluation.hashing import content_key
 from app.io.image import write_exr
 from app.load import embedded_scene
@@ -102,6 +104,31 @@ def test_another_version_of_the_path_tracer_makes_a_new_reference(
     monkeypatch.setattr(reference, "exporter_version", lambda scene: "2")
     make(embedded_scene())
     assert len(tracer.calls) == 2
+
+
+def test_a_reference_depends_only_on_the_code_that_makes_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    files = ("__init__.py", "cli.py", "environment_tracer.py", "ggx.py", "path_tracer.py")
+    (tmp_path / "reference").mkdir()
+    for name in files:
+        (tmp_path / "reference" / name).write_text(name)
+    monkeypatch.setattr(versions, "require_path_tracer", lambda: tmp_path)
+    monkeypatch.setattr(metadata, "version", lambda package: "1")
+    before = versions.exporter_version(embedded_scene())
+    for name in files:
+        (tmp_path / "reference" / name).write_text("changed")
+        assert (versions.exporter_version(embedded_scene()) != before) == (name in files[3:]), name
+        (tmp_path / "reference" / name).write_text(name)
+
+
+def test_nothing_that_the_renderer_draws_is_in_what_it_is_judged_by() -> None:
+    """The path tracer neither imports the renderer nor OpenGL."""
+    pytest.importorskip("mitsuba", reason="the path tracer needs mitsuba")
+    code = "import sys, export.reference.trace, export.reference.environment_tracer; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True,
+                            cwd=Path(__file__).parents[2]).stdout.split()
+    assert "export.reference.path_tracer" in loaded
+    assert not [name for name in loaded if name.split(".")[0] == "moderngl"
+                or name.startswith(("app.renderer", "app.frame", "app.passes", "app.gl"))]
 
 
 def test_no_scene_is_compared_with_the_reference_of_another(tmp_path: Path) -> None:
