@@ -14,12 +14,13 @@ const int PARALLEL_MAP = 3;
 const int TAPS = 2;                    // blocker-search and edge-test samples per texel; the four texels of a quad share theirs
 const int PENUMBRA_TAPS = 14;          // of the filter
 const float HARD_KERNEL = 1.0;         // smallest radius of the filter, in texels
-const float MIN_LINE_WIDTH = 1.25;     // texels that a blocker may lie off the line to the light, more than the outermost tap
+const float MIN_LINE_WIDTH = 1.11;      // texels that a blocker may lie off the line to the light, as the outermost taps do
 const float WIDE_KERNEL = 256.0;       // texels across from which the filter always runs
 const float MAX_THROW = 0.5;       // of the map: blockers of parallel light farther away are not searched
 const float MIN_BLOCKER_SHARE = 0.15;    // of the distance to the light; blockers nearer to the light are not searched
 const float SLACK = 2.0;               // on the light's squared radius, when asking whether a line meets it
 const float NORMAL_OFFSET = 1.5;       // texels
+const float PLANE_MARGIN = 0.25;       // texels above the receiver's plane, below which nothing blocks
 const float DISTANCE_BIAS = 5e-4;      // relative
 const float QUAD_BLEND = 0.7;          // share of the quad's mean in the visibility of flat, soft quads
 
@@ -269,7 +270,7 @@ float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool want
 float radial_visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wanted)
 {
     p -= light.position.xyz;
-    float height = -dot(n, p);  // of the light above the receiver's plane
+    float height = -dot(n, p) - PLANE_MARGIN * 2.0 / light.tile.z * length(p);  // of the light above the receiver's plane
     p += n * (NORMAL_OFFSET * 2.0 / light.tile.z * length(p));
     float radius = light.position.w;
 #ifdef HAS_RECT_LIGHT
