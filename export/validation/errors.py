@@ -1,5 +1,6 @@
 """Errors of models on the validation views: of the final picture, of demodulated indirect light, of direct light."""
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from itertools import product
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 from app.arrays import F32
 from app.evaluation.configurations import Configuration, expand
 from app.evaluation.denoise import denoiser_version
-from app.evaluation.metrics import METRICS
+from app.evaluation.metrics import METRICS, exposure_of, tone_map
 from app.evaluation.picture_errors import AMBIENT, Layers, best_ambient, draw_ambient, draw_layers, errors_of
 from app.evaluation.reference import Reference, cache_folder, cache_reference
 from app.evaluation.versions import exporter_version, renderer_version
@@ -32,7 +33,7 @@ ALL = "mean"         # in place of a scene's name: the mean over all views
 
 Progress = Callable[[str], object]
 # One model on one view: ``model``, ``scene``, ``view``, errors by ``layer.metric``, and the relative standard error of
-# each layer of the reference before it was denoised. Errors are None where the reference's layer is black.
+# each layer of the reference before it was denoised. Figures are None where there is none to average.
 Row = dict[str, Any]
 
 
@@ -107,9 +108,13 @@ def _mean(values: Sequence[float | None]) -> float | None:
 
 
 def _direct_psnr(direct: F32, reference: Reference) -> float | None:
-    """PSNR of tone-mapped direct light, shape (H, W, 3), in dB; None if the reference has none."""
-    expected = reference.layers["direct"]
-    return METRICS["psnr"].measure(direct, expected) if expected.any() else None
+    """PSNR of direct light, shape (H, W, 3), in dB, with the exposure of the whole picture; None if it is exact.
+
+    An exposure of its own would magnify the faint direct light of rooms that are lit indirectly.
+    """
+    exposure = exposure_of(reference.layers["final"])
+    squares = (tone_map(direct, exposure) - tone_map(reference.layers["direct"], exposure)) ** 2
+    return -10 * math.log10(squares.mean(dtype=np.float64)) if squares.any() else None
 
 
 def _pictures(still: Still, reference: Reference, configurations: Sequence[Configuration],
