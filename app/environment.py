@@ -31,6 +31,8 @@ class SkyLight:
         That solid angle, sr.
     cell, cell_power : ndarray, float32, shape (C, 3)
         Directions and powers of all cells.
+    cell_solid_angle : ndarray, float32, shape (C,)
+        In sr.
     """
 
     direction: F32
@@ -38,6 +40,7 @@ class SkyLight:
     solid_angle: F32
     cell: F32
     cell_power: F32
+    cell_solid_angle: F32
 
     def irradiance(self, normal: F32, open_to: Bools) -> F32:
         """Irradiance / π of points, shape (N, 3), that see the environment along some of the directions.
@@ -97,7 +100,7 @@ def sky_light(environment: Environment, count: int) -> SkyLight:
     column = _index(rows[row], np.arange(count) * GOLDEN_RATIO % 1)
     chosen = row * CELLS[1] + column
     share = 1 / (count * chance[chosen])
-    arrays = cell[chosen], power[chosen] * share[:, None], angle[chosen] * share, cell, power
+    arrays = cell[chosen], power[chosen] * share[:, None], angle[chosen] * share, cell, power, angle
     return SkyLight(*(np.asarray(x, np.float32) for x in arrays))
 
 

@@ -5,6 +5,7 @@
 #include "shadow.glsl"
 #include "shadow_ratio.glsl"
 #include "sky_irradiance.glsl"
+#include "sky_specular.glsl"
 #include "ggx.glsl"
 
 uniform sampler2D albedo;
@@ -65,6 +66,10 @@ void main()
     }
 #ifdef HAS_SKY_IRRADIANCE
     traced += unshadowed_sky_irradiance(n);
+#endif
+#if defined(HAS_SKY_SPECULAR) && defined(WRITE_SPECULAR)
+    traced_specular += environment_reflectance(lobe, max(dot(n, -normalize(p)), 0.0))
+        * unshadowed_sky_specular(dominant_direction(n, p, lobe.a), lobe.a);
 #endif
     vec3 v = is_surface(d) ? traced_visibility(n, d) : vec3(0.0);
     diffuse += v * traced;

@@ -27,7 +27,7 @@ def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] |
         writes["specular"] = Tex("f2", 4)
     reads = ("albedo", "normal", "depth", *lights.shadow_maps, *(("specular_roughness",) if has_specular else ()),
              *(("shadow_ratio", "shadow_gbuffer") if shadow_grid is not None else ()),
-             *(("sky_irradiance",) if has_sky else ()))
+             *(("sky_irradiance",) if has_sky else ()), *(("sky_specular",) if has_sky and has_specular else ()))
 
     def uniforms(frame: FrameState) -> Mapping[str, object]:
         noise = {"noise_phase": (frame.noise_phase + R2[0] * frame.index * frame.accumulates) % 1.0}
