@@ -39,6 +39,9 @@ void main()
     vec3 n = sanitize_normal(surface.xyz);
     vec3 face = octahedral_decode(vec2(surface.a, base.a));
     vec3 p = surface_ray(gl_FragCoord.xy) * d;
+#ifdef WRITE_SPECULAR
+    Lobe lobe = specular_lobe(p, n, texelFetch(specular_roughness, texel, 0));
+#endif
     QuadNoise noise = quad_noise();
     for (int i = 0; i < LIGHT_COUNT; ++i) {
         vec3 e = irradiance(lights[i], p, n);
@@ -47,7 +50,7 @@ void main()
         v = wanted ? v : 0.0;
         diffuse += wanted ? v * e : vec3(0.0);
 #ifdef WRITE_SPECULAR
-        specular += wanted ? v * ggx_specular(lights[i], p, n, texelFetch(specular_roughness, texel, 0)) : vec3(0.0);
+        specular += wanted ? v * ggx_specular(lights[i], p, n, lobe) : vec3(0.0);
 #endif
     }
 #ifdef HAS_ENVIRONMENT_DIFFUSE
