@@ -37,6 +37,7 @@ from app.paths import data_dir
 ROUGHNESSES, ANGLES = 20, 32
 MIN_ALPHA = 2e-3  # as in shaders/include/ggx_lobe.glsl
 MIN_COSINE = 1e-3  # of the viewing angle, as in shaders/include/ltc.glsl
+GOLDEN_RATIO = (math.sqrt(5) - 1) / 2
 CAP_RADII = np.array([0.12, 0.3, 0.6, 1.2])  # radians, of a lobe as wide as the hemisphere
 ALBEDO_WEIGHT = 4.0
 TYPICAL_ERROR = 0.02  # larger errors count with their fourth power
@@ -122,7 +123,7 @@ def evaluate_lobe(view: View, parameters: F64, light: F64) -> F64:
 
 
 def sample_lights(view: View, rings: int = 32) -> tuple[F64, F64]:
-    """Directions with y > 0, half of them where the lobe is, shape (N, 3), and their solid angles, shape (N,)."""
+    """Directions with y > 0, where the lobe is and anywhere, shape (N, 3), and their solid angles, shape (N,)."""
     even = (np.arange(rings) + 0.5) / rings
     u, phi = (x.ravel() for x in np.meshgrid(even, np.pi * even, indexing="ij"))
     slope = np.sqrt(u / (1 - u)) * view.alpha
@@ -141,7 +142,7 @@ def sample_lights(view: View, rings: int = 32) -> tuple[F64, F64]:
 
 def sample_caps(view: View, count: int = 64) -> F64:
     """Centres of spherical caps, shape (2 count, 3): some around the lobe, some anywhere."""
-    even, turn = (np.arange(count) + 0.5) / count, np.pi * (np.arange(count) * 0.618034 % 1)
+    even, turn = (np.arange(count) + 0.5) / count, np.pi * (np.arange(count) * GOLDEN_RATIO % 1)
     z = 1 - 1.5 * even
     sine = np.sqrt(1 - z**2)
     anywhere = np.stack([sine * np.cos(turn), sine * np.sin(turn), z], 1)
@@ -217,13 +218,14 @@ class CellProblem:
         return np.sqrt(1 + (errors * self._scale / TYPICAL_ERROR) ** 2)
 
 
-def fresnel_share(view: View) -> float:
-    """Mean of (1 - v·h)⁵ over the lobe, of Schlick's approximation."""
-    light, solid_angle = sample_lights(view, 128)
+def measure_lobe(view: View, parameters: F64, rings: int = 200) -> tuple[float, float]:
+    """Directional albedo of GGX over that of the approximation, and the mean of Schlick's (1 - v·h)⁵ over the lobe."""
+    light, solid_angle = sample_lights(view, rings)
     half = light + view.view
     half /= np.linalg.norm(half, axis=1, keepdims=True)
     power = evaluate_ggx(view, light) * solid_angle
-    return float(power @ (1 - half @ view.view) ** 5 / power.sum())
+    albedo = evaluate_lobe(view, parameters, light) @ solid_angle
+    return float(power.sum() / albedo), float(power @ (1 - half @ view.view) ** 5 / power.sum())
 
 
 def fit_path(cells: list[Cell], start: F64) -> list[F64]:
@@ -281,13 +283,14 @@ def _continue(pool: ProcessPoolExecutor, table: F64, paths: list[list[Cell]], st
 
 
 def pack(table: F64) -> NDArray[np.float16]:
-    """Texels of ``shaders/include/ltc.glsl``, float16, shape (ROUGHNESSES, ANGLES, 3, 4)."""
+    """Texels of ``shaders/include/ltc.glsl``, of the exact albedo; shape (ROUGHNESSES, ANGLES, 3, 4)."""
     texels = np.zeros((ROUGHNESSES, ANGLES, 3, 4))
-    for lobe in range(2):
-        log_a, b, log_c, w_x, w_z = np.moveaxis(table[..., 5 * lobe : 5 * lobe + 5], -1, 0)
-        texels[..., lobe, :] = np.stack([np.exp(log_a), b, np.exp(log_c), w_x], -1)
-        texels[..., 2, lobe] = w_z
-    texels[..., 2, 2] = [[fresnel_share(view_of((i, j))) for j in range(ANGLES)] for i in range(ROUGHNESSES)]
+    for cell in np.ndindex(ROUGHNESSES, ANGLES):
+        scale, fresnel = measure_lobe(view_of(cell), table[cell])
+        first, second = table[cell].reshape(2, 5)
+        for lobe, (log_a, b, log_c, w_x, _) in enumerate((first, second)):
+            texels[cell][lobe] = math.exp(log_a), b, math.exp(log_c), w_x * scale
+        texels[cell][2] = first[4] * scale, second[4] * scale, fresnel, 0
     return texels.astype(np.float16)
 
 

@@ -1,10 +1,11 @@
-// GGX specular light of rectangles by two linearly transformed cosines, whose table scripts/fit_ltc.py fits (Heitz, Dupuy,
-// Hill and Neubelt 2016, "Real-Time Polygonal-Light Shading with Linearly Transformed Cosines"). Light is clipped at the
-// surface's horizon instead of the lobes', where a lobe that is seen at a grazing angle ends abruptly.
+// GGX specular light of rectangles by two linearly transformed cosines, whose table scripts/fit_ltc.py fits (Heitz,
+// Dupuy, Hill and Neubelt 2016, "Real-Time Polygonal-Light Shading with Linearly Transformed Cosines"). Light is clipped
+// at the surface's horizon instead of the lobes', where a lobe that is seen at a grazing angle ends abruptly.
 #include "lights.glsl"
 #include "ggx_lobe.glsl"
 
-uniform sampler2DArray ltc;  // x: angle of the view; y: roughness; layers: a, b, c, w_x of each lobe; both w_z, and Fresnel
+// x: angle of the view, denser towards grazing; y: roughness; layers: a, b, c, w_x of each lobe; both w_z and Fresnel.
+uniform sampler2DArray ltc;
 
 const float MIN_COSINE = 1e-3;  // of the angle of the view, as in the table's last column
 const float MIN_SIDE = 1e-6;    // sine of the angle of the view; below it any plane of incidence will do

@@ -41,7 +41,7 @@ def test_the_fit_gives_the_committed_cell(fit_ltc: ModuleType, texels: np.ndarra
 @pytest.mark.parametrize("cell", [(0, 0), (7, 15), (19, 24)])
 def test_the_lobe_has_the_directional_albedo_and_the_fresnel_term(fit_ltc: ModuleType, texels: np.ndarray,
                                                                   cell: tuple[int, int]) -> None:
-    problem = fit_ltc.CellProblem(cell)
-    albedo_error = problem.errors(fit_ltc.unpack(texels)[cell])[-1] / fit_ltc.ALBEDO_WEIGHT
-    assert abs(albedo_error) < 0.005
-    assert float(texels[cell][2, 2]) == pytest.approx(fit_ltc.fresnel_share(problem.view), rel=2e-3)
+    table = fit_ltc.unpack(texels)
+    scale, fresnel = fit_ltc.measure_lobe(fit_ltc.view_of(cell), table[cell], 300)
+    assert scale == pytest.approx(1, abs=0.003)
+    assert float(texels[cell][2, 2]) == pytest.approx(fresnel, rel=3e-3, abs=1e-6)
