@@ -1,6 +1,6 @@
 // GGX specular light of rectangles by two linearly transformed cosines, whose table scripts/fit_ltc.py fits (Heitz,
-// Dupuy, Hill and Neubelt 2016, "Real-Time Polygonal-Light Shading with Linearly Transformed Cosines"). Light is clipped
-// at the surface's horizon instead of the lobes', where a lobe that is seen at a grazing angle ends abruptly.
+// Dupuy, Hill and Neubelt 2016, "Real-Time Polygonal-Light Shading with Linearly Transformed Cosines"). Light is
+// clipped at the surface's horizon instead of the lobes', where a lobe that is seen at a grazing angle ends abruptly.
 #include "lights.glsl"
 #include "ggx_lobe.glsl"
 

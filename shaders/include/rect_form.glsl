@@ -1,4 +1,5 @@
-// Integrals over the solid angle of a rectangle, as far as it is above the receiver's horizon: Lambert's polygon formula.
+// Integrals over the solid angle of a rectangle, as far as it is above the receiver's horizon: Lambert's
+// polygon formula.
 #include "numbers.glsl"
 
 const float MIN_SQUARE = 1e-30;    // of a length, so that points without one give no NaN
@@ -47,5 +48,6 @@ vec3 rect_form(vec3 center, vec3 u, vec3 v, Clip clip)
         leaving += clip.leaves[i] * (corners[i] + clip.end[i] * edges[i]);
         entering += clip.enters[i] * begin;
     }
-    return 0.5 * (sum + edge_form(leaving, entering - leaving));  // the gap that clipping opens is closed along the horizon
+    // The gap that clipping opens is closed along the horizon.
+    return 0.5 * (sum + edge_form(leaving, entering - leaving));
 }
