@@ -18,7 +18,7 @@ uniform sampler2D taa_prev;    // rgb: history, a: frames accumulated
 uniform sampler2D depth_prev;
 uniform float near;            // distance of the near plane in scene units
 uniform bool history_valid;
-uniform bool settled;          // history shows what is visible now, so none of it is clipped
+uniform bool settled;          // history shows what is visible now, so none of it is clipped or rejected
 #ifdef SKY
 uniform mat3 previous_from_view;  // from this frame's camera space to the previous one's
 uniform vec2 previous_lens;       // tangents of half its field of view
@@ -146,7 +146,7 @@ void main()
     vec4 accumulated = catmull_rom(gl_FragCoord.xy + back);
     vec3 history = max(accumulated.rgb, 0.0);
     bool healthy = is_finite(dot(accumulated, vec4(1.0))) && accumulated.a >= 1.0;
-    bool keep = was_visible(before, outward, moved.z) && healthy && history_valid;
+    bool keep = (settled || was_visible(before, outward, moved.z)) && healthy && history_valid;
 
     vec3 offset = ycocg(history) - mean;
     float share = settled ? 1.0 : clip_share(offset, CLIP_GAMMA * deviation);
