@@ -7,7 +7,7 @@
 #include "quad.glsl"
 
 const float CLIP_GAMMA = 1.25;      // standard deviations
-const float SETTLED_GAMMA = 4.0;    // where history shows what is visible now, so only outliers are clipped
+const float SETTLED_GAMMA = 3.0;    // where history shows what is visible now, so only outliers are clipped
 const float MOVING_FRAMES = 12.0;   // history length while something moves through the texel
 const float STILL_FRAMES = 256.0;
 const float STILL_PIXELS = 0.01;    // motion below which a texel counts as still

@@ -14,7 +14,7 @@ const int PARALLEL_MAP = 3;
 const int TAPS = 2;                    // blocker-search and edge-test samples per texel; the four texels of a quad share theirs
 const int PENUMBRA_TAPS = 14;          // of the filter
 const float HARD_KERNEL = 1.0;         // smallest radius of the filter, in texels
-const float MIN_LINE_WIDTH = 1.11;      // texels that a blocker may lie off the line to the light, as the outermost taps do
+const float SMALLEST_RIM = 0.5;        // of the rim's usual radius
 const float WIDE_KERNEL = 256.0;       // texels across from which the filter always runs
 const float MAX_THROW = 0.5;       // of the map: blockers of parallel light farther away are not searched
 const float MIN_BLOCKER_SHARE = 0.15;    // of the distance to the light; blockers nearer to the light are not searched
@@ -206,7 +206,7 @@ bool texel_blocks(Light light, Receiver r, vec3 q)
     vec2 corner;
     vec2 texel = clamp(map_fraction(light, q, corner) * light.tile.z, 0.0, light.tile.z - 1.0);
     Stored s = relate(r, q, texelFetch(shadow, ivec2(corner) + ivec2(texel), 0).r, r.offset);
-    float least = MIN_LINE_WIDTH * 2.0 / light.tile.z * r.reach;  // or thin penumbrae would be lost between texels
+    float least = HARD_KERNEL * 2.0 / light.tile.z * r.reach;  // or thin penumbrae would be lost between texels
     return s.before && s.off <= SLACK * s.size + least * least;
 }
 
@@ -251,7 +251,8 @@ float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool want
     disc.share = weight > 0.0 ? clamp(blocker, 1e-3, smallest) : smallest;
 
     float seen = 0.0;
-    vec2 rim = rim_point(square, noise);
+    // The rim of a kernel of one texel lies within it, or what hides the light there would count as beside its way.
+    vec2 rim = rim_point(square, noise) * (disc.share < smallest ? 1.0 : SMALLEST_RIM);
     for (int i = 0; i < edge_taps; ++i) seen += texel_blocks(light, r, tap(r, disc, i == 0 ? rim : -rim)) ? 0.0 : 1.0;
     seen = quad_sum(seen);
     // Eight taps cannot sample a wide kernel well with fine blockers in it, such as the bars before a window.
