@@ -15,7 +15,7 @@ from app.load.images import mean_color
 from app.load.light_clusters import cluster_patches
 from app.load.light_fit import Receivers
 from app.load.receivers import sample_receivers, surround
-from app.load.scene_builder import SceneBuilder, color, vector
+from app.load.scene_builder import MAX_COORDINATE, SceneBuilder, color, vector
 from app.scene import Instance, Light, Material, Mesh, PointLight, RectLight
 
 MIN_EXACT_SHARE = 1 / 256  # of all power; weaker pieces are not tested for being rectangles
@@ -64,16 +64,17 @@ def find_emitters(builder: SceneBuilder) -> None:
     exact_pieces = [patches.piece[c.patches[0]] for c, alone in zip(clusters, is_exact, strict=True) if alone]
     lights = [(_translate(light, emitters.origin), alone) for cluster, alone in zip(clusters, is_exact, strict=True)
               for light in cluster.lights]
+    approximate = [light for light, alone in lights if not alone]
     builder.lights += [light for light, _ in lights]
-    builder.approximate_lights += [light for light, alone in lights if not alone]
-    if not all(is_exact):
-        builder.notice(_describe(count, len(lights)))
+    builder.approximate_lights += approximate
+    if approximate:
+        builder.notice(_describe(count, len(lights), len(approximate)))
     _ProxySplitter(builder).split(emitters, np.isin(piece, exact_pieces))
 
 
-def _describe(pieces: int, lights: int) -> str:
+def _describe(pieces: int, lights: int, approximate: int) -> str:
     return (f"{pieces} emissive piece{'s' * (pieces > 1)} became {lights} light{'s' * (lights > 1)}, "
-            "which only approximate what is no rectangle")
+            f"{approximate} of them approximate")
 
 
 def _material_of(builder: SceneBuilder, instance: Instance) -> Material:
@@ -81,7 +82,7 @@ def _material_of(builder: SceneBuilder, instance: Instance) -> Material:
 
 
 def _collect(builder: SceneBuilder, instances: list[int]) -> _Emitters | None:
-    """All triangles of ``instances`` with an area; None without any."""
+    """All triangles of ``instances`` with an area; None without any, or in a scene that is too large to be drawn."""
     pieces: dict[int, Pieces] = {}
     parts, rows, first = [], [], 0
     for i in instances:
@@ -99,6 +100,8 @@ def _collect(builder: SceneBuilder, instances: list[int]) -> _Emitters | None:
     corners, radiance, two_sided, piece = (np.concatenate([getattr(p, name) for p in parts]) for name in (
         "corners", "radiance", "two_sided", "piece"))
     instance_of, index, textured = np.concatenate(rows, axis=1)
+    if not np.abs(corners).max() < MAX_COORDINATE:
+        return None
     origin = (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))) / 2
     every = EmissiveTriangles(corners - origin, radiance, two_sided, piece)
     order = _sort(every)
