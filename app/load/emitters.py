@@ -4,6 +4,7 @@ All static surfaces that emit become lights. A connected piece that is a flat re
 Other pieces, and pieces of which there are too many, are approximated by few lights with the same power in all.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -136,13 +137,13 @@ def _sort(triangles: EmissiveTriangles) -> Ints:
     return np.lexsort([*triangles.radiance.T, *triangles.corners.reshape(-1, 9).T]).astype(np.int64)
 
 
-def _receivers(builder: SceneBuilder, emitters: _Emitters, emissive: set[int]) -> Receivers:
-    """Points on other surfaces, relative to the emitters' origin."""
-    receivers = sample_receivers(builder, emissive)
-    if len(receivers.position) == 0:
-        corners = emitters.triangles.corners.reshape(-1, 3)
-        return surround(corners.min(axis=0), corners.max(axis=0))
-    return Receivers(receivers.position - emitters.origin, receivers.normal)
+def _receivers(builder: SceneBuilder, emitters: _Emitters, emissive: set[int]) -> Iterator[Receivers]:
+    """Points on other surfaces, and points around the emitters, relative to the emitters' origin."""
+    surfaces = sample_receivers(builder, emissive)
+    if len(surfaces.position):
+        yield Receivers(surfaces.position - emitters.origin, surfaces.normal)
+    corners = emitters.triangles.corners.reshape(-1, 3)
+    yield surround(corners.min(axis=0), corners.max(axis=0))
 
 
 def _translate(light: Light, offset: F64) -> Light:

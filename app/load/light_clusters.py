@@ -6,7 +6,7 @@ surfaces (as in Hašan, Pellacini and Bala 2007, "Matrix Row-Column Sampling for
 the least error for each number of lights follows by dynamic programming.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, reduce
 
@@ -22,6 +22,7 @@ MAX_ERROR = 0.01              # of the irradiance, at which more lights are not 
 NEARLY = 1.05                 # times the least error, for which fewer lights will do
 MAX_LEAVES = 2 * MAX_LIGHTS   # of a tree
 NORMAL_SCALES = (0.3, 3.0)    # sizes of a cluster that a unit of difference between normals counts as: one tree each
+MIN_IRRADIANCE = 1e-100       # W/m², summed over receivers; less is none
 TIE = 1e-6                    # relative difference that rounding can make; the first of such values counts
 
 
@@ -40,13 +41,13 @@ class Cluster:
     lights: tuple[Light, ...]
 
 
-def cluster_patches(patches: Patches, receivers: Receivers, exact: Mapping[int, Light]) -> list[Cluster]:
+def cluster_patches(patches: Patches, receivers: Iterable[Receivers], exact: Mapping[int, Light]) -> list[Cluster]:
     """Divide patches into clusters with ``MAX_LIGHTS`` lights at most.
 
     Parameters
     ----------
-    receivers : Receivers
-        Where the clusters' irradiance is compared.
+    receivers : iterable of Receivers
+        Where the clusters' irradiance is compared: the first that receive any.
     exact : mapping of int to Light
         Lights of patches that are exact, if the patch is alone.
     """
@@ -74,13 +75,16 @@ def _first_groups(patches: Patches) -> Iterator[Ints]:
 class _Measure:
     """Fits lights to clusters and measures their errors."""
 
-    def __init__(self, patches: Patches, receivers: Receivers, exact: Mapping[int, Light]) -> None:
-        self.patches, self._receivers, self._exact = patches, receivers, exact
-        self._form_factors = form_factors(patches, receivers)
-        total = (self._form_factors @ patches.power).sum(axis=1)
+    def __init__(self, patches: Patches, receivers: Iterable[Receivers], exact: Mapping[int, Light]) -> None:
+        self.patches, self._exact = patches, exact
+        for self._receivers in receivers:
+            self._form_factors = form_factors(patches, self._receivers)
+            total = (self._form_factors @ patches.power).sum(axis=1)
+            if total.sum() > MIN_IRRADIANCE:
+                break
         # Each receiver counts by its relative error, and dark ones for less.
-        self._importance = 1 / np.maximum(total + total.mean(), 1e-300)
-        self._importance /= max(float(self._importance @ total), 1e-300)
+        self._importance = 1 / (total + max(float(total.mean()), MIN_IRRADIANCE))
+        self._importance /= max(float(self._importance @ total), MIN_IRRADIANCE)
 
     def fit(self, rows: Ints) -> list[tuple[float, tuple[Light, ...]]]:
         """The best lights of each number, and their error."""
