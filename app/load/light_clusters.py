@@ -19,11 +19,13 @@ from app.scene import Light
 
 MAX_LIGHTS = 32
 MAX_ERROR = 0.01              # of the irradiance, at which more lights are not worth their time
-NEARLY = 1.05                 # times the least error, for which fewer lights will do
+MAX_EXCESS = 1.05             # times the least error, for which fewer lights will do
 MAX_LEAVES = 2 * MAX_LIGHTS   # of a tree
 NORMAL_SCALES = (0.3, 3.0)    # sizes of a cluster that a unit of difference between normals counts as: one tree each
 MIN_IRRADIANCE = 1e-100       # W/m², summed over receivers; less is none
 TIE = 1e-6                    # relative difference that rounding can make; the first of such values counts
+
+MeasuredFit = tuple[float, tuple[Light, ...]]  # error, and the lights that have it
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +58,7 @@ def cluster_patches(patches: Patches, receivers: Iterable[Receivers], exact: Map
     scales = NORMAL_SCALES if patches.normal.any() else NORMAL_SCALES[:1]
     trees = [_build_tree(measure, groups, scale) for scale in scales]
     errors = np.stack([tree.errors for tree in trees])
-    enough = errors.min(axis=0) <= max(MAX_ERROR, NEARLY * float(errors.min()))
+    enough = errors.min(axis=0) <= max(MAX_ERROR, MAX_EXCESS * float(errors.min()))
     count = int(np.argmax(enough))  # the smallest
     return list(_cut(trees[_first_smallest(errors[:, count])], count))
 
@@ -86,12 +88,12 @@ class _Measure:
         self._importance = 1 / (total + max(float(total.mean()), MIN_IRRADIANCE))
         self._importance /= max(float(self._importance @ total), MIN_IRRADIANCE)
 
-    def fit(self, rows: Ints) -> list[tuple[float, tuple[Light, ...]]]:
+    def fit(self, rows: Ints) -> list[MeasuredFit]:
         """The best lights of each number, and their error."""
         if len(rows) == 1 and int(rows[0]) in self._exact:
             return [(0.0, (self._exact[int(rows[0])],))]
         irradiance = self._form_factors[:, rows] @ self.patches.power[rows]
-        best: dict[int, tuple[float, tuple[Light, ...]]] = {}
+        best: dict[int, MeasuredFit] = {}
         for fit in fit_lights(self.patches, rows, self._receivers):
             error, count = self._error(fit, irradiance), len(fit.lights)
             if count not in best or error < (1 - TIE) * best[count][0]:
@@ -108,7 +110,7 @@ class _Node:
     """A cluster, its fits with their errors, and its halves; one without fits must be divided."""
 
     patches: Ints
-    fits: list[tuple[float, tuple[Light, ...]]]
+    fits: list[MeasuredFit]
     halves: "tuple[_Node, _Node] | None" = None
 
     @cached_property

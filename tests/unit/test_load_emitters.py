@@ -74,6 +74,7 @@ def test_exact_lights_are_told_from_approximate_ones(tmp_path):
     (exact,) = scene.exact_lights
     assert exact.center == pytest.approx((0.5, 0.5, 0)) and len(scene.lights) > 1
     assert set(scene.lights) == {exact, *scene.approximate_lights}
+    assert len(scene.with_radiance_scale(256.0).exact_lights) == 1
     assert all(m.is_light_proxy for m in scene.materials)
     triangles = [len(m.triangles) for m in scene.meshes if m.material in scene.approximated_materials]
     assert triangles == [1] and scene.triangles == 3
