@@ -12,17 +12,14 @@ import numpy as np
 from app.arrays import F64, Bools, Ints
 from app.load.emission_patches import EmissiveTriangles, make_patches
 from app.load.emissive_pieces import Pieces, find_pieces
+from app.load.exact_rectangles import find_rectangles
 from app.load.images import mean_color
 from app.load.light_clusters import cluster_patches
 from app.load.light_fit import Receivers
+from app.load.light_proxies import ProxySplitter
 from app.load.receivers import sample_receivers, surround
-from app.load.scene_builder import MAX_COORDINATE, SceneBuilder, color, vector
+from app.load.scene_builder import MAX_COORDINATE, SceneBuilder, vector
 from app.scene import Instance, Light, Material, Mesh, PointLight, RectLight
-
-MIN_EXACT_SHARE = 1 / 256  # of all power; weaker pieces are not tested for being rectangles
-_MAX_FLATNESS_ERROR = 1e-3
-_MAX_AREA_ERROR = 0.01
-_MAX_DIRECTIONS = 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +52,8 @@ def find_emitters(builder: SceneBuilder) -> None:
     emitters = _collect(builder, [i for i in emissive if builder.instances[i].motion is None])
     if emitters is None:
         return
-    triangles, piece = emitters.triangles, emitters.triangles.piece
-    count = int(piece.max()) + 1
-    rectangles = _find_rectangles(emitters, count)
+    triangles, count = emitters.triangles, int(emitters.triangles.piece.max()) + 1
+    rectangles = find_rectangles(triangles, emitters.textured)
     patches = make_patches(triangles, np.isin(np.arange(count), list(rectangles)))
     exact = {int(np.flatnonzero(patches.piece == number)[0]): light for number, light in rectangles.items()}
     clusters = cluster_patches(patches, _receivers(builder, emitters, set(emissive)), exact)
@@ -70,7 +66,9 @@ def find_emitters(builder: SceneBuilder) -> None:
     builder.approximate_lights += approximate
     if approximate:
         builder.notice(_describe(count, len(lights), len(approximate)))
-    _ProxySplitter(builder).split(emitters, np.isin(piece, exact_pieces))
+    is_rectangle, proxies = np.isin(triangles.piece, exact_pieces), ProxySplitter(builder)
+    for i in np.unique(emitters.instance):
+        proxies.split(int(i), emitters.index[(emitters.instance == i) & is_rectangle])
 
 
 def _describe(pieces: int, lights: int, approximate: int) -> str:
@@ -151,100 +149,3 @@ def _translate(light: Light, offset: F64) -> Light:
         return replace(light, center=vector(light.center + offset))
     assert isinstance(light, PointLight)
     return replace(light, position=vector(light.position + offset))
-
-
-def _find_rectangles(emitters: _Emitters, count: int) -> dict[int, RectLight]:
-    """The lights of those pieces that are rectangles of one radiance."""
-    triangles = emitters.triangles
-    power = np.bincount(triangles.piece, triangles.power.sum(axis=1), count)
-    textured = np.bincount(triangles.piece, emitters.textured, count) > 0
-    order = np.argsort(triangles.piece, kind="stable")
-    start = np.searchsorted(triangles.piece[order], np.arange(count + 1))
-    rectangles = {}
-    for number in np.flatnonzero((power >= MIN_EXACT_SHARE * power.sum()) & ~textured):
-        piece = triangles.select(order[start[number]:start[number + 1]])
-        light = _fit_exact_rectangle(piece)
-        if light is not None:
-            rectangles[int(number)] = light
-    return rectangles
-
-
-def _fit_exact_rectangle(piece: EmissiveTriangles) -> RectLight | None:
-    """The rectangle that a piece is; None if it is none."""
-    normals = piece.normals
-    areas = np.linalg.norm(normals, axis=1)
-    area, total = float(areas.sum()), normals.sum(axis=0)
-    length = float(np.linalg.norm(total))
-    if length <= (1 - _MAX_FLATNESS_ERROR) * area:
-        return None
-    axis = total / length
-    center = areas @ piece.corners.mean(axis=1) / area
-    points = piece.corners.reshape(-1, 3) - center
-    if float(np.abs(points @ axis).max()) > _MAX_FLATNESS_ERROR * float(np.linalg.norm(points, axis=1).max()):
-        return None
-    u, v, middle = _smallest_rectangle(points, axis)
-    coverage = min(area / float(np.linalg.norm(u) * np.linalg.norm(v)), 1.0)
-    if coverage <= 1 - _MAX_AREA_ERROR:
-        return None
-    return RectLight(vector(center + middle), vector(u), vector(v), color(piece.radiance[0]), bool(piece.two_sided[0]))
-
-
-def _smallest_rectangle(points: F64, normal: F64) -> tuple[F64, F64, F64]:
-    """Edges u and v, with u × v along ``normal``, and centre of the smallest rectangle around planar points.
-
-    One of its sides lies along an edge of the convex hull, so only the directions of triangle edges are tried.
-    """
-    edges = (points.reshape(-1, 3, 3) - np.roll(points.reshape(-1, 3, 3), 1, axis=1)).reshape(-1, 3)
-    edges -= np.outer(edges @ normal, normal)
-    length = np.linalg.norm(edges, axis=1)
-    longest = np.argsort(-length, kind="stable")[:_MAX_DIRECTIONS]
-    us = edges[longest] / length[longest, None]
-    vs = np.cross(normal, us)
-    along_u, along_v = points @ us.T, points @ vs.T
-    low = np.stack([along_u.min(axis=0), along_v.min(axis=0)])
-    high = np.stack([along_u.max(axis=0), along_v.max(axis=0)])
-    best = int(np.argmin(np.prod(high - low, axis=0)))
-    (width, height), (mid_u, mid_v) = (high - low)[:, best], (high + low)[:, best] / 2
-    return us[best] * width, vs[best] * height, us[best] * mid_u + vs[best] * mid_v
-
-
-class _ProxySplitter:
-    """Gives triangles that became lights copies of their materials that are marked as light proxies."""
-
-    def __init__(self, builder: SceneBuilder) -> None:
-        self._builder = builder
-        self._materials: dict[tuple[int, bool], int] = {}
-        self._meshes: dict[tuple[int, bytes, bool], int] = {}
-
-    def split(self, emitters: _Emitters, is_exact: Bools) -> None:
-        """Replace each instance by its triangles that are exactly lights, those that are not, or both.
-
-        Parameters
-        ----------
-        is_exact : ndarray, bool, shape (T,)
-        """
-        for i in np.unique(emitters.instance):
-            instance = self._builder.instances[i]
-            mask = np.zeros(len(self._builder.meshes[instance.mesh].triangles), bool)
-            mask[emitters.index[(emitters.instance == i) & is_exact]] = True
-            parts = [replace(instance, mesh=self._extract(instance.mesh, side, exact))
-                     for exact, side in ((True, mask), (False, ~mask)) if side.any()]
-            self._builder.instances[i] = parts[0]
-            self._builder.instances += parts[1:]
-
-    def _extract(self, mesh: int, mask: Bools, exact: bool) -> int:
-        key = (mesh, mask.tobytes(), exact)
-        if key not in self._meshes:
-            source = self._builder.meshes[mesh]
-            self._meshes[key] = len(self._builder.meshes)
-            self._builder.meshes.append(replace(source, triangles=source.triangles[mask],
-                                                material=self._proxy_material(source.material, exact)))
-        return self._meshes[key]
-
-    def _proxy_material(self, material: int, exact: bool) -> int:
-        if (material, exact) not in self._materials:
-            self._materials[material, exact] = len(self._builder.materials)
-            if not exact:
-                self._builder.approximated_materials.append(len(self._builder.materials))
-            self._builder.materials.append(replace(self._builder.materials[material], is_light_proxy=True))
-        return self._materials[material, exact]

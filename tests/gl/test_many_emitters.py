@@ -1,4 +1,4 @@
-"""Hundreds of emissive pieces: the renderer's few lights against the path tracer, which traces the pieces."""
+"""Many and curved emissive pieces: the renderer's few lights against the path tracer, which traces the pieces."""
 
 from __future__ import annotations
 
@@ -75,8 +75,18 @@ def tiles() -> dict[str, trimesh.Trimesh]:
     return {"warm": trimesh.util.concatenate(parts)}
 
 
-@pytest.mark.parametrize(("make", "max_error", "max_bias"), [(bulbs, 0.1, 0.07), (tiles, 0.05, 0.02)],
-                         ids=["bulbs", "tiles"])
+def shade() -> dict[str, trimesh.Trimesh]:
+    """An upright cylinder without caps."""
+    tube = trimesh.creation.cylinder(0.3, 0.4, sections=48)
+    tube.update_faces(np.abs(tube.face_normals[:, 2]) < 0.5)
+    tube.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
+    tube.apply_translation((1.2, 1.3, -0.8))
+    return {"warm": tube}
+
+
+@pytest.mark.parametrize(("make", "max_error", "max_bias"),
+                         [(bulbs, 0.1, 0.07), (tiles, 0.05, 0.02), (shade, 0.08, 0.02)],
+                         ids=["bulbs", "tiles", "shade"])
 def test_direct_light_of_many_emitters(make: Callable[[], dict[str, trimesh.Trimesh]], max_error: float,
                                        max_bias: float, tmp_path: Path) -> None:
     """Mean and mean absolute error of direct light with shadows, relative to the mean; the bulbs shade each other."""
