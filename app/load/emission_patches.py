@@ -132,12 +132,15 @@ def _refine(triangles: EmissiveTriangles, max_edge: F64) -> EmissiveTriangles:
 
 def _number_cells(triangles: EmissiveTriangles, cell: F64, low: F64) -> Ints:
     """Number of the patch of each triangle, shape (T,): those of one piece, place and direction share one."""
-    place = np.floor((triangles.corners.mean(axis=1) - low[triangles.piece]) / cell[triangles.piece, None])
-    normals = triangles.normals
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    direction = np.where(np.isinf(cell[triangles.piece, None]), 0.0, np.round(NORMAL_CELLS * normals))
-    keys = np.concatenate([triangles.piece[:, None], place, direction], axis=1).astype(np.int64)
-    return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+    divided = np.flatnonzero(np.isfinite(cell[triangles.piece]))
+    part = triangles.select(divided)
+    place = np.floor((part.corners.mean(axis=1) - low[part.piece]) / cell[part.piece, None])
+    normals = part.normals
+    direction = np.round(NORMAL_CELLS * normals / np.linalg.norm(normals, axis=1, keepdims=True))
+    keys = np.concatenate([part.piece[:, None], place, direction], axis=1).astype(np.int64)
+    number = triangles.piece.copy()
+    number[divided] = len(cell) + np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
+    return np.unique(number, return_inverse=True)[1].astype(np.int64)
 
 
 def _merge(triangles: EmissiveTriangles, patch: Ints) -> Patches:

@@ -66,9 +66,16 @@ def find_emitters(builder: SceneBuilder) -> None:
     builder.approximate_lights += approximate
     if approximate:
         builder.notice(_describe(count, len(lights), len(approximate)))
-    is_rectangle, proxies = np.isin(triangles.piece, exact_pieces), ProxySplitter(builder)
-    for i in np.unique(emitters.instance):
-        proxies.split(int(i), emitters.index[(emitters.instance == i) & is_rectangle])
+    _mark_proxies(builder, emitters, np.isin(triangles.piece, exact_pieces))
+
+
+def _mark_proxies(builder: SceneBuilder, emitters: _Emitters, is_exact: Bools) -> None:
+    """Mark all emitters as light proxies; ``is_exact``, shape (T,), says which triangles are exactly lights."""
+    order = np.argsort(emitters.instance, kind="stable")
+    instances, start = np.unique(emitters.instance[order], return_index=True)
+    splitter = ProxySplitter(builder)
+    for instance, rows in zip(instances.tolist(), np.split(order, start[1:]), strict=True):
+        splitter.split(instance, emitters.index[rows[is_exact[rows]]])
 
 
 def _describe(pieces: int, lights: int, approximate: int) -> str:
