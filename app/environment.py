@@ -31,6 +31,8 @@ class SkyLight:
         That solid angle, sr.
     cell, cell_power : ndarray, float32, shape (C, 3)
         Directions and powers of all cells.
+    cell_solid_angle : ndarray, float32, shape (C,)
+        In sr.
     """
 
     direction: F32
@@ -38,6 +40,7 @@ class SkyLight:
     solid_angle: F32
     cell: F32
     cell_power: F32
+    cell_solid_angle: F32
 
     def irradiance(self, normal: F32, open_to: Bools) -> F32:
         """Irradiance / π of points, shape (N, 3), that see the environment along some of the directions.
@@ -97,7 +100,7 @@ def sky_light(environment: Environment, count: int) -> SkyLight:
     column = _index(rows[row], np.arange(count) * GOLDEN_RATIO % 1)
     chosen = row * CELLS[1] + column
     share = 1 / (count * chance[chosen])
-    arrays = cell[chosen], power[chosen] * share[:, None], angle[chosen] * share, cell, power
+    arrays = cell[chosen], power[chosen] * share[:, None], angle[chosen] * share, cell, power, angle
     return SkyLight(*(np.asarray(x, np.float32) for x in arrays))
 
 
@@ -173,13 +176,13 @@ def _cells(environment: Environment) -> tuple[F64, F64, F64]:
             for cells, size in zip(CELLS, radiance.shape[:2], strict=True))
     if (h, w) != radiance.shape[:2]:
         radiance = radiance_along(Environment(radiance), texel_directions(h, w).reshape(-1, 3)).reshape(h, w, 3)
-    power = radiance * (_bands(h) / w)[:, None, None]
+    power = radiance * (row_solid_angles(h) / w)[:, None, None]
     for axis, (size, coarse) in enumerate(((h, rows), (w, columns))):
         power = np.add.reduceat(power, np.arange(coarse) * size // coarse, axis=axis)
     angle_y = math.radians(environment.rotation_deg)
     cosine, sine = math.cos(angle_y), math.sin(angle_y)
     about_y = np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]])
-    angle = np.repeat(np.add.reduceat(_bands(h), np.arange(rows) * h // rows) / columns, columns)
+    angle = np.repeat(np.add.reduceat(row_solid_angles(h), np.arange(rows) * h // rows) / columns, columns)
     return texel_directions(rows, columns).reshape(-1, 3) @ about_y.T, power.reshape(-1, 3), angle
 
 
@@ -195,7 +198,7 @@ def _index(chances: Floats, at: Floats) -> Ints:
     return np.minimum((sums <= at[:, None] * sums[:, -1:]).sum(axis=1), chances.shape[1] - 1)
 
 
-def _bands(rows: int) -> F64:
+def row_solid_angles(rows: int) -> F64:
     """Solid angle of each row of a latitude-longitude map, sr."""
     edges = np.cos(np.arange(rows + 1) * math.pi / rows)
     return (edges[:-1] - edges[1:]) * 2 * math.pi

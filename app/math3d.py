@@ -172,6 +172,11 @@ class View:
         rotation = look_rotation(np.asarray(camera.target) - eye, np.asarray(camera.up))
         return View(eye, rotation, (tan_y * size[0] / size[1], tan_y), near)
 
+    def same_as(self, other: View) -> bool:
+        """Whether the other view is from the same place, with the same field of view."""
+        return (np.array_equal(self.eye, other.eye) and self.tan_half == other.tan_half
+                and np.array_equal(self.rotation, other.rotation))
+
     def clip_from_relative(self, jitter: tuple[float, float] = (0.0, 0.0)) -> F64:
         """Projection, shape (4, 4); ``jitter`` moves the image in clip units."""
         projection = perspective_reversed(*self.tan_half, self.near)

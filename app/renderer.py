@@ -107,7 +107,7 @@ class Renderer:
         self._previous: View | None = None
         self._index = 0
         self._lighting: object = None
-        self._unchanged = 0  # frames that lights and objects have been as they are
+        self._unchanged = self._still = 0  # frames
 
     def render(self, camera: Camera, time: float = 0.0) -> dict[str, Pixels]:
         """Draw one frame and read back the outputs of the settings.
@@ -240,12 +240,14 @@ class Renderer:
         self._lights.cover(self._geometry.boxes)
         lighting = self._lights.lights, self._geometry.changes
         unchanged = REFRESH_FRAMES if cut else self._unchanged + 1 if lighting == self._lighting else 0
+        stands = self._previous is not None and view.same_as(self._previous)
+        still = REFRESH_FRAMES if cut else min(self._still + 1, unchanged) if stands else 0
         frame = FrameState(
             size=settings.size, view=view, previous=self._previous or view,
             jitter=self._jitter() if self._accumulates else (0.0, 0.0), history_valid=not cut,
             accumulates=self._accumulates, noise_phase=settings.seed * GOLDEN_RATIO % 1.0, index=self._index,
             exposure=settings.exposure / self._radiance_scale, geometry=self._geometry, lights=self._lights,
-            unchanged=unchanged)
+            unchanged=unchanged, still=still)
         self._lights.upload(view.eye)
         self._camera.upload(frame)
         asking = 0.0  # seconds
@@ -261,7 +263,7 @@ class Renderer:
                     hook(bound, self._pool)
         self._timer.extend("frame", -asking * 1e3)
         # Only now does anything of this frame become the next one's past, so it can be abandoned until here.
-        self._previous, self._lighting, self._unchanged = view, lighting, unchanged
+        self._previous, self._lighting, self._unchanged, self._still = view, lighting, unchanged, still
         self._pool.swap()
         self._index += 1
 

@@ -5,6 +5,7 @@
 #include "shadow.glsl"
 #include "shadow_ratio.glsl"
 #include "sky_irradiance.glsl"
+#include "sky_specular.glsl"
 #include "ggx.glsl"
 
 uniform sampler2D albedo;
@@ -39,7 +40,8 @@ void main()
     vec3 n = sanitize_normal(surface.xyz);
     vec3 p = surface_ray(gl_FragCoord.xy) * d;
 #ifdef WRITE_SPECULAR
-    vec4 lobe = texelFetch(specular_roughness, texel, 0);
+    vec4 reflectance = texelFetch(specular_roughness, texel, 0);
+    Lobe lobe = specular_lobe(p, n, reflectance);
 #endif
 #ifdef HAS_SHADOW
     vec3 face = octahedral_decode(vec2(surface.a, base.a));
@@ -66,6 +68,10 @@ void main()
 #ifdef HAS_SKY_IRRADIANCE
     traced += unshadowed_sky_irradiance(n);
 #endif
+#if defined(HAS_SKY_SPECULAR) && defined(WRITE_SPECULAR)
+    traced_specular += environment_reflectance(reflectance, max(dot(n, -normalize(p)), 0.0))
+        * unshadowed_sky_specular(dominant_direction(n, p, reflectance.a), reflectance.a);
+#endif
     vec3 v = is_surface(d) ? traced_visibility(n, d) : vec3(0.0);
     diffuse += v * traced;
     specular += v * traced_specular;
@@ -80,7 +86,7 @@ void main()
 #ifdef WRITE_SPECULAR
 #ifdef HAS_ENVIRONMENT_SPECULAR
     if (is_surface(d))
-        specular += environment_reflectance(lobe, max(dot(n, -normalize(p)), 0.0))
+        specular += environment_reflectance(reflectance, max(dot(n, -normalize(p)), 0.0))
             * sanitize_radiance(texelFetch(environment_specular, texel, 0).rgb);
 #endif
     out_specular = vec4(sanitize_radiance(specular), 1.0);

@@ -7,6 +7,7 @@
 #include "quad.glsl"
 
 const float CLIP_GAMMA = 1.25;      // standard deviations
+const float SETTLED_GAMMA = 4.0;    // where history shows what is visible now, so only outliers are clipped
 const float MOVING_FRAMES = 12.0;   // history length while something moves through the texel
 const float STILL_FRAMES = 256.0;
 const float STILL_PIXELS = 0.01;    // motion below which a texel counts as still
@@ -18,6 +19,7 @@ uniform sampler2D taa_prev;    // rgb: history, a: frames accumulated
 uniform sampler2D depth_prev;
 uniform float near;            // distance of the near plane in scene units
 uniform bool history_valid;
+uniform bool settled;          // history shows what is visible now, so none of it is rejected
 #ifdef SKY
 uniform mat3 previous_from_view;  // from this frame's camera space to the previous one's
 uniform vec2 previous_lens;       // tangents of half its field of view
@@ -145,10 +147,10 @@ void main()
     vec4 accumulated = catmull_rom(gl_FragCoord.xy + back);
     vec3 history = max(accumulated.rgb, 0.0);
     bool healthy = is_finite(dot(accumulated, vec4(1.0))) && accumulated.a >= 1.0;
-    bool keep = was_visible(before, outward, moved.z) && healthy && history_valid;
+    bool keep = (settled || was_visible(before, outward, moved.z)) && healthy && history_valid;
 
     vec3 offset = ycocg(history) - mean;
-    float share = clip_share(offset, CLIP_GAMMA * deviation);
+    float share = clip_share(offset, (settled ? SETTLED_GAMMA : CLIP_GAMMA) * deviation);
     history = max(rgb(mean + offset * share), 0.0);
     float frames = keep ? min(accumulated.a * mix(0.25, 1.0, share) + 1.0, still ? STILL_FRAMES : MOVING_FRAMES) : 1.0;
     out_taa = vec4(keep ? min(mix(history, now, 1.0 / frames), HALF_MAX) : now, frames);

@@ -15,7 +15,7 @@ from app.bench.machine import describe_machine
 from app.bench.records import Json, baseline_record, error_record, reference_record, run_record, spread_record
 from app.errors import SceneError, SettingsError
 from app.evaluation.configurations import Configuration, no_environment_error, select_applicable
-from app.evaluation.picture_errors import AMBIENT, UNDER_SKY, draw_ambient, draw_layers, errors_of
+from app.evaluation.picture_errors import AMBIENT, draw_ambient, draw_layers, errors_of
 from app.evaluation.reference import Reference, TraceRequest, make_baseline_images, make_reference, read_reference
 from app.evaluation.timing import InterleavedTimer, Spread, TimedRun, yardstick
 from app.extras import require_evaluation_packages
@@ -171,8 +171,6 @@ def _measure(subject: _Subject, options: Options, pictures: Pictures, progress: 
         "baselines": [baseline_record(baseline, subject.reference) for baseline in baselines],
         "yardstick": spread_record(calibration),
     }
-    if subject.scene.environment is not None:
-        result["reference"]["notices"] = [*result["reference"]["notices"], UNDER_SKY]
     _add_baseline_pictures(baselines, result, pictures)
     return result
 

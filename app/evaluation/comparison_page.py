@@ -7,7 +7,7 @@ from app.arrays import F32
 from app.evaluation.configurations import Configuration
 from app.evaluation.html import LAYERS, embed_pictures, error_cells, fill_page, html_table, layer_heads
 from app.evaluation.metrics import METRICS
-from app.evaluation.picture_errors import UNDER_SKY, Errors, draw_layers, errors_of
+from app.evaluation.picture_errors import Errors, draw_layers, errors_of
 from app.evaluation.reference import Reference
 from app.scene import Camera, Scene
 
@@ -49,7 +49,6 @@ def _page(scene: Scene, pictures: dict[str, F32], compared_to: str, errors: Mapp
     if reference is not None:
         about += [f"reference of {reference.about['spp']} samples per pixel"] if "spp" in reference.about else []
         about += reference.about.get("notices", [])
-        about += [UNDER_SKY] if scene.environment is not None else []
     maps = "".join(f'<figure><img src="{image["flip"]}" alt="FLIP map of {escape(label)}">'
                    f"<figcaption>{escape(label)}</figcaption></figure>"
                    for label, image in images.items() if label != compared_to)

@@ -16,8 +16,6 @@ Layers = dict[str, F32]
 Errors = dict[str, float]
 
 AMBIENT = "ambient (oracle)"
-UNDER_SKY = ("under an environment only the final picture is compared: the reference counts its unbounced light "
-             "as direct, each model as it is defined")
 MAX_AMBIENT_RATIO = 16.0  # of the ambient light to the reference's mean radiance / albedo
 SEARCH_ROUNDS, SEARCH_STEPS = 6, 16
 
@@ -28,16 +26,14 @@ def draw_layers(scene: Scene, camera: Camera, configuration: Configuration, prov
     Returns
     -------
     dict of str to ndarray, float32, shape (H, W, 3)
-        ``final`` with converged temporal anti-aliasing, as the reference's is averaged over each pixel. Without an
-        environment also ``direct`` and ``indirect`` of one frame through pixel centres, as in the reference.
+        ``final`` with converged temporal anti-aliasing, as the reference's is averaged over each pixel; ``direct`` and
+        ``indirect`` of one frame through pixel centres, as in the reference.
     """
     settings = Settings(size=configuration.size, scale=configuration.scale, provider=provider)
     with Renderer(scene, settings, configuration.models) as renderer:
         for _ in range(SETTLE_FRAMES - 1):
             renderer.advance(camera)
         layers = {"final": renderer.render(camera)["final"]}
-    if scene.environment is not None:  # reference and models split its light differently into direct and indirect
-        return layers
     centred = replace(settings, outputs=("direct", "indirect"), taa=False)
     with Renderer(scene, centred, configuration.models) as renderer:
         return {**renderer.render(camera), **layers}
@@ -63,10 +59,8 @@ def draw_ambient(scene: Scene, camera: Camera, reference: Reference, provider: s
     albedo, *added = (np.mean([f[name] for f in frames], axis=0) for name in settings.outputs[1:])
     base = np.sum(added, axis=0)
     constant = best_ambient(base, albedo, reference.layers["final"])
-    layers = {"final": base + albedo * constant}
-    if scene.environment is None:
-        layers["indirect"] = np.where(reference.layers["depth"] > 0, constant, 0).astype(np.float32)
-    return layers, constant.tolist()
+    indirect = np.where(reference.layers["depth"] > 0, constant, 0).astype(np.float32)
+    return {"final": base + albedo * constant, "indirect": indirect}, constant.tolist()
 
 
 def best_ambient(base: F32, albedo: F32, final: F32) -> F32:

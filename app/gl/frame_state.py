@@ -49,8 +49,9 @@ class FrameState:
         Frames since the last cut.
     exposure : float
         Linear factor for the display image, with the scene's radiance scale undone.
-    unchanged : int
-        Frames since objects or lights have changed last; many after a cut.
+    unchanged, still : int
+        Frames since objects or lights have changed last, and since these or the camera have; at least
+        ``REFRESH_FRAMES`` from a cut on.
     """
 
     size: tuple[int, int]
@@ -65,6 +66,7 @@ class FrameState:
     geometry: GpuScene
     lights: LightSet
     unchanged: int
+    still: int
 
     @property
     def lighting(self) -> tuple[object, ...]:
@@ -79,9 +81,12 @@ class FrameState:
         """
         if self.unchanged < REFRESH_FRAMES:
             return MotionKind.OBJECTS
-        same = (np.array_equal(self.view.eye, self.previous.eye) and self.view.tan_half == self.previous.tan_half
-                and np.array_equal(self.view.rotation, self.previous.rotation))
-        return MotionKind.NONE if same else MotionKind.CAMERA
+        return MotionKind.CAMERA if self.still == 0 else MotionKind.NONE
+
+    @property
+    def settled(self) -> bool:
+        """Whether all history shows what is visible now."""
+        return self.still >= REFRESH_FRAMES
 
 
 Execute = Callable[[FrameState, Resources], None]  # draws one pass of a frame

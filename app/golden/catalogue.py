@@ -18,6 +18,8 @@ PROBE_ENVIRONMENT = PROBE.with_name("probe_environment.onnx")  # the same for ne
 NOON_STAGES = ("environment_lowres_gbuffer", "unshadowed_environment", "environment_pack_globals",
                "environment_pack_screen", "environment_network", "push_pull_diffuse", "upsample_specular", "direct")
 SKY_STAGES = ("cube_background", "background", "pack_globals", "pack_screen", "composite", "taa")
+SKY_LIGHT_STAGES = ("sky_light", "shadow_gbuffer", "shadow_rays", "shadow_history", "shadow_filter_near",
+                    "shadow_filter_far", "direct")
 SSGI_STAGES = ("lowres_gbuffer", "ssgi_radiance", "ssgi", "ssgi_filter_near", "ssgi_filter_far", "accumulate",
                "push_pull", "upsample")
 SETTLING_FRAMES = 3  # after which accumulation and TAA have a history
@@ -38,6 +40,7 @@ def catalogue() -> dict[str, Case]:
         _single("emissive", scenes.emissive(), radiosity),
         SceneCase("dusk", scenes.dusk(), PROBE, (Shot("path", 5),), (2, 5), stages=SKY_STAGES),
         replace(_under_sky("noon", PROBE_ENVIRONMENT), stages=NOON_STAGES),
+        replace(_settled("sky", scenes.noon(), None), size=(128, 96), stages=SKY_LIGHT_STAGES),
         replace(_settled("ssgi", scenes.room(), SSGI), stages=SSGI_STAGES),
         replace(_settled("ember", scenes.room(), ember), stages=("surfel_light", "pack_surfels")),
     ]

@@ -140,7 +140,7 @@ def hard() -> Scene:
 
 
 def area_lights() -> Scene:
-    """A two-sided rectangle light whose back shines through bars onto a glossy floor, a sphere, and a soft wide spot.
+    """A two-sided rectangle light whose back shines through bars onto a glossy floor, and a small sphere and spot.
 
     Also an emission map, on an instance and on its mirror image.
     """
@@ -165,8 +165,8 @@ def area_lights() -> Scene:
     transforms = {1: rotation_about_y(0.5, (0.1, 0.6, 0.3)), 2: rotation_about_y(0.3, (0.7, 0.1, -0.3)), 3: mirrored}
     lights = (
         RectLight((-0.55, 0.85, -0.85), edge_u, edge_v, (2.0, 2.5, 3.0), two_sided=True),
-        PointLight((1.2, 1.0, 0.6), (0.8, 0.5, 0.3), radius=0.1),
-        SpotLight((-1.3, 1.5, 1.1), (0.8, -1.0, -0.6), (1.2, 0.3, 0.9), inner_deg=20.0, outer_deg=60.0, radius=0.08),
+        PointLight((1.2, 1.0, 0.6), (0.8, 0.5, 0.3), radius=0.02),
+        SpotLight((-1.3, 1.5, 1.1), (0.8, -1.0, -0.6), (1.2, 0.3, 0.9), inner_deg=20.0, outer_deg=50.0, radius=0.03),
     )
     first = Camera((0.0, 1.1, 3.0), (0.0, 0.35, 0.0), fov_y_deg=50.0)
     path = CameraPath((0.0, 4 * FRAME_SECONDS), (first, replace(first, eye=(0.1, 1.1, 3.0))))
@@ -179,7 +179,7 @@ def spotlights() -> Scene:
                  Material("ball", albedo=(0.5, 0.1, 0.1), roughness=0.35, specular=(0.5, 0.5, 0.5)))
     meshes = (quads("ground", 0, ((-2, 0, 2), (4, 0, 0), (0, 0, -4))), ball("ball", 1, 0.4))
     lights = (
-        SpotLight((-1.2, 1.8, 0.9), (1.2, -1.5, -0.9), (4.0, 3.6, 3.0), inner_deg=12.0, outer_deg=22.0, radius=0.1),
+        SpotLight((-1.2, 1.8, 0.9), (1.2, -1.5, -0.9), (4.0, 3.6, 3.0), inner_deg=12.0, outer_deg=22.0, radius=0.04),
         SpotLight((1.3, 1.6, 1.0), (-1.3, -1.3, -1.0), (0.6, 1.2, 3.0), inner_deg=10.0, outer_deg=25.0),
     )
     still = CameraPath.still(Camera((0.2, 1.2, 2.6), (0.0, 0.3, 0.0), fov_y_deg=45.0))

@@ -19,6 +19,7 @@ from app.load.obj import read_obj
 from app.load.ply import read_ply
 from app.load.scene_builder import MAX_COORDINATE, SceneBuilder
 from app.load.sidecar import Lighting, Sidecar, read_sidecar
+from app.load.suns import describe_sun, extract_suns
 from app.scene import CameraPath, Scene, bounds_of
 
 READERS: dict[str, Callable[[Path, SceneBuilder], None]] = {
@@ -33,7 +34,8 @@ class LoadedScene:
     Attributes
     ----------
     own_lights : int
-        Number of lights that are no emissive surfaces; they come first in ``scene.lights``.
+        Number of lights of the file or its scene JSON. They come first in ``scene.lights``, before suns of the
+        environment and emissive surfaces.
     objects : dict of str to tuple of int
         Indices of the instances that each name in the file moves.
     sidecar : Sidecar
@@ -88,13 +90,14 @@ def load_for_editing(path: str | Path, *, lighting: str | None = None,
         if chosen.environment is not None:
             folder = (sidecar.path or Path()).parent
             builder.environment = build_environment(chosen.environment, folder, builder.notice)
-    before = len(builder.lights)
+    own_lights = len(builder.lights)
+    _extract_suns(builder)
     find_emitters(builder)
-    emitters = len(builder.lights) - before
+    derived_lights = len(builder.lights) - own_lights
     builder.drop_unused()
     scene = _finish(builder, path, sidecar, name)
     objects = {group: tuple(members) for group, members in builder.groups.items()}
-    return LoadedScene(scene, len(scene.lights) - emitters, objects, sidecar)
+    return LoadedScene(scene, len(scene.lights) - derived_lights, objects, sidecar)
 
 
 def embedded_scene(*, lighting: str | None = None) -> Scene:
@@ -151,6 +154,15 @@ def _choose(requested: str | None, default: str | None, known: list[str], what: 
     if default is not None and default not in known:
         raise SceneError(f"no {what} {default!r}", at(where, "default", what), did_you_mean(default, known))
     return requested or default or next(iter(known), None)
+
+
+def _extract_suns(builder: SceneBuilder) -> None:
+    """Replace the suns of the builder's environment by directional lights."""
+    if builder.environment is not None:
+        builder.environment, suns = extract_suns(builder.environment)
+        builder.lights += suns
+        for sun in suns:
+            builder.notice(describe_sun(sun))
 
 
 def _add_motions(builder: SceneBuilder, sidecar: Sidecar) -> None:

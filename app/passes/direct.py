@@ -2,11 +2,18 @@
 
 from collections.abc import Mapping
 
-from app.gl.frame_state import FrameState
+import moderngl
+import numpy as np
+
+from app.gl.context import Device
+from app.gl.frame_state import Execute, FrameState
 from app.gl.fullscreen import CUBE_PREFIX, cube_defines, make_fullscreen, ratio_to
 from app.gl.lights import LightSet
-from app.graph import Pass, Resource, Tex
+from app.graph import BoundPass, Pass, Resource, Tex
 from app.math3d import R2
+from app.paths import data_dir
+
+LTC_UNIT = 15  # texture unit of the table of specular lobes, beyond those of what the pass reads
 
 
 def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] | None, has_sky: bool) -> Pass:
@@ -27,14 +34,10 @@ def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] |
         writes["specular"] = Tex("f2", 4)
     reads = ("albedo", "normal", "depth", *lights.shadow_maps, *(("specular_roughness",) if has_specular else ()),
              *(("shadow_ratio", "shadow_gbuffer") if shadow_grid is not None else ()),
-             *(("sky_irradiance",) if has_sky else ()))
-
-    def uniforms(frame: FrameState) -> Mapping[str, object]:
-        noise = {"noise_phase": (frame.noise_phase + R2[0] * frame.index * frame.accumulates) % 1.0}
-        return noise if shadow_grid is None else {**noise, "shadow_grid_ratio": ratio_to(shadow_grid, frame)}
+             *(("sky_irradiance",) if has_sky else ()), *(("sky_specular",) if has_sky and has_specular else ()))
 
     return Pass("direct", reads=reads, optional=("environment_diffuse", "environment_specular"), writes=writes,
-                make=make_fullscreen("direct.frag", uniforms, lights.defines))
+                make=lambda device, bound: _make(device, bound, lights, shadow_grid))
 
 
 def declare_cube(lights: LightSet, face: int, camera_axes: bool, is_traced: bool, has_sky: bool) -> Pass:
@@ -45,3 +48,31 @@ def declare_cube(lights: LightSet, face: int, camera_axes: bool, is_traced: bool
     return Pass("cube_direct", reads=reads, writes={"cube_direct": Tex("f2", 4, size=(6 * face, face))},
                 make=make_fullscreen("direct.frag", lambda frame: {"noise_phase": frame.noise_phase % 1.0}, defines,
                                      CUBE_PREFIX))
+
+
+def _make(device: Device, bound: BoundPass, lights: LightSet, shadow_grid: tuple[int, int] | None) -> Execute:
+    has_lobes = "specular" in bound.writes and "HAS_RECT_LIGHT" in lights.defines
+    lobes = _upload_lobes(device) if has_lobes else None
+
+    def uniforms(frame: FrameState) -> Mapping[str, object]:
+        values: dict[str, object] = {
+            "noise_phase": (frame.noise_phase + R2[0] * frame.index * frame.accumulates) % 1.0}
+        if shadow_grid is not None:
+            values["shadow_grid_ratio"] = ratio_to(shadow_grid, frame)
+        if lobes is not None:
+            lobes.use(LTC_UNIT)
+            values["ltc"] = LTC_UNIT
+        return values
+
+    return make_fullscreen("direct.frag", uniforms, lights.defines)(device, bound)
+
+
+def _upload_lobes(device: Device) -> moderngl.TextureArray:
+    """The table of ``shaders/include/ltc.glsl``; its file has shape (roughnesses, angles, layers, 4)."""
+    table = np.load(data_dir() / "ltc.npy").transpose(2, 0, 1, 3)
+    layers, height, width, components = table.shape
+    texture = device.ctx.texture_array((width, height, layers), components, np.ascontiguousarray(table).tobytes(),
+                                       dtype="f2")
+    texture.filter = moderngl.LINEAR, moderngl.LINEAR
+    texture.repeat_x = texture.repeat_y = False
+    return texture

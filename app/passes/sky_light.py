@@ -3,7 +3,7 @@
 import numpy as np
 
 from app.arrays import F32
-from app.environment import sky_light, sky_strata
+from app.environment import radiance_along, sky_light, sky_strata
 from app.gl.frame_state import Execute, FrameState
 from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
@@ -11,12 +11,14 @@ from app.network.channels import HALF_MAX
 from app.scene import Environment
 
 NORMALS = 64      # texels along the octahedral map of normals
+LEVELS = 6        # of roughness, from 0 to 1
 STRATA = (64, 64)  # rows and columns of equally bright parts of the environment, for shadow rays
 
 
 def declare(environment: Environment) -> Pass:
     """The pass; it runs once."""
     return Pass("sky_light", writes={"sky_irradiance": Tex("f2", 4, size=(NORMALS, NORMALS)),
+                                     "sky_specular": Tex("f2", 4, size=(LEVELS * NORMALS, NORMALS)),
                                      "sky_strata": Tex("f4", 4, size=(STRATA[1], 2 * STRATA[0]))},
                 make=lambda device, bound: make(bound, environment))
 
@@ -28,6 +30,9 @@ def make(bound: BoundPass, environment: Environment) -> Execute:
         if "sky_irradiance" in bound.writes:
             irradiance = np.minimum(_irradiance(environment), HALF_MAX)
             resources["sky_irradiance"].write(irradiance.astype(np.float16).tobytes())
+        if "sky_specular" in bound.writes:
+            radiance = np.minimum(_prefiltered(environment), HALF_MAX)
+            resources["sky_specular"].write(radiance.astype(np.float16).tobytes())
         if "sky_strata" in bound.writes:
             corner, power = sky_strata(environment, *STRATA)
             resources["sky_strata"].write(np.concatenate([_as_texels(corner), _as_texels(power)]).tobytes())
@@ -56,6 +61,23 @@ def _irradiance(environment: Environment) -> F32:
     light = sky_light(environment, 1)
     unoccluded = np.maximum(normal @ light.cell.T, 0) @ light.cell_power
     return _as_texels(unoccluded).reshape(NORMALS, NORMALS, 4)
+
+
+def _prefiltered(environment: Environment) -> F32:
+    """Mean radiance within GGX lobes around each direction, a map for each roughness, (NORMALS, LEVELS · NORMALS, 4).
+
+    As if seen along the normal (Karis 2013, "Real Shading in Unreal Engine 4"): radiance is weighted by n·l and by the
+    density of l = the mirrored n, D(n·h) / 4.
+    """
+    direction = octahedral_directions(NORMALS).reshape(-1, 3)
+    light = sky_light(environment, 1)
+    n_l = np.maximum(direction @ light.cell.T, 0)
+    maps = [radiance_along(environment, direction.astype(np.float64))]
+    for level in range(1, LEVELS):
+        alpha2 = np.float32((level / (LEVELS - 1)) ** 4)
+        weight = n_l / ((0.5 + 0.5 * n_l) * (alpha2 - 1) + 1) ** 2  # n·h² is (1 + n·l) / 2
+        maps.append(weight @ light.cell_power / np.maximum(weight @ light.cell_solid_angle, 1e-30)[:, None])
+    return _as_texels(np.concatenate([m.reshape(NORMALS, NORMALS, 3) for m in maps], axis=1))
 
 
 def _as_texels(rows: F32) -> F32:

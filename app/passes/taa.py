@@ -14,7 +14,8 @@ def declare(has_sky: bool) -> Pass:
         Whether an environment is visible where no surface is, so that the sky needs motion too.
     """
     def uniforms(frame: FrameState) -> dict[str, object]:
-        always: dict[str, object] = {"history_valid": frame.history_valid, "near": frame.view.near}
+        always: dict[str, object] = {"history_valid": frame.history_valid, "near": frame.view.near,
+                                     "settled": frame.settled}
         if not has_sky:
             return always
         return {**always, "previous_from_view": frame.previous.rotation @ frame.view.rotation.T,

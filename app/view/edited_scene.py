@@ -43,8 +43,8 @@ class EditedScene:
             self._moved, self._offsets = names, state.object_offsets
         if state.object_offsets != self._offsets:
             self._write_offsets(state)
-        emitters = self._edited.scene.lights[self._edited.own_lights:]
-        return self._edited.scene.with_lights(*state.lights, *emitters)
+        derived = self._edited.scene.lights[self._edited.own_lights:]
+        return self._edited.scene.with_lights(*state.lights, *derived)
 
     @property
     def moved_objects(self) -> tuple[str, ...]:

@@ -29,7 +29,7 @@ def refuse_held_out(file: Path) -> None:
     """
     if not file.is_file():
         raise SceneError("no such scene file", file, "expected the path of an existing file")
-    files = read_list()["files"]
+    files = {name: file for name, file in read_list()["files"].items() if file.get("held_out", True)}
     if {file.stem, file.parent.name} & set(files) or digest(file) in {f["sha256"] for f in files.values()}:
         raise SettingsError("this scene is held out for validation", file, "expected another scene to train on")
 

@@ -1,7 +1,7 @@
-"""Chooses the validation views, which was done once, before the first training run."""
+"""Chooses the validation views, which was done once: see ``export.validation.views``."""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +22,17 @@ from export.dataset.scene_key import scene_key
 from export.dataset.scenes.files import find_camera_volumes
 from export.dataset.scenes.generated_scene import GeneratedScene
 from export.reference.path_tracer import PathTracer, Samples
+from export.validation.scenes.sources import with_found_emitters
 from export.validation.views import VALIDATION, generated
 
+Files = dict[str, tuple[str, tuple[str, ...], int]]
+Group = tuple[dict[str, Any], Scene, list[Camera]]  # the views of one scene and lighting
+
 SIZE = (256, 192)
+EMISSIVE, EMISSIVE_SIZE = "emissive", (384, 288)  # the lighting by emissive surfaces, and the size of its views
 CANDIDATES = 64
 MIN_LIT, MIN_LUMINANCE = 0.6, 0.02  # see export.dataset.config.Config
-FILES = {  # file, lightings of its sidecar file, and views per lighting including the file's own camera
+FILES: Files = {  # file, lightings of its sidecar file, and views per lighting including the file's own camera
     "sponza": ("sponza/sponza.glb", ("sun", "lamp"), 6),
     "breakfast-room": ("breakfast-room/breakfast-room.glb", ("lamp", "sun"), 6),
     "country-kitchen": ("country-kitchen/country-kitchen.glb", ("spot", "lamp", "emissive"), 4),
@@ -36,6 +41,15 @@ FILES = {  # file, lightings of its sidecar file, and views per lighting includi
 }
 GENERATED = (("room", 0), ("room", 1), ("courtyard", 2), ("blocks-day", 0))  # source and seed
 VIEWS_OF_GENERATED = 4
+# Added later, so their random numbers are apart from those of the lists above.
+EMISSIVE_NUMBER = 100
+TRAINING_FILES: Files = {"contemporary-bathroom": ("contemporary-bathroom/contemporary-bathroom.glb", (EMISSIVE,), 4)}
+Arguments = dict[str, float]
+EMISSIVE_GENERATED: tuple[tuple[str, int, tuple[Arguments, ...]], ...] = (  # source, seed and arguments of its scenes
+    ("door_ajar", 0, tuple({"angle_deg": angle} for angle in (2.0, 8.0, 25.0, 60.0))),
+    ("barred_window", 0, ({},)), ("archway_stair", 0, ({},)), ("chandelier", 0, ({},)),
+)
+VIEWS_OF_EMISSIVE = 6  # including the scene's own camera
 SHEET_FORMATS = {".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg"}
 
 
@@ -54,7 +68,11 @@ def write_views(scenes: Path, seed: int, drop: list[str], sheet: Path | None) ->
             raise OutputError(f"unknown suffix {sheet.suffix!r}", sheet, f"expected one of: {', '.join(SHEET_FORMATS)}")
         prepare_folders(sheet.parent)
     chosen: list[tuple[dict[str, Any], Scene, Camera]] = []
-    for entry, scene, cameras in [*_of_files(scenes, seed), *_of_generators(seed)]:
+    groups = [*_of_files(scenes, FILES, seed), *_of_generators(seed),
+              *_of_files(scenes, TRAINING_FILES, seed, EMISSIVE_NUMBER), *_of_emissive_generators(seed)]
+    for entry, scene, cameras in groups:
+        if entry.get("lighting") == EMISSIVE:
+            entry["size"] = EMISSIVE_SIZE
         for k, camera in enumerate(cameras):
             name = "-".join(str(entry[key]) for key in ("scene", "lighting") if key in entry) + f"-{k}"
             chosen.append(({"name": name, **entry, "camera": asdict(camera)}, scene, camera))
@@ -67,15 +85,15 @@ def write_views(scenes: Path, seed: int, drop: list[str], sheet: Path | None) ->
         with replace_file(sheet) as temporary:
             tile([_picture(scene, camera, entry["name"]) for entry, scene, camera in chosen]).save(
                 temporary, SHEET_FORMATS[sheet.suffix.lower()])
-    files = {name: {"file": file, "sha256": digest(scenes / file)}
-             for name, (file, _, _) in FILES.items()}
+    files = {name: {"file": file, "sha256": digest(scenes / file), "held_out": name in FILES}
+             for name, (file, _, _) in {**FILES, **TRAINING_FILES}.items()}
     about = {"made_by": "python -m export validate choose", "seed": seed, "dropped": drop, "size": SIZE}
     write_text(LIST, json.dumps({**about, "files": files, "views": [entry for entry, _, _ in chosen]}, indent=1) + "\n")
 
 
-def _of_files(folder: Path, seed: int) -> list[tuple[dict[str, Any], Scene, list[Camera]]]:
+def _of_files(folder: Path, files: Files, seed: int, first: int = 0) -> list[Group]:
     entries = []
-    for number, (name, (file, lightings, count)) in enumerate(FILES.items()):
+    for number, (name, (file, lightings, count)) in enumerate(files.items(), first):
         for light, lighting in enumerate(lightings):
             scene = load_scene(folder / file, lighting=lighting)
             generated_scene = GeneratedScene(scene, find_camera_volumes(folder / file)[0], np.zeros((0, 2, 3)))
@@ -85,7 +103,7 @@ def _of_files(folder: Path, seed: int) -> list[tuple[dict[str, Any], Scene, list
     return entries
 
 
-def _of_generators(seed: int) -> list[tuple[dict[str, Any], Scene, list[Camera]]]:
+def _of_generators(seed: int) -> list[Group]:
     entries = []
     for number, (source, own_seed) in enumerate(GENERATED):
         generated_scene = generated(source, own_seed)
@@ -93,6 +111,23 @@ def _of_generators(seed: int) -> list[tuple[dict[str, Any], Scene, list[Camera]]
         rng = np.random.default_rng([VALIDATION, seed, len(FILES) + number])
         entry = {"scene": f"{source}-{own_seed}", "source": source, "seed": own_seed, "key": scene_key(scene)}
         entries.append((entry, scene, _cameras(generated_scene, rng, VIEWS_OF_GENERATED)))
+    return entries
+
+
+def _of_emissive_generators(seed: int) -> list[Group]:
+    """The views of the emissive sources; scenes that differ only in arguments share the cameras of the last one."""
+    entries = []
+    for number, (source, own_seed, scenes) in enumerate(EMISSIVE_GENERATED, EMISSIVE_NUMBER + len(TRAINING_FILES)):
+        raw = [generated(source, own_seed, arguments) for arguments in scenes]
+        complete = [with_found_emitters(generated_scene.scene) for generated_scene in raw]
+        rng = np.random.default_rng([VALIDATION, seed, number])
+        own = raw[-1].scene.cameras[raw[-1].scene.default_camera].at(0.0)
+        cameras = [own, *_cameras(replace(raw[-1], scene=complete[-1]), rng, VIEWS_OF_EMISSIVE - 1)]
+        for arguments, generated_scene, scene in zip(scenes, raw, complete, strict=True):
+            name = "-".join([source, *(f"{value:g}" for value in arguments.values()), str(own_seed)])
+            entry = {"scene": name, "lighting": EMISSIVE, "source": source, "seed": own_seed, "arguments": arguments,
+                     "key": scene_key(generated_scene.scene)}
+            entries.append((entry, scene, cameras))
     return entries
 
 

@@ -34,6 +34,8 @@ Provider = Annotated[str, typer.Option(help="onnxruntime execution provider.", m
 def compare_on_views(
     models: Models = None, references: References = None, scenes: Scenes = SCENES,
     only: Annotated[list[str] | None, typer.Option(help="Views of these scenes only.", metavar="SCENE")] = None,
+    lighting: Annotated[list[str] | None, typer.Option(
+        help="Views of these lightings only, such as emissive.", metavar="LIGHTING")] = None,
     spp: Annotated[int, typer.Option(help="Paths per pixel of the references, which are denoised.", min=8)] = 128,
     oracle: Annotated[bool, typer.Option(
         "--oracle", help="Also compare each model with its light scaled to fit each view best.")] = False,
@@ -49,28 +51,32 @@ def compare_on_views(
     from app.network.selection import all_models
     from app.settings import Settings, parse_size
     from export.validation.errors import by_scene, measure_errors
-    from export.validation.tables import HEADER, cards_of, table_lines, write_figures
+    from export.validation.tables import HEADER, NOISE_HEADER, cards_of, noise_lines, table_lines, write_figures
     from export.validation.timing import frame_times
     from export.validation.views import views
 
     size = Settings(parse_size(time)).size if time is not None else None
-    if cards and only:
-        raise SettingsError("can't be combined with --cards, which needs all views", "--only", "expected one of them")
-    names = models or all_models()
-    cards_to_write = cards_of(names) if cards else {}
-    chosen = views(scenes, only or ())
+    for option, names in (("--only", only), ("--lighting", lighting)):
+        if cards and names:
+            raise SettingsError("can't be combined with --cards, which needs all views", option, "expected one of them")
+    labels = models or all_models()
+    cards_to_write = cards_of(labels) if cards else {}
+    chosen = views(scenes, only or (), lighting or ())
     if not chosen:
-        raise SettingsError(f"no views of {', '.join(only or ())}", "--only", "expected scenes of the validation list")
+        raise SettingsError(f"no views of {', '.join([*(only or ()), *(lighting or ())])}", "--only and --lighting",
+                            "expected scenes and lightings of the validation list")
     prepare_folders(out)
-    rows = measure_errors(chosen, names, spp, references, provider, say, oracle)
-    times = frame_times(chosen, names, size, provider, say) if size is not None else None
+    rows = measure_errors(chosen, labels, spp, references, provider, say, oracle)
+    times = frame_times(chosen, labels, size, provider, say) if size is not None else None
     results = {"spp": spp, "times": times and asdict(times), "scenes": by_scene(rows), "views": rows}
     lines = table_lines(rows, times)
     write_text(out / "validation.csv", to_csv(rows))
     write_text(out / "validation.json", json.dumps(results, indent=1) + "\n")
-    write_text(out / "validation.md", markdown_table(HEADER, lines) + "\n")
+    noise = noise_lines(rows)
+    write_text(out / "validation.md", f"{markdown_table(HEADER, lines)}\n\n{markdown_table(NOISE_HEADER, noise)}\n")
     write_figures(cards_to_write, rows, spp, times)
     _print(HEADER, lines)
+    _print(NOISE_HEADER, noise)
 
 
 @cli.command()

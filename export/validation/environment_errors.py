@@ -25,6 +25,7 @@ from export.validation.views import View, views
 
 OPEN_SCENES = ("sponza", "breakfast-room", "stanford", "cornell-box", "courtyard-2", "blocks-day-0")  # a sky is seen
 VIEW_STEP = 2          # every second of their views
+SIZE = (256, 192)
 SEED = 2               # first number of every seed: neither the dataset's nor that of the validation list
 MIN_LIT_SHARE = 0.2    # of the surfaces, which must receive ...
 MIN_LIGHT = 0.01       # ... this share of the environment's mean radiance
@@ -58,7 +59,8 @@ def environment_views(scenes: Path) -> list[View]:
     chosen = []
     for number, view in enumerate(views(scenes, OPEN_SCENES)[::VIEW_STEP]):
         rng = np.random.default_rng([SEED, number])
-        chosen.append(replace(view, still=replace(view.still, scene=with_random_environment(rng, view.still.scene))))
+        scene = with_random_environment(rng, view.still.scene)
+        chosen.append(replace(view, still=replace(view.still, scene=scene, size=SIZE)))
     return chosen
 
 

@@ -10,12 +10,15 @@ from app.evaluation.picture_errors import AMBIENT
 from app.evaluation.tables import markdown_table
 from app.io.atomic_files import write_text
 from app.network.selection import NONE, SSGI, find_model
-from export.validation.errors import ALL, WHERE, Row, by_scene
+from export.validation.errors import ALL, DIRECT, NOISE, WHERE, Row, by_scene
 from export.validation.timing import FrameTimes
 
 COLUMNS = {f"{layer}.{name}": metric for layer in ("final", "indirect") for name, metric in METRICS.items()}
+COLUMNS[DIRECT] = METRICS["psnr"]
 TITLES = [metric.title for metric in METRICS.values()]
-HEADER = ("scene", "model", *TITLES, f"indirect: {TITLES[0]}", *TITLES[1:], "ms")
+HEADER = ("scene", "model", *TITLES, f"indirect: {TITLES[0]}", *TITLES[1:], f"direct: {TITLES[0]}", "ms")
+NOISE_HEADER = ("scene", *(f"noise of the reference: {layer}" for layer in NOISE))
+UNKNOWN = "–"
 HEADING = "## On the validation views"
 SECTION = re.compile(rf"^{HEADING}\n.*?(?=^## |\Z)", re.MULTILINE | re.DOTALL)
 BASELINES = (NONE, SSGI, "radiosity", AMBIENT)  # shown beside a network, if they were evaluated
@@ -24,9 +27,20 @@ BASELINES = (NONE, SSGI, "radiosity", AMBIENT)  # shown beside a network, if the
 def table_lines(rows: Sequence[Row], times: FrameTimes | None) -> list[list[str]]:
     """A line per model and scene, and for all views; ``HEADER`` names the columns."""
     milliseconds = times.milliseconds if times is not None else {}
-    return [[row["scene"], row["model"], *(format(row[key], metric.digits) for key, metric in COLUMNS.items()),
+    return [[row["scene"], row["model"], *(_format(row[key], metric.digits) for key, metric in COLUMNS.items()),
              f"{ms:.0f}" if (ms := milliseconds.get(row["scene"], {}).get(row["model"])) is not None else ""]
             for row in by_scene(rows)]
+
+
+def noise_lines(rows: Sequence[Row]) -> list[list[str]]:
+    """A line per scene, and for all views: the references' mean relative standard errors before denoising."""
+    model = rows[0]["model"]  # all models share the references
+    return [[row["scene"], *(_format(row[key], ".2%") for key in NOISE.values())]
+            for row in by_scene([row for row in rows if row["model"] == model], tuple(NOISE.values()))]
+
+
+def _format(value: float | None, digits: str) -> str:
+    return UNKNOWN if value is None else format(value, digits)
 
 
 def cards_of(models: Sequence[str]) -> dict[str, Path]:

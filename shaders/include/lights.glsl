@@ -1,5 +1,6 @@
 // The scene's lights and the irradiance that each sends to an unoccluded receiver.
 #include "numbers.glsl"
+#include "rect_form.glsl"
 
 const int POINT = 0;
 const int SPOT = 1;
@@ -36,40 +37,6 @@ float sphere_form(float c, float h)
     return max((c * acos(y) - x * root) / (h * h) + atan(root / x), 0.0);
 }
 
-// Signed angle between two unit vectors times the cosine of the plane that they span.
-float edge_term(vec3 a, vec3 b, vec3 n)
-{
-    vec3 c = cross(a, b);
-    float s = length(c);
-    return s > 0.0 ? atan(s, dot(a, b)) * dot(c / s, n) : 0.0;
-}
-
-// Integral of cosine over a rectangle's solid angle above the receiver's horizon: Lambert's polygon formula.
-// Each edge is clipped at the horizon; the gap that clipping opens is closed along it.
-float rect_form(vec3 center, vec3 u, vec3 v, vec3 n)
-{
-    vec3 corners[4] = vec3[4](center - u - v, center + u - v, center + u + v, center - u + v);
-    vec3 leaving = vec3(0.0), entering = vec3(0.0);
-    float sum = 0.0;
-    bool clipped = false;
-    for (int i = 0; i < 4; ++i) {
-        vec3 a = corners[i], b = corners[(i + 1) & 3];
-        float ha = dot(a, n), hb = dot(b, n);
-        if (ha <= 0.0 && hb <= 0.0) continue;
-        vec3 crossing = normalize(a + (b - a) * clamp(ha / (ha - hb), 0.0, 1.0));
-        if (ha > 0.0 && hb <= 0.0) {
-            leaving = crossing;
-            clipped = true;
-        }
-        if (ha <= 0.0 && hb > 0.0) entering = crossing;
-        vec3 from = ha > 0.0 ? normalize(a) : crossing;
-        vec3 to = hb > 0.0 ? normalize(b) : crossing;
-        sum += edge_term(from, to, n);
-    }
-    if (clipped) sum += edge_term(leaving, entering, n);
-    return 0.5 * abs(sum);
-}
-
 float spot_falloff(Light light, vec3 to_light)
 {
     float angle = acos(clamp(dot(-to_light, light.u.xyz), -1.0, 1.0));
@@ -92,7 +59,8 @@ vec3 irradiance(Light light, vec3 p, vec3 n)
         // In the light's own plane, where the surface lies that shows it, rounding would choose between all and none.
         float least = IN_PLANE * length(facing) * (length(light.u.xyz) + length(light.v.xyz));
         if (abs(side) <= least || (side < 0.0 && light.v.w < 0.5)) return vec3(0.0);
-        return light.color.rgb * rect_form(to_light, light.u.xyz, light.v.xyz, n);
+        vec3 form = rect_form(to_light, light.u.xyz, light.v.xyz, clip_rect(to_light, light.u.xyz, light.v.xyz, n));
+        return light.color.rgb * abs(dot(form, n));
     }
 #endif
     float square = max(dot(to_light, to_light), 1e-30);

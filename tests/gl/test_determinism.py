@@ -94,12 +94,12 @@ def test_timing_file(tmp_path: Path) -> None:
     cli(tmp_path, "--timing", str(tmp_path / "t.json"), "--check", "--settle", "2")
     report = json.loads((tmp_path / "t.json").read_text())
     check_timing(report)
-    assert {"shadow", "gbuffer", "direct", "network", "upsample", "composite", "taa", "tonemap", "copy"} \
+    assert {"shadow_rays", "gbuffer", "direct", "network", "upsample", "composite", "taa", "tonemap", "copy"} \
         <= set(report["passes"])
     assert report["model"] == "ember" and report["size"] == [96, 72] and report["frames"] == 1
     assert report["triangles"] == embedded_scene().triangles
     assert all(entry["non_finite"] == 0 for name, entry in report["passes"].items() if name != "copy")
-    spent = sum(e["cpu_ms"]["median"] for name, e in report["passes"].items() if name not in ("copy", "shadow"))
+    spent = sum(e["cpu_ms"]["median"] for name, e in report["passes"].items() if name not in ("copy", "shadow_rays"))
     assert spent <= 1.5 * report["frame"]["cpu_ms"]["median"]
     assert report["passes"]["network"]["cpu_ms"]["median"] > 0.1
 

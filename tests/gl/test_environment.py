@@ -170,11 +170,11 @@ def test_what_moves_hides_the_sky(small: Path) -> None:
     """A lid comes over a floor: the floor darkens, and brightens again when it goes."""
     lid = replace(quad((-1, 0.3, 1), (2, 0, 0), (0, 0, -2)), motion=slide([0, 1, 2], [(9, 0, 0), (0, 0, 0), (9, 0, 0)]))
     scene = under(DUSK, floor(1.0), lid, camera=Camera((0, 0.9, 2.2), (0, 0, 0), fov_y_deg=40.0))
-    with Renderer(scene, Settings(SIZE, ("indirect", "position"), taa=False, provider="cpu"), small) as renderer:
+    with Renderer(scene, Settings(SIZE, ("direct", "position"), taa=False, provider="cpu"), small) as renderer:
         light = []
         for time in (0.0, 1.0, 2.0):
             images = renderer.render(scene.cameras["main"].at(0.0), time)
             at = np.abs(images["position"])
             on_floor = (at[..., 1] < 0.01) & (at[..., ::2].max(axis=-1) < 0.5)
-            light.append(images["indirect"][on_floor].mean())
+            light.append(images["direct"][on_floor].mean())
     assert light[1] < 0.4 * light[0] and light[2] == pytest.approx(light[0], rel=0.02)

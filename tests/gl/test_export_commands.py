@@ -39,6 +39,7 @@ def run(*arguments: str) -> str:
 def few_views(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The list that ``validate choose`` writes, of two views."""
     for name, value in {"FILES": {}, "GENERATED": (("room", 0),), "VIEWS_OF_GENERATED": 2, "CANDIDATES": 8,
+                        "TRAINING_FILES": {}, "EMISSIVE_GENERATED": (),
                         "LIST": tmp_path / "views.json"}.items():
         monkeypatch.setattr(choose_views, name, value)
     return tmp_path / "views.json"

@@ -16,7 +16,7 @@ from app.load import embedded_scene
 from export.__main__ import cli
 from export.reference.still import Still
 from export.validation.errors import ORACLE, by_scene, measure_errors
-from export.validation.tables import HEADER, table_lines, with_figures
+from export.validation.tables import HEADER, noise_lines, table_lines, with_figures
 from export.validation.timing import frame_times
 from export.validation.views import View
 from tests.tiny_network import write_tiny_network
@@ -33,6 +33,9 @@ def test_models_are_compared_with_cached_references(tmp_path: Path) -> None:
     assert [row["model"] for row in rows] == 2 * labels
     psnr = {row["model"]: row["final.psnr"] for row in rows}
     assert psnr["none"] < psnr[AMBIENT] < psnr["radiosity"] < psnr[f"radiosity {ORACLE}"]
+    assert len({row["direct.psnr"] for row in rows}) == 1 and 20 < rows[0]["direct.psnr"] < 60  # no model changes it
+    assert all(0 < rows[0][f"reference_noise.{layer}"] < 1 for layer in ("final", "direct", "indirect"))
+    assert [line[0] for line in noise_lines(rows)] == ["box", "mean"]
     means = by_scene(rows)
     assert [(m["scene"], m["model"], m["views"]) for m in means] == [
         (scene, label, 2) for scene in ("box", "mean") for label in labels]
@@ -63,6 +66,7 @@ def test_models_are_compared_with_cached_references(tmp_path: Path) -> None:
 def test_cards_need_all_views_and_a_card_beside_each_network(tmp_path: Path) -> None:
     lonely = write_tiny_network(tmp_path / "lonely.onnx")
     for arguments, message in ((["radiosity", "--only", "sponza"], "needs all views"),
+                               (["radiosity", "--lighting", "emissive"], "needs all views"),
                                ([str(lonely)], "no model card of 'lonely'")):
         with pytest.raises(AfterglowError, match=message):
             CliRunner().invoke(cli, ["validate", "views", *arguments, "--cards", "--out", str(tmp_path / "out")],
@@ -73,6 +77,8 @@ def test_cards_need_all_views_and_a_card_beside_each_network(tmp_path: Path) -> 
 def test_means_of_rows_and_of_none() -> None:
     rows = [{"model": "a", "scene": scene, "view": "v", "psnr": psnr, "seconds": 9.0}
             for scene, psnr in (("x", 1), ("x", 2.0), ("y", 6.0))]
+    assert [m["psnr"] for m in by_scene([{**rows[0], "psnr": None}, rows[1]], ["psnr"])] == [2.0, 2.0]
+    assert by_scene([{**rows[0], "psnr": None}], ["psnr"])[0]["psnr"] is None
     assert by_scene([]) == by_scene([], ["psnr"]) == []
     assert [(m["scene"], m["views"], m["psnr"]) for m in by_scene(rows, ["psnr"])] == [
         ("x", 2, 1.5), ("y", 1, 6.0), ("mean", 3, 3.0)]

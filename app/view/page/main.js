@@ -105,7 +105,7 @@ function showScene() {
   fillSelect($("object"), ["", ...objects], name => name || "none");
   $("objects-section").hidden = !objects.length;
   $("emitters").hidden = !scene.emitters;
-  $("emitters").textContent = `Emissive surfaces add ${scene.emitters} more lights, which can't be edited.`;
+  $("emitters").textContent = `Emissive surfaces and suns of the environment add ${scene.emitters} more lights, which can't be edited.`;
   $("settle").value = scene.settle;
   navigation.extent = Math.max(...sub(high, low), 1e-9);
 }

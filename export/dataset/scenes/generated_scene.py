@@ -18,6 +18,7 @@ FRAME_SECONDS = 1 / 30  # between the frames of a pair; moving objects have keyf
 CAMERA_MARGIN = 0.2     # metres between cameras and objects
 MAX_STEP = 0.06         # metres that an object moves between two frames
 MAX_ROTATION = 0.08     # radians
+DEFAULT_CAMERA = Camera((0.0, 1.6, 0.0), (0.0, 1.6, -1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +80,8 @@ class GeneratedSceneBuilder:
             for part, material in pieces:
                 self.add(part.transformed(transform), material)
 
-    def build(self, name: str, camera_volumes: Sequence[object]) -> GeneratedScene:
-        """The scene, with cameras in the boxes ``camera_volumes``, each of shape (2, 3)."""
+    def build(self, name: str, camera_volumes: Sequence[object], own_camera: Camera = DEFAULT_CAMERA) -> GeneratedScene:
+        """The scene, with cameras in the boxes ``camera_volumes``, each of shape (2, 3), and one of its own."""
         # The names of meshes are part of the scene keys in export/validation/views.json.
         materials = [*self._static, *(m for pieces, _, _ in self._moving for _, m in pieces)]
         meshes = [_mesh(f"still{i}", merge(parts), i) for i, parts in enumerate(self._static.values())]
@@ -89,7 +90,7 @@ class GeneratedSceneBuilder:
             for part, _ in pieces:
                 instances.append(Instance(f"thing{number}", len(meshes), transform, motion))
                 meshes.append(_mesh(f"thing{number}", part, len(meshes)))
-        camera = {"main": CameraPath.still(Camera((0.0, 1.6, 0.0), (0.0, 1.6, -1.0)))}
+        camera = {"main": CameraPath.still(own_camera)}
         scene = Scene(name, tuple(meshes), tuple(instances), tuple(materials), tuple(self.lights), camera, "main",
                       bounds_of(tuple(meshes), tuple(instances)))
         blocked_volumes = np.array(self.blocked_volumes).reshape(-1, 2, 3)

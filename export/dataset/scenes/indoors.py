@@ -16,7 +16,7 @@ MAX_OBJECTS = 24
 
 
 def furnish(rng: Rng, builder: GeneratedSceneBuilder, width: float, depth: float, kind: Callable[[Rng], Pieces],
-            per_area: float, centre: tuple[float, float] = (0.0, 0.0)) -> None:
+            per_area: float, centre: tuple[float, float] = (0.0, 0.0), moving_share: float = MOVING_SHARE) -> None:
     """Add objects that don't overlap, most of them along the walls of a rectangle.
 
     Parameters
@@ -27,6 +27,8 @@ def furnish(rng: Rng, builder: GeneratedSceneBuilder, width: float, depth: float
         Attempts per square metre; an object that overlaps another is dropped.
     centre : tuple of float
         x and z of the rectangle's centre.
+    moving_share : float
+        Of the objects.
     """
     for _ in range(min(int(per_area * width * depth) + 1, MAX_OBJECTS)):
         pieces = kind(rng)
@@ -45,7 +47,7 @@ def furnish(rng: Rng, builder: GeneratedSceneBuilder, width: float, depth: float
         at = (x + centre[0], 0.0, z + centre[1])
         low, high = bounds + np.asarray(at)
         if not any(bool(((low < box[1]) & (high > box[0])).all()) for box in builder.blocked_volumes):
-            builder.add_object(pieces, angle, at, moves=rng.random() < MOVING_SHARE)
+            builder.add_object(pieces, angle, at, moves=rng.random() < moving_share)
 
 
 def add_local_lights(rng: Rng, builder: GeneratedSceneBuilder, box: F64, count: int) -> None:

@@ -1,0 +1,1 @@
+"""Generators of the validation scenes that emissive surfaces light; no dataset uses them."""

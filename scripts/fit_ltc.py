@@ -1,0 +1,316 @@
+"""Fit ``app/data/ltc.npy``: two linearly transformed cosines for each roughness and viewing angle of the GGX lobe.
+
+The lobe f(l), GGX times the cosine at the light (``shaders/include/ggx_lobe.glsl``), is approximated above the surface
+by
+
+    f(l) ≈ Σ w_i · M_i l det(M_i) / |M_i l|⁴
+
+with M_i = [[a, 0, b], [0, c, 0], [0, 0, 1]] and w_i = (w_x, 0, w_z), in the frame whose z axis is the mirrored view and
+whose x axis lies in the plane of incidence, turned away from the surface (Heitz, Dupuy, Hill and Neubelt 2016,
+"Real-Time Polygonal-Light Shading with Linearly Transformed Cosines"). Unlike theirs, w_i is free, is not clamped below
+zero, and light is clipped at the surface's own horizon, where a lobe seen at a grazing angle ends abruptly.
+
+The fit minimises errors of integrals over spherical caps of several sizes, relative to the largest such integral of
+each size. Neighbouring cells are drawn together, so that their parameters can be interpolated. It takes a few minutes
+and needs scipy.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # app, which need not be installed
+
+from app.arrays import F64
+from app.io.atomic_files import replace_file
+from app.paths import data_dir
+
+ROUGHNESSES, ANGLES = 20, 32
+MIN_ALPHA = 2e-3  # as in shaders/include/ggx_lobe.glsl
+MIN_COSINE = 1e-3  # of the viewing angle, as in shaders/include/ltc.glsl
+GOLDEN_RATIO = (math.sqrt(5) - 1) / 2
+CAP_RADII = np.array([0.12, 0.3, 0.6, 1.2])  # radians, of a lobe as wide as the hemisphere
+ALBEDO_WEIGHT = 4.0
+TYPICAL_ERROR = 0.02  # larger errors count with their fourth power
+SMOOTHNESS = 0.03  # weight of a parameter's distance from the mean of its neighbours
+SWEEPS = (0.3, 0.3, 0.1, 0.1, SMOOTHNESS, SMOOTHNESS)  # the smoothness of each; the first join paths
+ANCHOR = (11, 20)  # the cell where the continuation starts, from two lobes that a search from random starts found
+ANCHOR_PARAMETERS = np.array([0.31, -0.48, -0.80, 0.15, 0.10, 0.79, -0.19, 0.35, 0.04, 0.08])
+
+Cell = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class View:
+    """A roughness and a viewing angle.
+
+    Attributes
+    ----------
+    alpha : float
+        Width of the GGX distribution, roughness squared.
+    cosine : float
+        Cosine of the angle between normal and view.
+    """
+
+    alpha: float
+    cosine: float
+
+    @property
+    def sine(self) -> float:
+        return math.sqrt(1 - self.cosine**2)
+
+    @property
+    def view(self) -> F64:
+        """Unit vector to the viewer, shape (3,); the normal is z."""
+        return np.array([self.sine, 0.0, self.cosine])
+
+    @property
+    def frame(self) -> F64:
+        """Rows, shape (3, 3): the lobe's axes x, y, z."""
+        return np.array([[self.cosine, 0, self.sine], [0, 1, 0], [-self.sine, 0, self.cosine]])
+
+    @property
+    def slopes(self) -> F64:
+        """``a`` and ``c`` of a narrow lobe, shape (2,); the table holds ratios to them."""
+        across = math.sqrt(self.cosine**2 + 0.5 * (self.alpha * self.sine) ** 2)
+        return np.array([0.5 / self.alpha, 0.5 / (self.alpha * across)])
+
+
+def view_of(cell: tuple[float, float]) -> View:
+    """The view of a cell, or of a point between cells; rows count roughness, columns angle, denser towards grazing."""
+    angle = 0.5 * math.pi * (1 - (1 - cell[1] / (ANGLES - 1)) ** 2)
+    roughness = math.sqrt(MIN_ALPHA) + (1 - math.sqrt(MIN_ALPHA)) * cell[0] / (ROUGHNESSES - 1)
+    return View(roughness**2, max(math.cos(angle), MIN_COSINE))
+
+
+def evaluate_ggx(view: View, light: F64) -> F64:
+    """GGX lobe times the cosine at the light, per steradian, shape (N,), for unit vectors ``light`` of shape (N, 3)."""
+    half = light + view.view
+    half /= np.linalg.norm(half, axis=1, keepdims=True)
+    a2, n_v, n_l = view.alpha**2, view.cosine, light[:, 2]
+    q = half[:, 0] ** 2 + half[:, 1] ** 2 + a2 * half[:, 2] ** 2
+    smith = n_l * np.sqrt(n_v**2 * (1 - a2) + a2) + n_v * np.sqrt(n_l**2 * (1 - a2) + a2)
+    return np.where(n_l > 0, a2 / (np.pi * q**2) * 0.5 / np.maximum(smith, 1e-12) * n_l, 0)
+
+
+def evaluate_cosines(view: View, parameters: F64) -> tuple[F64, F64]:
+    """Matrices M of shape (2, 3, 3) and weights w of shape (2, 3), from a cell's ``parameters`` of shape (10,)."""
+    matrices, weights = np.zeros((2, 3, 3)), np.zeros((2, 3))
+    for matrix, weight, (log_a, b, log_c, w_x, w_z) in zip(matrices, weights, parameters.reshape(2, 5), strict=True):
+        a, c = view.slopes * np.exp([log_a, log_c])
+        matrix[:] = [[a, 0, b], [0, c, 0], [0, 0, 1]]
+        weight[:] = w_x, 0, w_z
+    return matrices, weights
+
+
+def evaluate_lobe(view: View, parameters: F64, light: F64) -> F64:
+    """The approximation at unit vectors ``light`` of shape (N, 3), as ``evaluate_ggx``."""
+    local = light @ view.frame.T
+    total = np.zeros(len(light))
+    for matrix, weight in zip(*evaluate_cosines(view, parameters), strict=True):
+        at = local @ matrix.T
+        total += at @ weight * np.linalg.det(matrix) / (at * at).sum(1) ** 2
+    return total
+
+
+def sample_lights(view: View, rings: int = 32) -> tuple[F64, F64]:
+    """Directions with y > 0, where the lobe is and anywhere, shape (N, 3), and their solid angles, shape (N,)."""
+    even = (np.arange(rings) + 0.5) / rings
+    u, phi = (x.ravel() for x in np.meshgrid(even, np.pi * even, indexing="ij"))
+    slope = np.sqrt(u / (1 - u)) * view.alpha
+    half = np.stack([slope * np.cos(phi), slope * np.sin(phi), np.ones_like(u)], 1)
+    half /= np.linalg.norm(half, axis=1, keepdims=True)
+    mirrored = 2 * (half @ view.view)[:, None] * half - view.view
+    sine = np.sqrt(1 - u**2)
+    uniform = np.stack([sine * np.cos(phi), sine * np.sin(phi), u], 1)
+    light = np.concatenate([mirrored[(mirrored[:, 2] > 0) & (half @ view.view > 0)], uniform])
+    half = light + view.view
+    half /= np.linalg.norm(half, axis=1, keepdims=True)
+    q = half[:, 0] ** 2 + half[:, 1] ** 2 + view.alpha**2 * half[:, 2] ** 2
+    density = 2 * view.alpha**2 / (np.pi * q**2) * half[:, 2] / (4 * half @ view.view) + 1 / np.pi
+    return light, 1 / (density * rings**2)
+
+
+def sample_caps(view: View, count: int = 64) -> F64:
+    """Centres of spherical caps, shape (2 count, 3): some around the lobe, some anywhere."""
+    even, turn = (np.arange(count) + 0.5) / count, np.pi * (np.arange(count) * GOLDEN_RATIO % 1)
+    z = 1 - 1.5 * even
+    sine = np.sqrt(1 - z**2)
+    anywhere = np.stack([sine * np.cos(turn), sine * np.sin(turn), z], 1)
+    slope = np.sqrt(0.97 * even / (1 - 0.97 * even)) * max(view.alpha, 0.002)
+    half = np.stack([slope * np.cos(turn), slope * np.sin(turn), np.ones(count)], 1)
+    half /= np.linalg.norm(half, axis=1, keepdims=True)
+    return np.concatenate([anywhere, 2 * (half @ view.view)[:, None] * half - view.view])
+
+
+class CellProblem:
+    """Errors of one cell's lobe: integrals over caps, relative to the largest over one of that size, and albedo."""
+
+    def __init__(self, cell: Cell) -> None:
+        self.view = view_of(cell)
+        # A view along the normal has no plane of incidence: a and c are equal, b and w_x are 0.
+        isotropic = np.array([[1.0, 0], [0, 0], [1, 0], [0, 0], [0, 1]])
+        self._constraint = np.kron(np.eye(2), isotropic) if cell[1] == 0 else np.eye(10)
+        light, solid_angle = sample_lights(self.view)
+        self._light = light
+        exact = evaluate_ggx(self.view, light)
+        centres = sample_caps(self.view)
+        distances = [np.arccos(np.clip(centres @ (light * [1, side, 1]).T, -1, 1)) for side in (1, -1)]
+        radii = [*CAP_RADII * min(3 * self.view.alpha, 1.0), 1.0]
+        weights = []
+        for radius in radii:
+            cap = sum(np.clip((radius - d) / (0.15 * radius) + 0.5, 0, 1) for d in distances) * solid_angle
+            weights.append(cap / (cap @ exact).max() / math.sqrt(len(cap) * len(radii)))
+        albedo = 2 * solid_angle
+        self._weights = np.concatenate([*weights, ALBEDO_WEIGHT * albedo[None] / (albedo @ exact)])
+        self._exact = self._weights @ exact
+        self._scale = math.sqrt(len(centres) * len(radii))
+
+    def errors(self, parameters: F64) -> F64:
+        """Errors as shares of the largest integrals, each divided by the root of their number, shape (E,)."""
+        return self._weights @ evaluate_lobe(self.view, parameters, self._light) - self._exact
+
+    def slopes(self, parameters: F64) -> F64:
+        """Derivatives of the errors by the parameters, shape (E, 10)."""
+        columns = []
+        local = self._light @ self.view.frame.T
+        for matrix, weight in zip(*evaluate_cosines(self.view, parameters), strict=True):
+            at = local @ matrix.T
+            square = (at * at).sum(1)
+            density = np.linalg.det(matrix) / square**2
+            lobe, steep = at @ weight * density, matrix[0, 0] * local[:, 0]
+            columns += [lobe + weight[0] * steep * density - 4 * lobe * at[:, 0] * steep / square,
+                        weight[0] * local[:, 2] * density - 4 * lobe * at[:, 0] * local[:, 2] / square,
+                        lobe - 4 * lobe * at[:, 1] ** 2 / square,
+                        at[:, 0] * density, at[:, 2] * density]
+        return self._weights @ np.stack(columns, 1)
+
+    def fit(self, start: F64, target: F64, smoothness: float = SMOOTHNESS) -> F64:
+        """Parameters near ``target``, shape (10,), by least squares from ``start``."""
+        def residuals(free: F64) -> F64:
+            parameters = self._constraint @ free
+            errors = self.errors(parameters)
+            return np.concatenate([errors * self._emphasis(errors), smoothness * (parameters - target)])
+
+        def jacobian(free: F64) -> F64:
+            parameters = self._constraint @ free
+            emphasis = self._emphasis(self.errors(parameters))
+            slopes = self.slopes(parameters) * (2 * emphasis - 1 / emphasis)[:, None]
+            return np.concatenate([slopes, smoothness * np.eye(len(target))]) @ self._constraint
+
+        free = np.linalg.lstsq(self._constraint, start)[0]
+        return self._constraint @ least_squares(residuals, free, jacobian, max_nfev=30).x
+
+    def largest_error(self, parameters: F64) -> float:
+        """Over caps, as a share of the largest integral over a cap of that size."""
+        return float(np.abs(self.errors(parameters)[:-1]).max()) * self._scale
+
+    def _emphasis(self, errors: F64) -> F64:
+        return np.sqrt(1 + (errors * self._scale / TYPICAL_ERROR) ** 2)
+
+
+def measure_lobe(view: View, parameters: F64, rings: int = 200) -> tuple[float, float]:
+    """Directional albedo of GGX over that of the approximation, and the mean of Schlick's (1 - v·h)⁵ over the lobe."""
+    light, solid_angle = sample_lights(view, rings)
+    half = light + view.view
+    half /= np.linalg.norm(half, axis=1, keepdims=True)
+    power = evaluate_ggx(view, light) * solid_angle
+    albedo = evaluate_lobe(view, parameters, light) @ solid_angle
+    return float(power.sum() / albedo), float(power @ (1 - half @ view.view) ** 5 / power.sum())
+
+
+def fit_path(cells: list[Cell], start: F64) -> list[F64]:
+    """Parameters of ``cells``, each begun at those of the one before it."""
+    found = []
+    for cell in cells:
+        fitted = CellProblem(cell).fit(start, start)
+        swapped = np.roll(fitted, 5)  # the same lobes in the other order
+        is_swapped = np.abs(swapped - start).sum() < np.abs(fitted - start).sum()
+        start = swapped if is_swapped else fitted
+        found.append(start)
+    return found
+
+
+def fit_cell(cell: Cell, start: F64, target: F64, smoothness: float = SMOOTHNESS) -> F64:
+    """Parameters of one cell; a function of the module, so that other processes can call it."""
+    return CellProblem(cell).fit(start, target, smoothness)
+
+
+def mean_of_neighbours(table: F64, cell: Cell) -> F64:
+    """Mean of opposite neighbours where both are there; of any at a corner."""
+    i, j = cell
+    pairs = [[(i - 1, j), (i + 1, j)], [(i, j - 1), (i, j + 1)]]
+    inside = [[c for c in pair if 0 <= c[0] < ROUGHNESSES and 0 <= c[1] < ANGLES] for pair in pairs]
+    whole = [pair for pair in inside if len(pair) == 2] or inside
+    return np.mean([table[c] for pair in whole for c in pair], axis=0)
+
+
+def fit_table(workers: int) -> F64:
+    """Parameters of all cells, shape (ROUGHNESSES, ANGLES, 10).
+
+    From the anchor along its row, from there along all columns, and then in sweeps over every other cell.
+    """
+    table = np.zeros((ROUGHNESSES, ANGLES, 10))
+    row, column = ANCHOR
+    paths = [[(row, j) for j in range(column, -1, -1)], [(row, j) for j in range(column, ANGLES)]]
+    with ProcessPoolExecutor(workers) as pool:
+        _continue(pool, table, paths, [ANCHOR_PARAMETERS] * 2)
+        paths = [[(i, j) for i in rows] for j in range(ANGLES)
+                 for rows in (range(row - 1, -1, -1), range(row + 1, ROUGHNESSES))]
+        _continue(pool, table, paths, [table[row, path[0][1]] for path in paths])
+        for smoothness, parity in ((s, p) for s in SWEEPS for p in (0, 1)):
+            cells = [(i, j) for i in range(ROUGHNESSES) for j in range(ANGLES) if (i + j) % 2 == parity]
+            starts, targets = [table[cell] for cell in cells], [mean_of_neighbours(table, cell) for cell in cells]
+            found = pool.map(fit_cell, cells, starts, targets, [smoothness] * len(cells), chunksize=8)
+            for cell, parameters in zip(cells, found, strict=True):
+                table[cell] = parameters
+    return table
+
+
+def _continue(pool: ProcessPoolExecutor, table: F64, paths: list[list[Cell]], starts: list[F64]) -> None:
+    for path, found in zip(paths, pool.map(fit_path, paths, starts), strict=True):
+        for cell, parameters in zip(path, found, strict=True):
+            table[cell] = parameters
+
+
+def pack(table: F64) -> NDArray[np.float16]:
+    """Texels of ``shaders/include/ltc.glsl``, of the exact albedo; shape (ROUGHNESSES, ANGLES, 3, 4)."""
+    texels = np.zeros((ROUGHNESSES, ANGLES, 3, 4))
+    for cell in np.ndindex(ROUGHNESSES, ANGLES):
+        scale, fresnel = measure_lobe(view_of(cell), table[cell])
+        first, second = table[cell].reshape(2, 5)
+        for lobe, (log_a, b, log_c, w_x, _) in enumerate((first, second)):
+            texels[cell][lobe] = math.exp(log_a), b, math.exp(log_c), w_x * scale
+        texels[cell][2] = first[4] * scale, second[4] * scale, fresnel, 0
+    return texels.astype(np.float16)
+
+
+def unpack(texels: NDArray[np.float16]) -> F64:
+    """Parameters of all cells, shape (ROUGHNESSES, ANGLES, 10); the inverse of ``pack``."""
+    lobes = [np.stack([np.log(a), b, np.log(c), w_x, w_z], -1)
+             for (a, b, c, w_x), w_z in ((np.moveaxis(texels[..., lobe, :].astype(np.float64), -1, 0),
+                                          texels[..., 2, lobe].astype(np.float64)) for lobe in range(2))]
+    return np.concatenate(lobes, -1)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=data_dir() / "ltc.npy", help="the table's file")
+    parser.add_argument("--workers", type=int, default=2, help="processes; they do not change the result")
+    arguments = parser.parse_args()
+    table = fit_table(arguments.workers)
+    with replace_file(arguments.out) as temporary, temporary.open("wb") as file:
+        np.save(file, pack(table))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,47 @@
+"""The committed table of specular lobes is what ``scripts/fit_ltc.py`` fits."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from app.paths import data_dir
+
+SCRIPT = Path(__file__).parents[2] / "scripts" / "fit_ltc.py"
+
+
+@pytest.fixture(scope="module")
+def fit_ltc() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("fit_ltc", SCRIPT)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["fit_ltc"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def texels() -> np.ndarray:
+    return np.load(data_dir() / "ltc.npy")
+
+
+@pytest.mark.parametrize("cell", [(4, 9), (9, 16), (14, 7), (6, 21)])  # of the last sweep, after which none changed
+def test_the_fit_gives_the_committed_cell(fit_ltc: ModuleType, texels: np.ndarray, cell: tuple[int, int]) -> None:
+    table = fit_ltc.unpack(texels)
+    target = fit_ltc.mean_of_neighbours(table, cell)
+    for start in (table[cell], table[cell] + np.tile([0.1, 0.1, 0.1, 0.0, 0.0], 2)):
+        np.testing.assert_allclose(fit_ltc.fit_cell(cell, start, target), table[cell], atol=0.01)
+
+
+@pytest.mark.parametrize("cell", [(0, 0), (7, 15), (19, 24)])
+def test_the_lobe_has_the_directional_albedo_and_the_fresnel_term(fit_ltc: ModuleType, texels: np.ndarray,
+                                                                  cell: tuple[int, int]) -> None:
+    table = fit_ltc.unpack(texels)
+    scale, fresnel = fit_ltc.measure_lobe(fit_ltc.view_of(cell), table[cell], 300)
+    assert scale == pytest.approx(1, abs=0.003)
+    assert float(texels[cell][2, 2]) == pytest.approx(fresnel, rel=3e-3, abs=1e-6)
