@@ -7,8 +7,9 @@ import pytest
 import trimesh
 
 from app.load import load_scene
+from app.load.emissive_pieces import find_pieces
 from app.load.light_clusters import MAX_LIGHTS
-from app.scene import PointLight, RectLight
+from app.scene import Mesh, PointLight, RectLight
 from tests.unit.load_helpers import TRIANGLE, Gltf, write_obj
 
 EMISSIVE_MTL = "newmtl emissive\nKe 4 2 1\n"
@@ -116,6 +117,18 @@ def test_a_two_sided_closed_piece_emits_to_the_outside_only(tmp_path):
         powers.append(light.intensity)
     np.testing.assert_allclose(*powers)
     np.testing.assert_allclose(powers[0], np.pi, rtol=0.03)
+
+
+def test_a_seam_closes_but_for_rounding():
+    """The columns of a sphere's first and last meridian, and its poles, where triangles collapse."""
+    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 9), np.linspace(0, np.pi, 5))
+    positions = 1e-2 * np.stack([np.cos(u) * np.sin(v), np.cos(v), np.sin(u) * np.sin(v)], axis=-1).reshape(-1, 3)
+    first = (9 * np.arange(4)[:, None] + np.arange(8)).ravel()
+    faces = np.concatenate([np.stack([first, first + 1, first + 10], 1), np.stack([first, first + 10, first + 9], 1)])
+    ball, hole = (Mesh("ball", positions.astype(np.float32), np.zeros((45, 3), np.float32), f.astype(np.uint32))
+                  for f in (faces, np.delete(faces, 12, axis=0)))
+    assert find_pieces(ball).is_closed.tolist() == [True]
+    assert find_pieces(hole).is_closed.tolist() == [False]
 
 
 def test_mirrored_and_instanced_emitters(tmp_path):
