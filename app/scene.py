@@ -247,6 +247,10 @@ class Scene:
         World-space box around all instances at time 0, minimum and maximum corner.
     environment : Environment or None
         None where it is black.
+    approximate_lights : tuple of Light
+        Those of ``lights`` that only approximate emissive meshes. A reference has the meshes' light instead.
+    approximated_materials : tuple of int
+        Indices of those meshes' materials, all light proxies.
     """
 
     name: str
@@ -260,6 +264,13 @@ class Scene:
     lighting: str = ""
     notices: tuple[str, ...] = ()
     environment: Environment | None = None
+    approximate_lights: tuple[Light, ...] = ()
+    approximated_materials: tuple[int, ...] = ()
+
+    @property
+    def exact_lights(self) -> tuple[Light, ...]:
+        """Those of ``lights`` that approximate nothing."""
+        return tuple(light for light in self.lights if light not in self.approximate_lights)
 
     @property
     def triangles(self) -> int:
@@ -291,6 +302,7 @@ class Scene:
         environment = self.environment
         return replace(
             self, lights=tuple(_scaled_light(light, scale) for light in self.lights),
+            approximate_lights=tuple(_scaled_light(light, scale) for light in self.approximate_lights),
             materials=tuple(replace(m, emission=_scaled(m.emission, scale)) for m in self.materials),
             environment=environment and replace(environment, radiance=environment.radiance * np.float32(scale)))
 

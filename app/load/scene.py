@@ -201,4 +201,6 @@ def _finish(builder: SceneBuilder, path: Path, sidecar: Sidecar, lighting: str |
         name=path.stem, meshes=meshes, instances=instances, materials=tuple(builder.materials),
         lights=tuple(builder.lights), cameras=builder.cameras, default_camera=default, bounds=bounds,
         lighting=lighting or "", notices=tuple(builder.notices), environment=builder.environment,
+        approximate_lights=tuple(builder.approximate_lights),
+        approximated_materials=tuple(builder.approximated_materials),
     )

@@ -24,6 +24,8 @@ class SceneBuilder:
     groups : dict of str to list of int
         Indices into ``instances`` of everything that a name in the file moves: an object, or a node with all its
         descendants.
+    approximate_lights, approximated_materials : list
+        See ``Scene``.
     dropped_triangles, dropped_normals : int
         How many were broken; face normals replace broken normals.
     """
@@ -37,6 +39,8 @@ class SceneBuilder:
     groups: dict[str, list[int]] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
     environment: Environment | None = None
+    approximate_lights: list[Light] = field(default_factory=list)
+    approximated_materials: list[int] = field(default_factory=list)
     dropped_triangles: int = 0
     dropped_normals: int = 0
     _offsets: dict[int, F64] = field(default_factory=dict)
@@ -110,6 +114,7 @@ class SceneBuilder:
         new_material = {old: new for new, old in enumerate(materials)}
         self.meshes = [replace(self.meshes[i], material=new_material[self.meshes[i].material]) for i in meshes]
         self.materials = [self.materials[i] for i in materials]
+        self.approximated_materials = [new_material[i] for i in self.approximated_materials if i in new_material]
         self.instances = [replace(i, mesh=new_mesh[i.mesh]) for i in self.instances]
 
 

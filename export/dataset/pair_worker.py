@@ -80,7 +80,7 @@ def _choose(config: Config, seed: int, group: Group) -> tuple[PathTracer, list[C
     for attempt in range(MAX_ATTEMPTS):
         scene = generate_scene(config, seed, group, attempt).scene
         tracer = (EnvironmentTracer(scene, FRAME_SECONDS) if config.environment
-                  else PathTracer(scene, FRAME_SECONDS, config.max_bounces))
+                  else PathTracer(scene, FRAME_SECONDS, config.max_bounces, emission_is_direct=False))
         candidates = (generate_pair(config, seed, group, Choice(attempt, k)).current.camera
                       for k in range(MAX_CANDIDATES))
         cameras = choose_cameras(tracer, scene.longest_edge, candidates, group.pairs, config.min_lit_share,

@@ -1,7 +1,8 @@
 """A ``Scene`` as Mitsuba scenes with the same triangles, textures, masks and emitters.
 
 As in the renderer, lights have no bodies: they emit but block no rays. Meshes and emitters therefore live in separate
-Mitsuba scenes; the lights of ``Scene.lights`` are in ``analytic_lights.py``. Lengths are scaled, because Mitsuba's ray
+Mitsuba scenes; the lights of ``Scene.lights`` are in ``analytic_lights.py``. Where they only approximate emissive
+meshes, the meshes emit instead. Lengths are scaled, because Mitsuba's ray
 offsets suit scenes of a few tens of units.
 """
 
@@ -26,11 +27,12 @@ class MitsubaScene:
     meshes : mitsuba.Scene
         All meshes, with the attributes ``face_f0`` and ``face_roughness``.
     shadow_casters : mitsuba.Scene or None
-        All meshes but the proxies of analytic lights.
-    visible_emitters, emissive, environment : mitsuba.Scene or None
-        All emissive meshes; those that are no proxies of analytic lights; the environment.
+        All meshes but those that are exactly analytic lights.
+    visible_emitters, approximated, emissive, environment : mitsuba.Scene or None
+        All emissive meshes; those that the renderer's lights only approximate; those that are no light proxies; the
+        environment.
     combined : dict
-        All of it and the analytic lights as one scene for Mitsuba's own integrators, in which lights have bodies.
+        All of it and the exact analytic lights as one scene for Mitsuba's own integrators, in which lights have bodies.
     masked : bool
         Whether a material has an alpha mask.
     notices : tuple of str
@@ -40,6 +42,7 @@ class MitsubaScene:
     meshes: Any
     shadow_casters: Any
     visible_emitters: Any
+    approximated: Any
     emissive: Any
     environment: Any
     combined: dict[str, Any]
@@ -63,18 +66,23 @@ def convert_scene(scene: Scene, time: float = 0.0) -> MitsubaScene:
     meshes: dict[str, Any] = {f"mesh{i}": converter.convert(instance) for i, instance in enumerate(scene.instances)}
     shadow_casters: dict[str, Any] = {}
     visible_emitters: dict[str, Any] = {}
+    approximated: dict[str, Any] = {}
     emissive: dict[str, Any] = {}
     for (key, mesh), instance in zip(meshes.items(), scene.instances, strict=True):
-        material = scene.materials[scene.meshes[instance.mesh].material]
+        index = scene.meshes[instance.mesh].material
+        material, is_approximated = scene.materials[index], index in scene.approximated_materials
         emitters = {}
         if material.emits:
             emitters = {f"{key}side{side}": converter.convert(instance, side)
                         for side in ((1, -1) if material.double_sided else (1,))}
         visible_emitters |= emitters
-        if not material.is_light_proxy:
-            shadow_casters[key] = mesh
+        if is_approximated:
+            approximated |= emitters
+        elif not material.is_light_proxy:
             emissive |= emitters
-    lights = {f"light{i}part{k}": emitter for i, light in enumerate(scene.lights)
+        if is_approximated or not material.is_light_proxy:
+            shadow_casters[key] = mesh
+    lights = {f"light{i}part{k}": emitter for i, light in enumerate(scene.exact_lights)
               for k, emitter in enumerate(convert_light(mi, light, origin, scale))}
     environment = {} if scene.environment is None else {"environment": convert_environment(mi, scene.environment)}
 
@@ -86,7 +94,7 @@ def convert_scene(scene: Scene, time: float = 0.0) -> MitsubaScene:
         return mi.load_dict({"type": "scene"} | part | extra, parallel=False, optimize=False) if part else None
 
     return MitsubaScene(
-        load(meshes), load(shadow_casters), load(visible_emitters), load(emissive), load(environment, bounds=bounds),
-        {"type": "scene"} | meshes | lights | emissive | environment,
+        load(meshes), load(shadow_casters), load(visible_emitters), load(approximated), load(emissive),
+        load(environment, bounds=bounds), {"type": "scene"} | meshes | lights | approximated | emissive | environment,
         any(m.alpha_cutoff is not None for m in scene.materials), origin, scale,
         tuple(dict.fromkeys(converter.notices)))

@@ -29,9 +29,6 @@ MAX_RAYS = 2**20        # traced at once, which bounds the memory
 MAX_MASKED_LAYERS = 16  # masked surfaces that a ray can pass
 ROULETTE_DEPTH = 4      # bounces before Russian roulette begins
 SHADOW_EPSILON = 1e-3   # of the distance to a light: what lies closer to the light does not block it
-# Whether unbounced light of emissive meshes that are no analytic lights is direct light; otherwise it counts as bounced
-# once. The renderer's passes and the networks' training targets agree with this.
-EMISSIVE_MESHES_ARE_DIRECT = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +39,7 @@ class Samples:
     ----------
     direct, single, multi : ndarray, float32, shape (N, 3)
         Radiance / albedo in W/(sr m²): unbounced, by one bounce, and by all bounces. For unbounced light from emissive
-        meshes other than light proxies see ``EMISSIVE_MESHES_ARE_DIRECT``.
+        meshes other than light proxies see ``PathTracer``.
     albedo : ndarray, float32, shape (N, 3)
     normal : ndarray, float32, shape (N, 3)
         World-space shading normal on the camera's side of the surface.
@@ -101,6 +98,9 @@ class PathTracer:
         Seconds; places moving objects.
     max_bounces : int
         Of indirect light; 0 traces direct light only.
+    emission_is_direct : bool
+        Whether unbounced light of emissive meshes that are no light proxies is direct light; otherwise it counts as
+        bounced once, as in the renderer, which leaves it to the network.
 
     Attributes
     ----------
@@ -115,20 +115,22 @@ class PathTracer:
         When Mitsuba can't run here.
     """
 
-    def __init__(self, scene: Scene, time: float = 0.0, max_bounces: int = MAX_BOUNCES) -> None:
+    def __init__(self, scene: Scene, time: float = 0.0, max_bounces: int = MAX_BOUNCES,
+                 emission_is_direct: bool = True) -> None:
         mi = self._mi = load_mitsuba()
         converted = self.scene = convert_scene(scene, time)
         self.max_bounces = max_bounces
         self._has_specular = any(material.has_specular for material in scene.materials)
         self.notices = converted.notices
-        lights = AnalyticLights(mi, scene.lights, converted.origin, converted.scale, EXTENT,
-                                converted.shadow_casters) if scene.lights else None
-        emissive = (None if converted.emissive is None
-                    else EmissiveMeshes(mi, converted.emissive, converted.shadow_casters))
+        occluders, analytic = converted.shadow_casters, scene.exact_lights
+        lights = (AnalyticLights(mi, analytic, converted.origin, converted.scale, EXTENT, occluders) if analytic
+                  else None)
+        approximated, emissive = (None if meshes is None else EmissiveMeshes(mi, meshes, occluders)
+                                  for meshes in (converted.approximated, converted.emissive))
         self._sky = None if converted.environment is None else Sky(mi, converted.environment, converted.meshes)
-        direct = (lights, self._sky, emissive if EMISSIVE_MESHES_ARE_DIRECT else None)
+        direct = (lights, self._sky, approximated, emissive if emission_is_direct else None)
         self._direct: list[LightSource] = [source for source in direct if source is not None]
-        self._indirect: list[LightSource] = [] if EMISSIVE_MESHES_ARE_DIRECT or emissive is None else [emissive]
+        self._indirect: list[LightSource] = [] if emission_is_direct or emissive is None else [emissive]
 
     def trace(self, view: View, pixels: F64, seed: int) -> Samples:
         """Trace one path of diffuse light through each point of the image.

@@ -50,7 +50,7 @@ class TracedReference:
 
 def trace_reference(still: Still, spp: int, seed: int = 0, max_bounces: int = MAX_BOUNCES,
                     progress: Callable[[float], object] = lambda share: None,
-                    denoised: bool = False) -> TracedReference:
+                    denoised: bool = False, emission_is_direct: bool = True) -> TracedReference:
     """Trace ``spp`` paths through each pixel's centre, and another ``spp`` across each pixel's area for ``final``.
 
     Parameters
@@ -59,6 +59,8 @@ def trace_reference(still: Still, spp: int, seed: int = 0, max_bounces: int = MA
         Called with the share of the samples that are done.
     denoised : bool
         Denoise reflected light in ``final``, and indirect light, with Open Image Denoise. ``noise`` is measured before.
+    emission_is_direct : bool
+        See ``PathTracer``.
 
     Raises
     ------
@@ -67,7 +69,7 @@ def trace_reference(still: Still, spp: int, seed: int = 0, max_bounces: int = MA
     MissingExtraError
         When the denoiser is missing.
     """
-    tracer = PathTracer(still.scene, still.time, max_bounces)
+    tracer = PathTracer(still.scene, still.time, max_bounces, emission_is_direct)
     start = perf_counter()
     centres, areas = (TracedMeans(tracer, still, jitter) for jitter in (False, True))
     centres.add(spp, 2 * seed, lambda share: progress(0.5 * share))
@@ -92,10 +94,11 @@ def mean_samples(tracer: PathTracer, still: Still, spp: int, seed: int = 0) -> d
 
 
 def write_reference(folder: Path, still: Still, spp: int, seed: int, max_bounces: int, about: dict[str, Any],
-                    progress: Callable[[float], object], denoised: bool = False) -> TracedReference:
+                    progress: Callable[[float], object], denoised: bool = False,
+                    emission_is_direct: bool = True) -> TracedReference:
     """Write ``reference.exr``, and last ``reference.json``."""
     (folder / "reference.json").unlink(missing_ok=True)  # it marks the images as complete
-    reference = trace_reference(still, spp, seed, max_bounces, progress, denoised)
+    reference = trace_reference(still, spp, seed, max_bounces, progress, denoised, emission_is_direct)
     _write_layers(folder / "reference.exr", reference.layers)
     paths = 2 * spp * still.size[0] * still.size[1]
     about = {**about, "size": still.size, "spp": spp, "seed": seed, "max_bounces": max_bounces, "denoised": denoised,

@@ -133,7 +133,7 @@ def _of_emissive_generators(seed: int) -> list[Group]:
 
 def _cameras(generated_scene: GeneratedScene, rng: np.random.Generator, wanted: int) -> list[Camera]:
     """The most interesting of the random cameras that pass the dataset's own test."""
-    tracer, edge = PathTracer(generated_scene.scene), generated_scene.scene.longest_edge
+    tracer, edge = PathTracer(generated_scene.scene, emission_is_direct=False), generated_scene.scene.longest_edge
     candidates = [random_camera(generated_scene, rng) for _ in range(CANDIDATES)]
     suitable = [candidates[k] for k in choose_cameras(tracer, edge, candidates, CANDIDATES, MIN_LIT, MIN_LUMINANCE)]
     return sorted(suitable, key=lambda camera: -_interest(trace_probe(tracer, camera, edge), edge))[:wanted]

@@ -54,7 +54,8 @@ def reference_of(view: View, spp: int, folder: Path | None) -> Reference:
     key = scene_key(still.scene, still.camera, still.size, still.time, spp, denoiser_version(),
                     exporter_version(still.scene))
     return cache_reference((folder or cache_folder()) / f"{view.name}-{key}", lambda temporary: write_reference(
-        temporary, still, spp, 0, MAX_BOUNCES, {"view": view.name}, lambda share: None, denoised=True))
+        temporary, still, spp, 0, MAX_BOUNCES, {"view": view.name}, lambda share: None, denoised=True,
+        emission_is_direct=False))
 
 
 def measure_errors(views: Sequence[View], models: Sequence[str], spp: int, references: Path | None, provider: str,

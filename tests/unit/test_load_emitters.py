@@ -7,8 +7,9 @@ import pytest
 import trimesh
 
 from app.load import load_scene
-from app.load.emitters import MAX_LIGHTS
-from app.scene import PointLight, RectLight
+from app.load.emissive_pieces import find_pieces
+from app.load.light_clusters import MAX_LIGHTS
+from app.scene import Mesh, PointLight, RectLight
 from tests.unit.load_helpers import TRIANGLE, Gltf, write_obj
 
 EMISSIVE_MTL = "newmtl emissive\nKe 4 2 1\n"
@@ -16,6 +17,13 @@ EMISSIVE_MTL = "newmtl emissive\nKe 4 2 1\n"
 
 def load_emissive(folder, obj):
     return load_scene(write_obj(folder, "usemtl emissive\n" + obj, EMISSIVE_MTL))
+
+
+def power_of(scene):
+    """W per channel of all sphere and rectangle lights."""
+    return sum(4 * np.pi * np.array(light.intensity) if isinstance(light, PointLight) else
+               np.pi * (1 + light.two_sided) * np.linalg.norm(np.cross(light.edge_u, light.edge_v))
+               * np.array(light.radiance) for light in scene.lights)
 
 
 def quad(x, width=1.0, height=1.0, base=0):
@@ -38,10 +46,9 @@ def test_a_rotated_quad_is_an_exact_rectangle_on_its_winding_side(tmp_path):
 
 def test_other_flat_shapes_keep_their_power_and_give_a_notice(tmp_path):
     scene = load_emissive(tmp_path, "v 0 0 0\nv 2 0 0\nv 0 1 0\nf 1 2 3\n")
-    (light,) = scene.lights
-    power = np.linalg.norm(np.cross(light.edge_u, light.edge_v)) * np.array(light.radiance)
-    np.testing.assert_allclose(power, [4, 2, 1], rtol=1e-6)
-    assert any("no rectangle" in n for n in scene.notices)
+    assert all(isinstance(light, RectLight) for light in scene.lights)
+    np.testing.assert_allclose(power_of(scene), np.pi * np.array([4, 2, 1]), rtol=1e-9)
+    assert any(n.startswith("1 emissive piece became") for n in scene.notices)
 
 
 def test_closed_meshes_become_spheres_of_the_same_area(tmp_path):
@@ -62,15 +69,66 @@ def test_separate_pieces_are_separate_lights(tmp_path):
     assert sorted(light.center[0] for light in scene.lights) == pytest.approx([0.5, 5.5])
 
 
-def test_only_the_most_powerful_are_lights_and_the_others_stay_emissive(tmp_path):
-    count = MAX_LIGHTS + 4
+def test_exact_lights_are_told_from_approximate_ones(tmp_path):
+    """One mesh with a rectangle, and a triangle far from it."""
+    scene = load_emissive(tmp_path, quad(0) + "v 9 0 0\nv 11 0 0\nv 9 1 0\nf 5 6 7\n")
+    (exact,) = scene.exact_lights
+    assert exact.center == pytest.approx((0.5, 0.5, 0)) and len(scene.lights) > 1
+    assert set(scene.lights) == {exact, *scene.approximate_lights}
+    assert len(scene.with_radiance_scale(256.0).exact_lights) == 1
+    assert all(m.is_light_proxy for m in scene.materials)
+    triangles = [len(m.triangles) for m in scene.meshes if m.material in scene.approximated_materials]
+    assert triangles == [1] and scene.triangles == 3
+
+
+def test_any_number_of_pieces_becomes_few_lights(tmp_path):
+    count = 10 * MAX_LIGHTS
     scene = load_emissive(tmp_path, "".join(quad(3 * i, height=0.1 + 0.01 * i, base=4 * i) for i in range(count)))
-    assert len(scene.lights) == MAX_LIGHTS
-    assert min(light.center[0] for light in scene.lights) > 3 * 4
-    triangles = {m.is_light_proxy: sum(len(x.triangles) for x in scene.meshes if scene.materials[x.material] is m)
-                 for m in scene.materials}
-    assert triangles == {True: 2 * MAX_LIGHTS, False: 8}
-    assert any(f"{count} emissive pieces" in n for n in scene.notices)
+    assert len(scene.lights) <= MAX_LIGHTS
+    assert all(m.is_light_proxy for m in scene.materials)
+    areas = sum(0.1 + 0.01 * i for i in range(count))
+    np.testing.assert_allclose(power_of(scene), np.pi * areas * np.array([4, 2, 1]), rtol=1e-6)
+    assert any(f"{count} emissive pieces became {len(scene.lights)} lights" in n for n in scene.notices)
+
+
+def test_moving_emitters_are_no_lights(tmp_path):
+    write_obj(tmp_path, "o fixed\nusemtl emissive\n" + quad(0) + "o moves\nusemtl emissive\n" + quad(5, base=4),
+              EMISSIVE_MTL)
+    (tmp_path / "scene.json").write_text('{"objects": {"moves": {"keys": [{"time": 0}, {"time": 1}]}}}')
+    scene = load_scene(tmp_path / "scene.obj")
+    assert len(scene.lights) == 1
+    assert {i.name: scene.materials[scene.meshes[i.mesh].material].is_light_proxy for i in scene.instances} == {
+        "fixed": True, "moves": False}
+    assert any("'moves' moves" in n for n in scene.notices)
+
+
+def test_a_two_sided_closed_piece_emits_to_the_outside_only(tmp_path):
+    """The light within does not leave it."""
+    powers = []
+    for double_sided in (False, True):
+        gltf = Gltf()
+        gltf.material(emissiveFactor=[1, 1, 1], doubleSided=double_sided)
+        ball = trimesh.creation.icosphere(2)
+        faces = ball.faces[:, ::-1] if double_sided else ball.faces
+        gltf.primitive["attributes"]["POSITION"] = gltf.array(ball.vertices.astype(np.float32))
+        gltf.primitive["indices"] = gltf.array(faces.astype(np.uint16).ravel())
+        (light,) = load_scene(gltf.save(tmp_path)).lights
+        assert isinstance(light, PointLight)
+        powers.append(light.intensity)
+    np.testing.assert_allclose(*powers)
+    np.testing.assert_allclose(powers[0], np.pi, rtol=0.03)
+
+
+def test_a_seam_closes_but_for_rounding():
+    """The columns of a sphere's first and last meridian, and its poles, where triangles collapse."""
+    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 9), np.linspace(0, np.pi, 5))
+    positions = 1e-2 * np.stack([np.cos(u) * np.sin(v), np.cos(v), np.sin(u) * np.sin(v)], axis=-1).reshape(-1, 3)
+    first = (9 * np.arange(4)[:, None] + np.arange(8)).ravel()
+    faces = np.concatenate([np.stack([first, first + 1, first + 10], 1), np.stack([first, first + 10, first + 9], 1)])
+    ball, hole = (Mesh("ball", positions.astype(np.float32), np.zeros((45, 3), np.float32), f.astype(np.uint32))
+                  for f in (faces, np.delete(faces, 12, axis=0)))
+    assert find_pieces(ball).is_closed.tolist() == [True]
+    assert find_pieces(hole).is_closed.tolist() == [False]
 
 
 def test_mirrored_and_instanced_emitters(tmp_path):
@@ -92,7 +150,7 @@ def test_emission_texture_counts_by_its_linear_mean(tmp_path):
     gltf.material(emissiveFactor=[1, 1, 1], doubleSided=True,
                   emissiveTexture={"index": gltf.texture(np.array([[[255] * 3, [0] * 3]]))})
     gltf.primitive["attributes"]["TEXCOORD_0"] = gltf.array(TRIANGLE[:, :2].copy())
-    (light,) = load_scene(gltf.save(tmp_path)).lights
-    area = np.linalg.norm(np.cross(light.edge_u, light.edge_v))
-    np.testing.assert_allclose(np.array(light.radiance) * area, [0.25] * 3, rtol=1e-6)
-    assert light.two_sided
+    scene = load_scene(gltf.save(tmp_path))
+    np.testing.assert_allclose(power_of(scene), 2 * np.pi * 0.25, rtol=1e-6)
+    assert all(light.two_sided for light in scene.lights)
+    assert scene.approximate_lights == scene.lights, "the mean of a texture is no exact radiance"

@@ -24,7 +24,6 @@ from app.scene import (
     SpotLight,
     Texture,
 )
-from export.reference import path_tracer
 from export.reference.path_tracer import PathTracer, RadianceSamples
 from export.reference.still import Still
 from export.reference.trace import trace_reference
@@ -220,19 +219,33 @@ def test_the_denoiser_leaves_emission_and_background_sharp() -> None:
     np.testing.assert_allclose(denoised, raw, atol=1e-3)
 
 
-def test_light_of_emissive_meshes_is_direct_or_bounced_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As one constant says; the sum is the same."""
+def test_light_of_emissive_meshes_is_direct_or_bounced_once() -> None:
+    """As is asked for; the sum is the same."""
     panel = quad((-0.5, 1.0, -1.0), (1, 0, 0), (0, 0, 1), emissive())
     scene = make_scene([floor(2.0), panel, quad((-2, 0, -1.5), (4, 0, 0), (0, 2, 0))], camera=CAMERA)
     view = View.of(CAMERA, (64, 48), 1e-3)
     sums = []
     for direct in (False, True):
-        monkeypatch.setattr(path_tracer, "EMISSIVE_MESHES_ARE_DIRECT", direct)
-        samples = PathTracer(scene).trace(view, np.full((2**14, 2), 0.5), seed=0)
+        samples = PathTracer(scene, emission_is_direct=direct).trace(view, np.full((2**14, 2), 0.5), seed=0)
         assert samples.direct.any() == direct
         assert samples.single.mean() < samples.multi.mean()
         sums.append((samples.direct + samples.multi).mean())
     assert sums[0] == pytest.approx(sums[1], rel=0.02)
+
+
+def test_meshes_emit_what_lights_only_approximate() -> None:
+    """Their light is direct and comes from their own shape, and they block light, unlike meshes that are a light."""
+    panel = quad((-0.5, 1.0, -1.0), (1, 0, 0), (0, 0, 1), replace(emissive(), is_light_proxy=True))
+    light = RectLight((0.0, 1.0, -0.5), (3.0, 0.0, 0.0), (0.0, 0.0, -3.0), (9.0, 9.0, 9.0), True)
+    above = PointLight((0.0, 2.0, -1.0), (1.0, 1.0, 1.0))  # behind the panel, as seen from the origin
+    scene = make_scene([floor(2.0), panel], [above, light], CAMERA)
+    approximated = replace(scene, approximate_lights=(light,), approximated_materials=(1,))
+    bare = replace(make_scene([floor(2.0), quad((-0.5, 1.0, -1.0), (1, 0, 0), (0, 0, 1), emissive())], [above], CAMERA))
+    view = View.of(CAMERA, (64, 48), 1e-3)
+    exact, seen, expected = (PathTracer(s, max_bounces=0, emission_is_direct=s is bare).trace(
+        view, np.full((2**14, 2), 0.5), seed=0).direct.mean(axis=0) for s in (scene, approximated, bare))
+    np.testing.assert_allclose(seen, expected, rtol=0.02)
+    assert exact.mean() > 2 * seen.mean()
 
 
 def test_light_of_the_environment_is_direct() -> None:
@@ -254,7 +267,7 @@ def test_a_large_pane_gives_no_fireflies(analytic: bool, height: float) -> None:
     camera = Camera((0.0, height / 2, height / 2), (0.0, 0.0, 0.0), fov_y_deg=10.0)  # between floor and pane
     scene = make_scene([white] if analytic else [white, pane], [light] if analytic else [], camera)
     samples = PathTracer(scene, max_bounces=1).trace(View.of(camera, (64, 48), 1e-5), np.full((2**15, 2), 0.5), seed=0)
-    unbounced = (samples.direct if analytic else samples.single)[:, 0]
+    unbounced = samples.direct[:, 0]
     corners = np.array([(-1, height, -1), (1, height, -1), (1, height, 1), (-1, height, 1)], np.float64)
     expected = polygon_irradiance(np.zeros((1, 3)), UP, corners)[0] / np.pi
     assert unbounced.mean(dtype=np.float64) == pytest.approx(expected, rel=0.03)

@@ -1,0 +1,67 @@
+"""Connected pieces of a mesh: which triangles hang together, and whether they close a volume."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.arrays import F64, Bools, Ints
+from app.scene import Mesh
+
+WELD_DISTANCE = 1e-6  # of the mesh's size
+CELL_OFFSET = 0.37    # keeps regular coordinates away from the borders of cells
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """The connected pieces of T triangles.
+
+    Attributes
+    ----------
+    label : ndarray of int, shape (T,)
+        The piece of each triangle, counted from 0.
+    is_closed : ndarray, bool, shape (pieces,)
+        Whether exactly two triangles meet at each edge, so that light emitted within does not leave.
+    is_inside_out : ndarray, bool, shape (pieces,)
+        Of closed pieces, whether the triangles' fronts are within.
+    """
+
+    label: Ints
+    is_closed: Bools
+    is_inside_out: Bools
+
+
+def find_pieces(mesh: Mesh) -> Pieces:
+    """The pieces of a mesh; corners at the same position but for rounding are shared."""
+    corners = _weld(mesh.positions.astype(np.float64))[mesh.triangles]
+    label = _label_components(corners)
+    count = int(label.max()) + 1
+    edges = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2), axis=2)
+    keys = edges[..., 0] * (int(corners.max()) + 1) + edges[..., 1]
+    solid = np.flatnonzero((edges[..., 0] != edges[..., 1]).all(axis=1))  # the others have collapsed to a line
+    _, edge, meeting = np.unique(keys[solid], return_inverse=True, return_counts=True)
+    is_open = np.zeros(len(label), np.bool_)
+    is_open[solid] = (meeting[edge.reshape(-1, 3)] != 2).any(axis=1)
+    a, b, c = np.moveaxis(mesh.positions[mesh.triangles].astype(np.float64), 1, 0)
+    volume = np.bincount(label, (a * np.cross(b, c)).sum(axis=1), count)
+    is_closed = np.bincount(label, is_open, count) == 0
+    return Pieces(label, is_closed, is_closed & (volume < 0))
+
+
+def _weld(positions: F64) -> Ints:
+    """Number of the place of each position, shape (V,)."""
+    low, size = positions.min(axis=0), max(float(np.ptp(positions, axis=0).max()), 1e-300)
+    cells = np.floor((positions - low) / (WELD_DISTANCE * size) + CELL_OFFSET).astype(np.int64)
+    return np.unique(cells, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+
+
+def _label_components(corners: Ints) -> Ints:
+    """Number of the connected component of each triangle, shape (T,), of welded corners, shape (T, 3)."""
+    label = np.arange(int(corners.max()) + 1)
+    while True:
+        lowest = label[corners].min(axis=1)
+        merged = label.copy()
+        np.minimum.at(merged, corners.ravel(), np.repeat(lowest, 3))
+        merged = merged[merged]
+        if np.array_equal(merged, label):
+            return np.unique(lowest, return_inverse=True)[1].astype(np.int64)
+        label = merged

@@ -1,0 +1,74 @@
+"""Emissive pieces that are flat rectangles, and so exactly rectangle lights."""
+
+import numpy as np
+
+from app.arrays import F64, Bools
+from app.load.emission_patches import EmissiveTriangles
+from app.load.scene_builder import color, vector
+from app.scene import RectLight
+
+MIN_POWER_SHARE = 1 / 256   # of all pieces; weaker ones are not tested
+MAX_FLATNESS_ERROR = 1e-3   # of the size
+MAX_AREA_ERROR = 0.01
+MAX_DIRECTIONS = 256        # of a rectangle's edge that are tried
+
+
+def find_rectangles(triangles: EmissiveTriangles, textured: Bools) -> dict[int, RectLight]:
+    """The lights of those pieces that are rectangles of one radiance, by the pieces' numbers.
+
+    Parameters
+    ----------
+    textured : ndarray, bool, shape (T,)
+        Whether a triangle's radiance is the mean of a texture.
+    """
+    count = int(triangles.piece.max()) + 1
+    power = np.bincount(triangles.piece, triangles.power.sum(axis=1), count)
+    has_texture = np.bincount(triangles.piece, textured, count) > 0
+    order = np.argsort(triangles.piece, kind="stable")
+    start = np.searchsorted(triangles.piece[order], np.arange(count + 1))
+    rectangles = {}
+    for number in np.flatnonzero((power >= MIN_POWER_SHARE * power.sum()) & ~has_texture):
+        piece = triangles.select(order[start[number]:start[number + 1]])
+        light = _fit_exact_rectangle(piece)
+        if light is not None:
+            rectangles[int(number)] = light
+    return rectangles
+
+
+def _fit_exact_rectangle(piece: EmissiveTriangles) -> RectLight | None:
+    """The rectangle that a piece is; None if it is none."""
+    normals = piece.normals
+    areas = np.linalg.norm(normals, axis=1)
+    area, total = float(areas.sum()), normals.sum(axis=0)
+    length = float(np.linalg.norm(total))
+    if length <= (1 - MAX_FLATNESS_ERROR) * area:
+        return None
+    axis = total / length
+    center = areas @ piece.corners.mean(axis=1) / area
+    points = piece.corners.reshape(-1, 3) - center
+    if float(np.abs(points @ axis).max()) > MAX_FLATNESS_ERROR * float(np.linalg.norm(points, axis=1).max()):
+        return None
+    u, v, middle = _smallest_rectangle(points, axis)
+    coverage = min(area / float(np.linalg.norm(u) * np.linalg.norm(v)), 1.0)
+    if coverage <= 1 - MAX_AREA_ERROR:
+        return None
+    return RectLight(vector(center + middle), vector(u), vector(v), color(piece.radiance[0]), bool(piece.two_sided[0]))
+
+
+def _smallest_rectangle(points: F64, normal: F64) -> tuple[F64, F64, F64]:
+    """Edges u and v, with u × v along ``normal``, and centre of the smallest rectangle around planar points.
+
+    One of its sides lies along an edge of the convex hull, so only the directions of triangle edges are tried.
+    """
+    edges = (points.reshape(-1, 3, 3) - np.roll(points.reshape(-1, 3, 3), 1, axis=1)).reshape(-1, 3)
+    edges -= np.outer(edges @ normal, normal)
+    length = np.linalg.norm(edges, axis=1)
+    longest = np.argsort(-length, kind="stable")[:MAX_DIRECTIONS]
+    us = edges[longest] / length[longest, None]
+    vs = np.cross(normal, us)
+    along_u, along_v = points @ us.T, points @ vs.T
+    low = np.stack([along_u.min(axis=0), along_v.min(axis=0)])
+    high = np.stack([along_u.max(axis=0), along_v.max(axis=0)])
+    best = int(np.argmin(np.prod(high - low, axis=0)))
+    (width, height), (mid_u, mid_v) = (high - low)[:, best], (high + low)[:, best] / 2
+    return us[best] * width, vs[best] * height, us[best] * mid_u + vs[best] * mid_v
