@@ -26,7 +26,7 @@ from tests.override import override
 
 pytestmark = pytest.mark.gl
 IMAGES = Path(__file__).parent / "images"
-MAX_BYTES = 15_000_000
+MAX_BYTES = 22_000_000
 SMALL = SceneCase("room", room(), find_model("gather"), (Shot("path", 2),), golden_frames=(1, 2), size=(48, 32))
 ELSEWHERE = json.dumps({"renderer": "Voodoo 2"})
 
