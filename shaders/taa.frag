@@ -99,9 +99,9 @@ vec2 sky_motion()
 }
 #endif
 
-// Motion of the nearest surface in and around the quad (z: inverse depth one frame ago), so that edges move with what is
-// before them.
-vec3 nearest_motion(ivec2 t, ivec2 outward)
+// Motion of the nearest surface in and around the quad (z: inverse depth one frame ago, w: now), so that edges move with
+// what is before them.
+vec4 nearest_motion(ivec2 t, ivec2 outward)
 {
     vec4 best = texelFetch(motion, t, 0), other = texelFetch(motion, t + outward, 0);
     best = other.w > best.w ? other : best;
@@ -110,9 +110,9 @@ vec3 nearest_motion(ivec2 t, ivec2 outward)
     other = quad_swap_y(best);
     best = other.w > best.w ? other : best;
 #ifdef SKY
-    if (best.w <= 0.0) return vec3(sky_motion(), 0.0);
+    if (best.w <= 0.0) return vec4(sky_motion(), 0.0, 0.0);
 #endif
-    return vec3(best.xy * vec2(1.0, -1.0), best.z > 0.0 ? best.w / best.z : 0.0);
+    return vec4(best.xy * vec2(1.0, -1.0), best.z > 0.0 ? best.w / best.z : 0.0, best.w);
 }
 
 // Whether a surface of the given inverse depth was visible one frame ago in or around the quad at texel t: between the
@@ -136,7 +136,7 @@ void main()
     ivec2 last = ivec2(image.xy) - 1, t = min(ivec2(gl_FragCoord.xy), last);
     ivec2 outward = clamp(t - ivec2(quad_side()), ivec2(0), last) - t;
     vec3 now = current(t);
-    vec3 moved = nearest_motion(t, outward);
+    vec4 moved = nearest_motion(t, outward);
     vec3 mean, square;
     neighbourhood(t, outward, ycocg(now), mean, square);
     vec3 deviation = sqrt(max(square - mean * mean, 0.0));
@@ -147,7 +147,8 @@ void main()
     vec4 accumulated = catmull_rom(gl_FragCoord.xy + back);
     vec3 history = max(accumulated.rgb, 0.0);
     bool healthy = is_finite(dot(accumulated, vec4(1.0))) && accumulated.a >= 1.0;
-    bool keep = (settled || was_visible(before, outward, moved.z)) && healthy && history_valid;
+    bool unmoved = settled && still && abs(moved.z - moved.w) <= DEPTH_TOLERANCE * moved.w;
+    bool keep = (unmoved || was_visible(before, outward, moved.z)) && healthy && history_valid;
 
     vec3 offset = ycocg(history) - mean;
     float share = clip_share(offset, (settled ? SETTLED_GAMMA : CLIP_GAMMA) * deviation);

@@ -97,8 +97,8 @@ def test_a_second_run_gives_the_same_bits(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("resource", [
-    "shadow", "albedo", "depth", "direct", "tensor_cube", "tensor_screen", "indirect_low", "indirect", "lit", "taa",
-    "display"])
+    "shadow_visible", "albedo", "depth", "direct", "tensor_cube", "tensor_screen", "indirect_low", "indirect", "lit",
+    "taa", "display"])
 def test_the_first_broken_stage_is_the_one_that_changed(folder: Path, resource: str) -> None:
     def change(renderer: Renderer) -> None:
         override(renderer, resource, lambda image: np.clip(image.astype(np.float32) * 0.9, -1e4, 1e4))

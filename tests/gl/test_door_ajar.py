@@ -1,0 +1,42 @@
+"""A room that gets its light through a door ajar: its mean light against the path tracer."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from app.network.selection import find_model
+from tests.gl.scenes import draw
+
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "path_tracer")]
+
+SIZE = (128, 96)
+LITTLE = pytest.mark.xfail(reason=(
+    "few walks that place the surfels pass the gap, and light is interpolated across the wall beside it: at 8 degrees "
+    "the room is up to a third too bright, at 2 degrees much of it black"))
+
+
+@pytest.mark.parametrize("degrees", [pytest.param(2.0, marks=LITTLE), pytest.param(8.0, marks=LITTLE), 25.0, 60.0])
+def test_the_dark_room_has_its_light(degrees: float) -> None:
+    from export.reference.still import Still
+    from export.reference.trace import trace_reference
+    from export.validation.scenes.sources import with_found_emitters
+    from export.validation.views import generated
+
+    made = generated("door_ajar", 0, {"angle_deg": degrees})
+    scene = with_found_emitters(made.scene)
+    camera = scene.cameras[scene.default_camera].at(0.0)
+    expected = trace_reference(Still(scene, camera, SIZE), 64).layers["final"].mean()
+    found = draw(scene, SIZE, ("final",), camera, find_model("ember"))["final"].mean()
+    assert found == pytest.approx(expected, rel=0.15)
+
+
+def test_nothing_passes_a_door_that_is_shut() -> None:
+    """Direct light only: the panel behind the door lights nothing in the room."""
+    from export.validation.scenes.sources import with_found_emitters
+    from export.validation.views import generated
+
+    scene = with_found_emitters(generated("door_ajar", 0, {"angle_deg": 1.0}).scene)
+    camera = scene.cameras[scene.default_camera].at(0.0)
+    direct = draw(scene, (96, 72), ("direct",), camera)["direct"]
+    assert np.isfinite(direct).all() and direct.mean() < 1e-3
