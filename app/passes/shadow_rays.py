@@ -20,7 +20,9 @@ MAX_RECEIVERS = 2**17      # of the screen's grid
 FIRST_RAYS = 2**22         # of a frame without history
 MAX_FIRST_SAMPLES = 64     # of a receiver in such a frame
 CUBE_SAMPLES = 16          # of a receiver on the cube, which has no history
-SAMPLES = {MotionKind.NONE: 1, MotionKind.CAMERA: 1, MotionKind.OBJECTS: 4}             # of a receiver in each frame
+FRAME_RAYS = 2**17         # of the other frames,
+CHANGED_FRAME_RAYS = 2**19  # of frames in which objects or lights change,
+MAX_FRAME_SAMPLES = 8      # of a receiver in these
 MAX_SAMPLES = {MotionKind.NONE: 1024.0, MotionKind.CAMERA: 64.0, MotionKind.OBJECTS: 12.0}  # of its history
 SKY_READS = ("sky_irradiance", "sky_strata")
 SUMS = ("shadow_visible", "shadow_unshadowed")
@@ -82,7 +84,8 @@ def _make_rays(device: Device, bound: BoundPass, lights: LightSet, scene: RaySce
         key = view.eye.tobytes(), view.rotation.tobytes(), view.tan_half, frame.lighting
         if not has_history and resources.is_current(key):
             return
-        count = SAMPLES[frame.motion]
+        budget = CHANGED_FRAME_RAYS if frame.motion is MotionKind.OBJECTS else FRAME_RAYS
+        count = min(MAX_FRAME_SAMPLES, max(1, budget // math.prod(size)))
         samples = range(first + frame.index * count, first + (frame.index + 1) * count)
         resources.bind(rays.program)
         rays.program.set(ratio=ratio_to(size, frame))
