@@ -42,6 +42,7 @@ void main()
 #ifdef WRITE_SPECULAR
     vec4 reflectance = texelFetch(specular_roughness, texel, 0);
     Lobe lobe = specular_lobe(p, n, reflectance);
+    bool is_shiny = max(max(reflectance.r, reflectance.g), reflectance.b) > 0.0;
 #endif
 #ifdef HAS_SHADOW
     vec3 face = octahedral_decode(vec2(surface.a, base.a));
@@ -58,11 +59,16 @@ void main()
     }
 #endif
 #ifdef HAS_SHADOW_RATIO
+    vec3 v = is_surface(d) ? traced_visibility(n, d) : vec3(0.0);
     vec3 traced = vec3(0.0), traced_specular = vec3(0.0);
-    for (int i = MAPPED_COUNT; i < LIGHT_COUNT; ++i) {
-        traced += irradiance(lights[i], p, n);
+    // Loops that take no step, not branches, since software rasterisers walk through both sides of each.
+    int end = max(max(v.r, v.g), v.b) > 0.0 ? LIGHT_COUNT : MAPPED_COUNT;
+    for (int i = MAPPED_COUNT; i < end; ++i) {
+        vec3 e = irradiance(lights[i], p, n);
+        traced += e;
 #ifdef WRITE_SPECULAR
-        traced_specular += ggx_specular(lights[i], p, n, lobe);
+        int steps = is_shiny && max(max(e.r, e.g), e.b) > 0.0 ? 1 : 0;
+        for (int k = 0; k < steps; ++k) traced_specular += ggx_specular(lights[i], p, n, lobe);
 #endif
     }
 #ifdef HAS_SKY_IRRADIANCE
@@ -72,7 +78,6 @@ void main()
     traced_specular += environment_reflectance(reflectance, max(dot(n, -normalize(p)), 0.0))
         * unshadowed_sky_specular(dominant_direction(n, p, reflectance.a), reflectance.a);
 #endif
-    vec3 v = is_surface(d) ? traced_visibility(n, d) : vec3(0.0);
     diffuse += v * traced;
     specular += v * traced_specular;
 #endif

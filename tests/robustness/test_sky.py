@@ -46,7 +46,7 @@ def test_one_row_of_sky_changes_nothing_below_it() -> None:
     assert closed["indirect"][~sky].min() > 0
     np.testing.assert_allclose(open_["direct"][~sky], closed["direct"][~sky], rtol=1e-3)  # one unit of half precision
     np.testing.assert_allclose(open_["indirect"][~sky], closed["indirect"][~sky], rtol=2e-3)
-    np.testing.assert_array_equal(open_["indirect"][4:], closed["indirect"][4:])
+    np.testing.assert_allclose(open_["indirect"][4:], closed["indirect"][4:], rtol=1e-3)
 
 
 @pytest.mark.parametrize("rows", [1, 2])
