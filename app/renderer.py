@@ -90,7 +90,8 @@ class Renderer:
         self._caster: Caster | None = None
         self._scaled = scene
         self._geometry = GpuScene(self._gl, scene)
-        self._lights = LightSet(self._gl, scene, self._needs_rays(scene))
+        self._traced = self._needs_rays(scene)
+        self._lights = LightSet(self._gl, scene, self._traced)
         self._camera = CameraBlock(self._gl)
         frame = build_frame(FrameInputs(scene, settings, self._lights, self._get_caster, self._models))
         self._sources = {o: frame.resource(o) for o in settings.outputs}
@@ -106,7 +107,7 @@ class Renderer:
         self.after_pass: list[AfterPass] = [self._count_non_finite] if settings.check else []
         self._previous: View | None = None
         self._index = 0
-        self._lighting: object = None
+        self._lighting: tuple[object, ...] = ()
         self._unchanged = self._still = 0  # frames
 
     def render(self, camera: Camera, time: float = 0.0) -> dict[str, Pixels]:
@@ -175,9 +176,12 @@ class Renderer:
         if radiance_scale(scene) != self._radiance_scale:
             return False
         scaled = scene.with_radiance_scale(self._radiance_scale)
-        if not self._lights.replace(scaled, self._needs_rays(scaled)):
+        # Edited lights keep their way of shadowing: looking for it takes long, and another one needs other shaders.
+        same_kinds = [type(light) for light in lights] == [type(light) for light in self.scene.lights]
+        traced = self._traced if same_kinds else self._needs_rays(scaled)
+        if not self._lights.replace(scaled, traced):
             return False
-        self.scene = scene
+        self.scene, self._traced = scene, traced
         return True
 
     @property
@@ -247,7 +251,8 @@ class Renderer:
             jitter=self._jitter() if self._accumulates else (0.0, 0.0), history_valid=not cut,
             accumulates=self._accumulates, noise_phase=settings.seed * GOLDEN_RATIO % 1.0, index=self._index,
             exposure=settings.exposure / self._radiance_scale, geometry=self._geometry, lights=self._lights,
-            unchanged=unchanged, still=still)
+            unchanged=unchanged, still=still,
+            relit=not cut and lighting[0] != self._lighting[0])
         self._lights.upload(view.eye)
         self._camera.upload(frame)
         asking = 0.0  # seconds

@@ -72,11 +72,12 @@ void main()
 #endif
     }
 #ifdef HAS_SKY_IRRADIANCE
-    traced += unshadowed_sky_irradiance(n);
+    if (is_surface(d)) traced += unshadowed_sky_irradiance(n);
 #endif
 #if defined(HAS_SKY_SPECULAR) && defined(WRITE_SPECULAR)
-    traced_specular += environment_reflectance(reflectance, max(dot(n, -normalize(p)), 0.0))
-        * unshadowed_sky_specular(dominant_direction(n, p, reflectance.a), reflectance.a);
+    if (is_surface(d))
+        traced_specular += environment_reflectance(reflectance, max(dot(n, -normalize(p)), 0.0))
+            * unshadowed_sky_specular(dominant_direction(n, p, reflectance.a), reflectance.a);
 #endif
     diffuse += v * traced;
     specular += v * traced_specular;

@@ -13,6 +13,7 @@ const uvec3 RECURRENCE = uvec3(3518319155u, 2882110345u, 2360945575u);  // R3 of
 const float TO_UNIT = 1.0 / 4294967296.0;
 const vec2 SKY_CELL_EXTENT = vec2(PI / 32.0);  // of azimuth and polar angle, as in environment.py
 const float LUMINANCE_FLOOR = 1e-30;
+const float MIN_EPSILON = 0.05;   // of ray_epsilon, which covers the rounding of positions
 const float SHORTENED = 0.999;  // so that rays end before what touches the light
 
 #ifdef GRID_SURFELS
@@ -30,7 +31,7 @@ uniform sampler2D sky_strata;  // lower half: azimuth and polar angle where each
 #endif
 uniform int sample_index;    // of each receiver
 uniform float noise_phase;   // shifts the sequence, from the seed
-uniform float ray_epsilon;   // by which rays start off their surface, scene units
+uniform float ray_epsilon;   // by which rays start off their surface at most, scene units
 uniform float sky_distance;  // length of a ray towards the environment, scene units
 
 layout(location = 0) out vec4 out_origin;  // relative space; a: 0: no ray, 1: towards a light, 2: towards the environment
@@ -45,12 +46,22 @@ struct Receiver {
     bool is_surface;
 };
 
+// Of a pixel or of a texel of the cube, per unit of depth.
+float pixel_width()
+{
+#ifdef GRID_CUBE
+    return 2.0 / float(CUBE_SIZE);
+#else
+    return 2.0 * lens.y * image.w;
+#endif
+}
+
 Receiver receiver(ivec2 texel)
 {
 #ifdef GRID_SURFELS
     vec3 p = texelFetch(light_sample_position, texel, 0).xyz - local_eye;
     vec3 n = texelFetch(light_sample_normal, texel, 0).xyz;
-    return Receiver(p, n, n, p + n * ray_epsilon, dot(n, n) > 0.5);
+    return Receiver(p, n, n, p + n * (MIN_EPSILON * ray_epsilon), dot(n, n) > 0.5);
 #else
     ivec2 full = nearest_texel(texel, ratio);
     float d = texelFetch(depth, full, 0).r;
@@ -58,7 +69,9 @@ Receiver receiver(ivec2 texel)
     vec3 n = sanitize_normal(surface.xyz);
     vec3 face = octahedral_decode(vec2(surface.a, texelFetch(albedo, full, 0).a));
     vec3 p = surface_ray(vec2(full) + 0.5) * d;
-    return Receiver(p, n, face, p + (face - normalize(p)) * ray_epsilon, is_surface(d) && dot(n, n) > 0.5);
+    // Half a pixel, within limits: what is nearer can't be seen to cast a shadow.
+    float epsilon = clamp(0.5 * pixel_width() * d, MIN_EPSILON * ray_epsilon, ray_epsilon);
+    return Receiver(p, n, face, p + (face - normalize(p)) * epsilon, is_surface(d) && dot(n, n) > 0.5);
 #endif
 }
 

@@ -19,7 +19,7 @@ uniform sampler2D taa_prev;    // rgb: history, a: frames accumulated
 uniform sampler2D depth_prev;
 uniform float near;            // distance of the near plane in scene units
 uniform bool history_valid;
-uniform bool settled;          // history shows what is visible now, so none of it is rejected
+uniform bool settled;          // history shows what is visible now, so it is rejected only where motion contradicts it, and only outliers are clipped
 #ifdef SKY
 uniform mat3 previous_from_view;  // from this frame's camera space to the previous one's
 uniform vec2 previous_lens;       // tangents of half its field of view

@@ -52,6 +52,8 @@ class FrameState:
     unchanged, still : int
         Frames since objects or lights have changed last, and since these or the camera have; at least
         ``REFRESH_FRAMES`` from a cut on.
+    relit : bool
+        Whether lights have changed since the last frame.
     """
 
     size: tuple[int, int]
@@ -67,6 +69,7 @@ class FrameState:
     lights: LightSet
     unchanged: int
     still: int
+    relit: bool
 
     @property
     def lighting(self) -> tuple[object, ...]:

@@ -59,7 +59,7 @@ def declare(lights: LightSet, has_sky: bool, scene: Callable[[], RayScene], size
                    reads=(*now, "shadow_gbuffer", "motion", *(f"{name}@prev" for name in SUMS), "shadow_gbuffer@prev"),
                    writes=sums, make=make_fullscreen("shadow_history.frag", lambda frame: {
                        "ratio": ratio_to(receivers, frame), "max_samples": MAX_SAMPLES[frame.motion],
-                       "history_valid": frame.history_valid},
+                       "history_valid": frame.history_valid and not frame.relit},
                        samplers={"shadow_gbuffer": "lowres_gbuffer", "shadow_gbuffer@prev": "lowres_gbuffer_prev"}))
     averaged = tuple(f"{name}_averaged" for name in SUMS)
     yield _filter("shadow_filter_near", SUMS, {name: Tex("f4", 4, size=receivers) for name in averaged}, receivers, 1)
@@ -80,8 +80,7 @@ def _make_rays(device: Device, bound: BoundPass, lights: LightSet, scene: RaySce
     first = min(MAX_FIRST_SAMPLES, max(1, FIRST_RAYS // math.prod(size)))
 
     def execute(frame: FrameState, resources: Resources) -> None:
-        view = frame.view
-        key = view.eye.tobytes(), view.rotation.tobytes(), view.tan_half, frame.lighting
+        key = _view_and_lighting(frame)
         if not has_history and resources.is_current(key):
             return
         budget = CHANGED_FRAME_RAYS if frame.motion is MotionKind.OBJECTS else FRAME_RAYS
@@ -95,6 +94,11 @@ def _make_rays(device: Device, bound: BoundPass, lights: LightSet, scene: RaySce
         resources.set_current(key)
 
     return execute
+
+
+def _view_and_lighting(frame: FrameState) -> tuple[object, ...]:
+    """What rays without history depend on."""
+    return frame.view.eye.tobytes(), frame.view.rotation.tobytes(), frame.view.tan_half, frame.lighting
 
 
 def declare_cube(lights: LightSet, has_sky: bool, scene: Callable[[], RayScene], face: int, camera_axes: bool) -> Pass:
@@ -111,9 +115,13 @@ def _make_cube_rays(device: Device, bound: BoundPass, scene: RayScene, size: tup
     rays = ShadowRays(device, size, {**defines, **read_defines(bound)}, scene)
 
     def execute(frame: FrameState, resources: Resources) -> None:
+        key = _view_and_lighting(frame)
+        if resources.is_current(key):
+            return
         resources.bind(rays.program, CUBE_PREFIX)
         rays.program.set(ratio=(1.0, 1.0))
         visible, unshadowed = rays.trace(frame, range(CUBE_SAMPLES))
         resources["cube_shadow_ratio"].write(share_of(visible, unshadowed).tobytes())
+        resources.set_current(key)
 
     return execute

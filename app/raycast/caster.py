@@ -18,6 +18,7 @@ from app.scene import Scene
 
 STATIC = 0            # index of the body of all instances that never move
 MAX_CUT_OUTS = 16     # alpha-tested surfaces that a ray can pass through
+PAST_HIT = 1.0001     # lengths of a ray by which it goes on behind what it passes
 RAY_EPSILON = 1e-4    # offset of ray origins from their surface, relative to the scene's longest edge
 
 
@@ -138,10 +139,14 @@ class Caster:
                 start = (origins[rows] @ inverse[:3, :3].T + inverse[:3, 3]).astype(np.float32)
                 along = (vectors[rows] @ inverse[:3, :3].T).astype(np.float32)
             occluded[rows] = body.is_occluded(start, along, proxies_block)
-            if body.has_alpha_tested:
-                rows = np.flatnonzero(~occluded)
-                hits = self.cast(origins[rows], vectors[rows], (index,), np.ones(len(rows), np.float32))
-                occluded[rows] = (hits.body >= 0) & (proxies_block | ~hits.is_light_proxy)
+            rows = np.flatnonzero(~occluded) if body.has_alpha_tested else rows[:0]
+            start, along = origins[rows], vectors[rows]
+            while len(rows):  # past light proxies, if these don't block
+                hits = self.cast(start, along, (index,), np.ones(len(rows), np.float32))
+                passes = hits.is_light_proxy & (not proxies_block)
+                occluded[rows[(hits.body >= 0) & ~passes]] = True
+                share = np.minimum(hits.distance[passes] * PAST_HIT, 1)[:, None]
+                rows, start, along = rows[passes], start[passes] + share * along[passes], (1 - share) * along[passes]
         return occluded
 
     def random_points(self, count: int, rng: np.random.Generator) -> tuple[F32, F32]:

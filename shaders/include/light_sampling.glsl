@@ -5,6 +5,7 @@
 #include "lights.glsl"
 
 const float MIN_SOLID_ANGLE = 1e-3;    // below it rounding spoils the spherical rectangle, and area will do
+const float INSIDE = 1.001;            // of the squared radius, within which a receiver counts as inside of a sphere
 const float MIN_CORNER_COSINE = 0.05;  // so that corners below the horizon don't hide what lies between them
 
 struct LightSample {
@@ -100,11 +101,13 @@ LightSample sample_sphere(Light light, vec3 to_light, vec3 n, vec2 s)
     vec3 direction = axis * c + (tangent * cos(turn) + cross(axis, tangent) * sin(turn)) * side;
     float distance = sqrt(square) * c - sqrt(max(radius * radius - square * side * side, 0.0));
     float solid_angle = 2.0 * PI * sine2 / (1.0 + sqrt(1.0 - sine2));
+    // From inside, nothing is in the way.
+    vec3 vector = square > INSIDE * radius * radius ? direction * distance : n * (radius * 1e-3);
     vec3 radiance = light.color.rgb / (PI * radius * radius);
 #ifdef HAS_SPOT_LIGHT
     if (int(light.color.w) == SPOT) radiance *= spot_falloff(light, axis);
 #endif
-    return LightSample(direction * distance, radiance * (solid_angle * max(dot(direction, n), 0.0)));
+    return LightSample(vector, radiance * (solid_angle * max(dot(direction, n), 0.0)));
 }
 
 // A point of ``light`` for s in [0, 1)², as seen from relative point p with unit normal n.

@@ -23,7 +23,14 @@ vec3 traced_visibility(vec3 n, float depth)
         + shadow_tap(ivec2(t.high.x, t.low.y), t.along_high.x + t.along_low.y, f.x * g.y, r)
         + shadow_tap(ivec2(t.low.x, t.high.y), t.along_low.x + t.along_high.y, g.x * f.y, r)
         + shadow_tap(t.high, t.along_high.x + t.along_high.y, f.x * f.y, r);
-    return sum.a > 0.0 ? clamp(sanitize_radiance(sum.rgb / sum.a), 0.0, 1.0) : vec3(0.0);
+    // Where none of them shows a surface that gets light, as at a wire before the sky, those around them may.
+    int steps = sum.a > 0.0 ? 0 : 16;
+    for (int i = 0; i < steps; ++i) {
+        ivec2 low = clamp(t.low + ivec2(i % 4, i / 4) - 1, ivec2(0), textureSize(shadow_gbuffer, 0) - 1);
+        vec2 along = along_normal(low, shadow_grid_ratio, r);
+        sum += shadow_tap(low, along.x + along.y, 1.0, r);
+    }
+    return sum.a > 0.0 ? clamp(sanitize_radiance(sum.rgb / sum.a), 0.0, 1.0) : vec3(1.0);
 }
 #else
 // The grid is that of the receivers.

@@ -136,6 +136,50 @@ def test_another_light_shows_within_a_few_frames() -> None:
     assert np.abs(found - expected).mean() < 0.03 * expected.mean()
 
 
+def test_nothing_is_left_of_a_light_that_goes_out() -> None:
+    """At a size with one ray a texel, a much brighter light leaves no trace in the share of light that arrives."""
+    size = (480, 270)
+    parts = [floor(1.0), box((-0.1, 0.3, -0.5), (0.2, 0.2, 1.0))]
+    bright, dim = (RectLight((x, 2.0, 0.0), (1.0, 0, 0), (0, 0, 1.0), (power,) * 3) for x, power in ((-2, 30), (2, 1)))
+    dark = replace(bright, radiance=(0.0,) * 3)
+    scene = make_scene(parts, [bright, dim], ABOVE)
+    expected = draw(scene.with_lights(dark, dim), size, ("direct",))["direct"]
+    with Renderer(scene, Settings(size, ("direct",), taa=True)) as renderer:
+        for _ in range(8):
+            renderer.render(ABOVE)
+        assert renderer.relight((dark, dim))
+        for _ in range(8):
+            found = renderer.render(ABOVE)["direct"]
+    assert np.abs(found - expected).mean() < 0.05 * expected.mean()
+
+
+def test_wires_before_the_sky_have_its_light() -> None:
+    """Thinner than a texel of the grid that shadows are traced on."""
+    even = Environment(np.full((8, 16, 3), 0.6, np.float32))
+    wires = [quad((x, 0.0, 0.0), (0.012, 0, 0), (0, 2.0, 0)) for x in np.linspace(-1.5, 1.5, 40)]
+    camera = Camera((0.0, 1.0, 2.0), (0.0, 1.0, 0.0), fov_y_deg=40.0)
+    images = draw(replace(make_scene(wires), environment=even), (800, 400), ("direct", "depth"), camera)
+    found = images["direct"][..., 1][images["depth"][..., 0] > 0]
+    assert len(found) > 1000
+    np.testing.assert_allclose(found, 0.5 * 0.6, rtol=0.05)
+
+
+def test_what_stands_inside_a_sphere_light_is_lit() -> None:
+    light = PointLight((0.0, 0.1, 0.0), WHITE, 0.5)
+    scene = make_scene([floor(2.0)], [light])
+    share = draw(scene, SIZE, ("direct",), ABOVE)["direct"] / draw(without_shadows(scene), SIZE, ("direct",))["direct"]
+    assert share.min() > 0.98
+
+
+@pytest.mark.parametrize("extent", [5.0, 5000.0])
+def test_a_low_lid_shadows_the_floor_also_in_a_large_scene(extent: float) -> None:
+    even = Environment(np.full((8, 16, 3), 0.6, np.float32))
+    lid = quad((-0.5, 0.05, 0.5), (1, 0, 0), (0, 0, -1))
+    camera = Camera((0.0, 0.03, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 40.0)
+    scene = replace(make_scene([floor(extent), lid]), environment=even)
+    assert draw(scene, SIZE, ("direct",), camera)["direct"].mean() < 0.2 * 0.5 * 0.6
+
+
 def test_the_picture_says_what_is_traced() -> None:
     large, small = RectLight((0, 2.0, 0), (1.0, 0, 0), (0, 0, 1.0), WHITE), PointLight((0, 2.0, 0), WHITE, 0.01)
     with Renderer(make_scene([floor(1.0)], [large, small]), Settings(SIZE)) as renderer:

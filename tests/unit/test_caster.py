@@ -226,3 +226,35 @@ def test_a_sheared_body_is_hit_up_to_its_corners() -> None:
     scene = replace(scene, instances=tuple(replace(i, transform=rotation @ i.transform) for i in scene.instances))
     ends = [(x, 0.0, 0.0) for x in (-7.0, 0.0, 7.0)]
     assert (cast(scene, [(x, 0, 3) for x, _, _ in ends], ends, time=1.0).body == 1).all()
+
+
+@pytest.mark.parametrize("time", [0.0, 1.0])
+def test_rays_are_occluded_where_they_meet_something(time: float) -> None:
+    """The same as the nearest hits say, for static, moving and alpha-tested bodies."""
+    holes = texture([[(1.0,) * 3] * 2] * 2)
+    pixels = holes.pixels.copy()
+    pixels[::2, ::2, 3] = 0.0
+    veil = Material(albedo_map=replace(holes, pixels=pixels), alpha_cutoff=0.5)
+    scene = make_scene([wall(), wall(veil, (-1, -1, 1)),
+                        box((-0.2, -0.2, 1.5), (0.4,) * 3, motion=slide([0, 1], [(0, 0, 0), (0.5, 0, 0)]))])
+    caster = Caster(scene)
+    caster.move_to(time)
+    rng = np.random.default_rng(0)
+    origins, ends = (rng.uniform((-1.2, -1.2, low), (1.2, 1.2, high), (4000, 3)) - caster.origin
+                     for low, high in ((2.2, 3.0), (-1.0, 1.4)))
+    rays = origins.astype(np.float32), (ends - origins).astype(np.float32)
+    expected = caster.cast(*rays, t_max=np.ones(4000, np.float32)).body >= 0
+    np.testing.assert_array_equal(caster.is_occluded(*rays, proxies_block=True), expected)
+    assert 0.1 < expected.mean() < 0.9
+
+
+@pytest.mark.parametrize("behind", [GREY, Material(albedo_map=texture([[(1.0,) * 3]]), alpha_cutoff=0.5)])
+def test_light_proxies_block_only_if_asked(behind: Material) -> None:
+    proxy = Material(is_light_proxy=True)
+    for parts, blocked in (([wall(proxy)], False), ([wall(proxy, (-1, -1, 1)), wall(behind)], True),
+                           ([wall(proxy), wall(behind, (-1, -1, 1))], True)):
+        caster = Caster(make_scene(parts))
+        origin = (np.array([FRONT], np.float64) - caster.origin).astype(np.float32)
+        ray = origin, np.array([(0, 0, -6)], np.float32)
+        assert caster.is_occluded(*ray, proxies_block=True).all()
+        assert caster.is_occluded(*ray, proxies_block=False).tolist() == [blocked]
