@@ -15,7 +15,6 @@ const int TAPS = 2;                    // blocker-search and edge-test samples p
 const int PENUMBRA_TAPS = 14;          // of the filter
 const float HARD_KERNEL = 1.0;         // smallest radius of the filter, in texels
 const float SMALLEST_RIM = 0.5;        // of the rim's usual radius
-const float WIDE_KERNEL = 256.0;       // texels across from which the filter always runs
 const float MAX_THROW = 0.5;       // of the map: blockers of parallel light farther away are not searched
 const float MIN_BLOCKER_SHARE = 0.15;    // of the distance to the light; blockers nearer to the light are not searched
 const float SLACK = 2.0;               // on the light's squared radius, when asking whether a line meets it
@@ -255,9 +254,7 @@ float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool want
     vec2 rim = rim_point(square, noise) * (disc.share < smallest ? 1.0 : SMALLEST_RIM);
     for (int i = 0; i < edge_taps; ++i) seen += texel_blocks(light, r, tap(r, disc, i == 0 ? rim : -rim)) ? 0.0 : 1.0;
     seen = quad_sum(seen);
-    // Eight taps cannot sample a wide kernel well with fine blockers in it, such as the bars before a window.
-    bool wide = weight > 0.0 && radius / reach * (1.0 - disc.share) / disc.share * light.tile.z > WIDE_KERNEL;
-    bool penumbra = wide || parted(seen);
+    bool penumbra = parted(seen);
     int taps = wanted && penumbra ? PENUMBRA_TAPS : 0;
     pattern = quad_pattern(noise, PENUMBRA_TAPS);
     float passed = 0.0;
