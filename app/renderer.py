@@ -251,7 +251,7 @@ class Renderer:
             jitter=self._jitter() if self._accumulates else (0.0, 0.0), history_valid=not cut,
             accumulates=self._accumulates, noise_phase=settings.seed * GOLDEN_RATIO % 1.0, index=self._index,
             exposure=settings.exposure / self._radiance_scale, geometry=self._geometry, lights=self._lights,
-            unchanged=unchanged, still=still,
+            lighting=lighting, unchanged=unchanged, still=still,
             relit=not cut and lighting[0] != self._lighting[0])
         self._lights.upload(view.eye)
         self._camera.upload(frame)

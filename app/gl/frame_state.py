@@ -49,6 +49,8 @@ class FrameState:
         Frames since the last cut.
     exposure : float
         Linear factor for the display image, with the scene's radiance scale undone.
+    lighting : tuple
+        What the light on surfaces depends on, from any viewpoint: the lights, and how often any object has moved.
     unchanged, still : int
         Frames since objects or lights have changed last, and since these or the camera have; at least
         ``REFRESH_FRAMES`` from a cut on.
@@ -67,14 +69,10 @@ class FrameState:
     exposure: float
     geometry: GpuScene
     lights: LightSet
+    lighting: tuple[object, ...]
     unchanged: int
     still: int
     relit: bool
-
-    @property
-    def lighting(self) -> tuple[object, ...]:
-        """What the light on surfaces depends on, from any viewpoint; equal as long as none of it has changed."""
-        return self.lights.lights, self.geometry.changes
 
     @property
     def motion(self) -> MotionKind:

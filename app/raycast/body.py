@@ -70,7 +70,8 @@ class Body:
         self._alpha_tested = np.array([m.alpha_cutoff is not None for m in self._materials], bool)
         self._light_proxies = np.array([m.is_light_proxy for m in self._materials], bool)
         opaque, proxy = ~self._alpha_tested[self._material], self._light_proxies[self._material]
-        self._opaque = _embree_scene(self.positions, self.triangles[opaque & ~proxy])
+        blocks = opaque & ~proxy
+        self._opaque = self._scene if blocks.all() else _embree_scene(self.positions, self.triangles[blocks])
         self._opaque_proxies = _embree_scene(self.positions, self.triangles[opaque & proxy])
         self.has_alpha_tested = bool((~opaque).any())
 

@@ -149,22 +149,21 @@ class Caster:
                 rows, start, along = rows[passes], start[passes] + share * along[passes], (1 - share) * along[passes]
         return occluded
 
-    def random_points(self, count: int, rng: np.random.Generator) -> tuple[F32, F32]:
-        """Points spread evenly over all surfaces but light proxies, and their face normals, both (count, 3).
+    def random_points(self, count: int, rng: np.random.Generator) -> F32:
+        """Points spread evenly over all surfaces but light proxies, shape (count, 3), in local space.
 
-        Fewer, or none, where there is nothing to spread them over. In local space; sides of faces are arbitrary.
+        None where there is nothing to spread them over.
         """
         corners = [(body.surface_corners() @ matrix[:3, :3].T + matrix[:3, 3])
                    for body, matrix in zip(self.bodies, self.matrices, strict=True)]
         a, b, c = np.moveaxis(np.concatenate(corners), 1, 0)
-        cross = np.cross(b - a, c - a)
-        area = np.linalg.norm(cross, axis=1)
+        area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
         if not area.sum() > 0:
-            return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32)
+            return np.zeros((0, 3), np.float32)
         chosen = rng.choice(len(area), count, p=area / area.sum())
         root, v = np.sqrt(rng.random((count, 1))), rng.random((count, 1))
         points = (1 - root) * a[chosen] + root * (1 - v) * b[chosen] + root * v * c[chosen]
-        return points.astype(np.float32), (cross[chosen] / area[chosen, None]).astype(np.float32)
+        return np.asarray(points, np.float32)
 
     def bounding_sphere(self, index: int) -> tuple[F32, float]:
         """Centre in local space, shape (3,), and radius of a sphere around body ``index``."""

@@ -5,26 +5,16 @@ angle that the light subtends at a receiver.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from app.arrays import F32, F64, Bools
+from app.arrays import F64, Bools
 from app.raycast.caster import Caster
 from app.scene import DirectionalLight, Light, PointLight, RectLight, SpotLight
 
 POINTS = 1024             # on the scene's surfaces, at each key time
 MAX_RELATIVE_SIZE = 0.05  # radius / distance up to which one map will do
 MAX_NEAR_SHARE = 0.02     # of what a light lights may lie nearer to it
-
-
-@dataclass(frozen=True, eq=False)
-class _Surfaces:
-    """Points of a scene at one time, in world space, and what lies between two points."""
-
-    points: F64
-    is_occluded: Callable[[F32, F32, bool], Bools]
-    origin: F64
 
 
 def needs_rays(lights: Sequence[Light], caster: Callable[[], Caster], times: Iterable[float]) -> tuple[bool, ...]:
@@ -44,9 +34,8 @@ def needs_rays(lights: Sequence[Light], caster: Callable[[], Caster], times: Ite
     rays, rng = caster(), np.random.default_rng(0)
     for time in times:
         rays.move_to(time)
-        points = rays.random_points(POINTS, rng)[0].astype(np.float64) + rays.origin
-        surfaces = _Surfaces(points, rays.is_occluded, rays.origin)
-        counts += [_count_near(light, *area, surfaces) for light, area in zip(lights, areas, strict=True)]
+        points = rays.random_points(POINTS, rng).astype(np.float64) + rays.origin
+        counts += [_count_near(light, *area, points, rays) for light, area in zip(lights, areas, strict=True)]
     # A light of which nothing sees the centre is traced too: nothing is known about what sees the rest of it.
     return tuple(radius > 0 and bool(near >= MAX_NEAR_SHARE * lit)
                  for (_, radius), (lit, near) in zip(areas, counts, strict=True))
@@ -63,17 +52,17 @@ def _center_and_radius(light: Light) -> tuple[F64, float]:
             return np.zeros(3), 0.0
 
 
-def _count_near(light: Light, center: F64, radius: float, surfaces: _Surfaces) -> tuple[int, int]:
-    """How many points see the light's centre, and how many of these are near for its size."""
+def _count_near(light: Light, center: F64, radius: float, points: F64, rays: Caster) -> tuple[int, int]:
+    """How many world-space points see the light's centre, and how many of these are near for its size."""
     if radius <= 0:
         return 0, 0
-    to_light = center - surfaces.points
+    to_light = center - points
     distance = np.linalg.norm(to_light, axis=1)
     lit = _is_in_beam(light, to_light, distance) & (distance > 0)
-    origins = (surfaces.points[lit] - surfaces.origin).astype(np.float32)
+    origins = (points[lit] - rays.origin).astype(np.float32)
     vectors = to_light[lit].astype(np.float32)
     away = np.float32(1e-3)  # off both ends, since surfaces of unknown side start and end the line
-    seen = ~surfaces.is_occluded(origins + away * vectors, (1 - 2 * away) * vectors, False)
+    seen = ~rays.is_occluded(origins + away * vectors, (1 - 2 * away) * vectors, False)
     near = radius > MAX_RELATIVE_SIZE * distance[lit]
     return int(seen.sum()), int((near & seen).sum())
 
