@@ -3,7 +3,6 @@
 #include "lowres_history.glsl"
 
 const float MEAN_LEVEL = 4.0;  // mip level of the 16x16 mean that noisy light is compared with
-const float MIN_SHARE = 0.05;  // of the texels around that must show the same surface
 
 uniform sampler2D indirect_now;
 uniform sampler2D indirect_low_prev;  // rgb: history, a: frames accumulated

@@ -2,8 +2,6 @@
 // of its history.
 #include "lowres_history.glsl"
 
-const float MIN_SHARE = 0.05;  // of the texels around that must show the same surface
-
 uniform sampler2D shadow_visible_now;     // rgb: mean irradiance of the samples that reach their light, a: samples
 uniform sampler2D shadow_unshadowed_now;  // rgb: mean irradiance of all samples
 uniform sampler2D shadow_visible_prev;

@@ -4,6 +4,8 @@
 #include "nearest_texel.glsl"
 #include "history.glsl"
 
+const float MIN_SHARE = 0.05;  // of the texels around that must show the same surface
+
 uniform sampler2D lowres_gbuffer;
 uniform sampler2D motion;
 uniform sampler2D lowres_gbuffer_prev;
