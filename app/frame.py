@@ -4,19 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from app.errors import SettingsError
 from app.gl.lights import LightSet
+from app.gl.peeling import PeeledLayer
 from app.graph import Absent, Pass, Plan, compile_graph
-from app.network.channels import DIFFUSE, GLOBALS, INDIRECT, SPECULAR
+from app.network.channels import DIFFUSE, GLOBALS, INDIRECT, SCREEN, SPECULAR, SURFEL_INDIRECT, SURFELS
 from app.network.selection import Models
 from app.passes import (
     accumulate,
+    auto_exposure,
     background,
+    blend,
     composite,
     direct,
+    final_gather,
+    front_motion,
     gbuffer,
+    labels,
     lowres_gbuffer,
     network,
     pack_globals,
@@ -24,10 +31,13 @@ from app.passes import (
     pack_surfels,
     position,
     push_pull,
+    reflection,
+    reflection_rays,
     shadow,
     shadow_rays,
     sky_light,
     ssgi,
+    surfel_indirect,
     surfel_light,
     taa,
     tonemap,
@@ -36,7 +46,7 @@ from app.passes import (
 )
 from app.raycast.caster import Caster
 from app.scene import Environment, Scene
-from app.settings import Settings
+from app.settings import TONE_MAPS, Settings
 from app.surfels.tracked import TrackedSurfels
 
 if TYPE_CHECKING:
@@ -51,15 +61,19 @@ AOVS: dict[str, str] = {
     "depth": "distance along the camera's -z in scene units; 0 where nothing is seen",
     "position": "surface point, world space, scene units",
     "motion": "pixels moved since the last frame (current - previous, +y down)",
+    "instance": "number of the instance, counted from 1; 0 where nothing is seen; never blended",
+    "material": "number of the material, counted from 1; 0 where nothing is seen; never blended",
+    "flow": "pixels that the surface moves until the next frame (next - current, +y down), never blended",
     "direct": "diffuse radiance by direct light, including that of a shaded environment, W/(sr m²)",
     "specular": "specular radiance by direct light, including that of a shaded environment, W/(sr m²)",
+    "reflection": "specular radiance by indirect light, and by the environment where rays are traced, W/(sr m²)",
     "indirect": "indirect radiance divided by albedo, W/(sr m²)",
     "emission": "emitted radiance, W/(sr m²)",
     "background": "radiance of the environment where nothing is seen, W/(sr m²)",
     "lit": "the composite before temporal anti-aliasing, W/(sr m²)",
 }
 # On the GPU these are multiplied by the scene's radiance scale.
-RADIANCE = frozenset({"final", "direct", "specular", "indirect", "emission", "background", "lit"})
+RADIANCE = frozenset({"final", "direct", "specular", "reflection", "indirect", "emission", "background", "lit"})
 
 Step = Pass | Absent
 Size = tuple[int, int]
@@ -67,8 +81,15 @@ Size = tuple[int, int]
 NO_ENVIRONMENT = "the scene has no environment, or a black one"
 NOTHING_TRACED = "the shadows of all lights are in maps"
 SHADOW_RAY_PASSES = ("shadow_gbuffer", "shadow_rays", "shadow_history", "shadow_filter_near", "shadow_filter_far")
+MAX_LAYERS = 4  # of blended and transmissive surfaces; farther ones of a pixel are not drawn
+LAYER_PASSES = (*(f"peel{k}_{name}" for k in range(MAX_LAYERS) for name in ("gbuffer", "direct", "blend")),
+                "front_motion")
 CUBE_PASSES = ("cube_gbuffer", "cube_shadow_rays", "cube_direct", "cube_background")
-NETWORK_PASSES = (*CUBE_PASSES, "surfel_light", "pack_surfels", "pack_globals", "pack_screen", "network")
+GATHER_PASSES = ("surfel_pack_globals", "surfel_indirect", "gather_rays", "gather_history")
+NETWORK_PASSES = (*CUBE_PASSES, "pack_surfels", *GATHER_PASSES, "pack_globals", "pack_screen", "network")
+REFLECTED_RAY_PASSES = ("reflection_gbuffer", "reflection_march", "reflection_rays", "reflection_resolve",
+                        "reflection_history", "reflection_filter_far", "reflection_filter_near")
+REFLECTION_SURFELS = 2048, 1  # and rays of each, where the model reads no surfels
 SSGI_PASSES = ("ssgi_radiance", "ssgi", "ssgi_filter_near", "ssgi_filter_far")
 ENVIRONMENT_NETWORK_PASSES = ("environment_pack_globals", "environment_pack_screen", "environment_network")
 ENVIRONMENT_PASSES = ("environment_lowres_gbuffer", "unshadowed_environment", *ENVIRONMENT_NETWORK_PASSES,
@@ -124,9 +145,44 @@ class FrameInputs:
         return any(m.has_specular for m in self.scene.materials)
 
     @property
+    def has_normal_maps(self) -> bool:
+        return any(m.normal_map is not None for m in self.scene.materials)
+
+    @property
+    def layers(self) -> tuple[str, ...]:
+        """What lies over some surfaces: names of the G-buffer's targets."""
+        return tuple(name for name in ("clearcoat", "sheen")
+                     if any(getattr(m, name) is not None for m in self.scene.materials))
+
+    @property
     def has_sky(self) -> bool:
         """Whether the environment is direct light with traced shadows; a model that shades it makes them itself."""
         return self.scene.environment is not None and self.models.environment is None
+
+    @property
+    def why_no_reflections(self) -> str | None:
+        """Why the frame has no indirect specular light; None if it has."""
+        if not self.has_specular:
+            return "no material has a specular lobe"
+        if self.models.indirect is None:
+            return "no model was chosen"
+        return None if self.settings.reflections else "switched off by --no-reflections"
+
+    @property
+    def has_reflected_rays(self) -> bool:
+        """Whether some surface is smooth enough for rays."""
+        return self.why_no_reflections is None and any(map(reflection.needs_rays, self.scene.materials))
+
+    @property
+    def network_surfels(self) -> tuple[int, int] | None:
+        """How many surfels the network of their light reads, and how many rays of each; None if there is none."""
+        model = self.models.surfels or self.models.indirect
+        return None if model is None or isinstance(model, str) else model.contract.surfels
+
+    @cached_property
+    def surfels(self) -> TrackedSurfels:
+        """The surfels that the network reads, or others that reflections show."""
+        return TrackedSurfels(self.scene, self.caster, *(self.network_surfels or REFLECTION_SURFELS))
 
     @property
     def is_traced(self) -> bool:
@@ -147,7 +203,12 @@ def _steps(inputs: FrameInputs, finished: str) -> Iterator[Step]:
     else:
         yield Absent("shadow", "no light has a shadow map" if scene.lights else "the scene has no light")
     yield gbuffer.declare(scene)
+    if inputs.layers:
+        yield gbuffer.declare_layers(inputs.layers)
+    else:
+        yield Absent("gbuffer_layers", "no material has a clear coat or sheen")
     yield position.declare()
+    yield labels.declare()
     if scene.environment is None:
         yield from _absent(NO_ENVIRONMENT, "background", *ENVIRONMENT_PASSES)
     else:
@@ -155,11 +216,44 @@ def _steps(inputs: FrameInputs, finished: str) -> Iterator[Step]:
         yield from _environment_light(inputs, scene.environment)
     yield from _traced_shadows(inputs)
     yield direct.declare(lights, inputs.has_specular, shadow_rays.grid(settings.size) if inputs.is_traced else None,
-                         inputs.has_sky)
+                         inputs.has_sky, inputs.layers, inputs.has_normal_maps,
+                         sky_is_reflected=inputs.has_reflected_rays)
     yield from _indirect_light(inputs)
-    yield composite.declare(has_indirect=inputs.models.indirect is not None)
-    yield taa.declare(scene.environment is not None) if settings.taa else Absent("taa", "switched off by --no-taa")
-    yield tonemap.declare(finished)
+    yield from _reflections(inputs)
+    has_see_through = any(m.is_see_through for m in scene.materials)
+    if has_see_through:
+        yield composite.declare(inputs.models.indirect is not None, "opaque_lit")
+        yield from _peeled_layers(inputs)
+    else:
+        yield composite.declare(inputs.models.indirect is not None, "lit")
+        yield from _absent("no material is blended or transmits light", *LAYER_PASSES)
+    if settings.taa:
+        prefix = "front_" if has_see_through else ""
+        yield taa.declare(scene.environment is not None, prefix + "motion", prefix + "depth")
+    else:
+        yield Absent("taa", "switched off by --no-taa")
+    if settings.auto_exposure:
+        yield auto_exposure.declare(finished)
+    else:
+        yield Absent("auto_exposure", "not asked for by --auto-exposure")
+    yield tonemap.declare(finished, settings.tonemap if settings.tonemap in TONE_MAPS else TONE_MAPS[0],
+                          settings.auto_exposure)
+
+
+def _peeled_layers(inputs: FrameInputs) -> Iterator[Step]:
+    """Layers of blended and transmissive surfaces, lit like the others and laid over each other, the farthest first."""
+    layers = [PeeledLayer(index) for index in range(MAX_LAYERS)]
+    shadow_grid = shadow_rays.grid(inputs.settings.size) if inputs.is_traced else None
+    for before, layer in zip((None, *layers), layers, strict=False):
+        yield gbuffer.declare_peeled(inputs.scene, inputs.layers, layer, before)
+        yield direct.declare(inputs.lights, inputs.has_specular, shadow_grid, inputs.has_sky, inputs.layers,
+                             inputs.has_normal_maps, layer)
+    behind = "opaque_lit"
+    for layer in reversed(layers):
+        result = layer.prefix + "lit" if layer.index else "lit"
+        yield blend.declare(layer, behind, result, inputs.models.indirect is not None)
+        behind = result
+    yield front_motion.declare(layers[0])
 
 
 def _traced_shadows(inputs: FrameInputs) -> Iterator[Step]:
@@ -222,10 +316,14 @@ def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:
     """Indirect light at low resolution, accumulated over frames, and upsampled."""
     settings, model = inputs.settings, inputs.models.indirect
     if model is None:
-        yield from _absent("no model was chosen", *NETWORK_PASSES, *SSGI_PASSES, "lowres_gbuffer", "accumulate",
-                           "push_pull", "upsample")
+        yield from _absent("no model was chosen", "surfel_light", *NETWORK_PASSES, *SSGI_PASSES, "lowres_gbuffer",
+                           "accumulate", "push_pull", "upsample")
         return
     target = "indirect_now" if settings.taa else "indirect_low"
+    if inputs.network_surfels is not None or inputs.has_reflected_rays:
+        yield surfel_light.declare(inputs.surfels, inputs.lights)
+    else:
+        yield Absent("surfel_light", "neither the model nor a reflection reads surfels")
     if isinstance(model, str):
         grid = ssgi.grid(settings.size)
         yield lowres_gbuffer.declare("lowres_gbuffer", grid)
@@ -244,6 +342,23 @@ def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:
     yield upsample.declare("upsample", grid, "indirect_filled", "lowres_gbuffer", "indirect", has_history=settings.taa)
 
 
+def _reflections(inputs: FrameInputs) -> Iterator[Step]:
+    """Indirect light on glossy surfaces."""
+    scene, settings = inputs.scene, inputs.settings
+    if inputs.why_no_reflections is not None:
+        yield from _absent(inputs.why_no_reflections, *REFLECTED_RAY_PASSES, "reflection")
+        return
+    grid = reflection.grid(settings.size)
+    if inputs.has_reflected_rays:
+        yield lowres_gbuffer.declare("reflection_gbuffer", grid)
+        yield reflection.declare_march(grid, scene.longest_edge, settings.taa)
+        yield reflection_rays.declare(grid, inputs.surfels, inputs.caster, scene.environment, settings.taa)
+        yield from reflection.declare_gathering(grid, settings.taa)
+    else:
+        yield from _absent("all surfaces are too rough for rays", *REFLECTED_RAY_PASSES)
+    yield reflection.declare(grid, inputs.has_reflected_rays)
+
+
 def _network(inputs: FrameInputs, model: Network | RepeatedNetwork, grid: Size, target: str) -> Iterator[Step]:
     """A network that writes ``target``, and the passes for the grids that it reads."""
     contract, scene, settings = model.contract, inputs.scene, inputs.settings
@@ -252,15 +367,34 @@ def _network(inputs: FrameInputs, model: Network | RepeatedNetwork, grid: Size, 
         yield from _absent("the network reads no cube", *CUBE_PASSES)
     else:
         yield from _cube(inputs, contract.face, contract.cube_axes == "camera")
-    if contract.surfels is None:
-        yield from _absent("the network reads no surfels", "surfel_light", "pack_surfels")
+    if inputs.models.surfels is not None:
+        yield from _gathered_light(inputs, inputs.models.surfels, grid)
     else:
-        surfels = TrackedSurfels(scene, inputs.caster, *contract.surfels)
-        yield surfel_light.declare(surfels, inputs.lights)
-        yield pack_surfels.declare(surfels, contract, tensors, scene.longest_edge)
+        yield from _absent("the network reads no gathered light", *GATHER_PASSES)
+        if contract.surfels is None:
+            yield Absent("pack_surfels", "the network reads no surfels")
+        else:
+            yield pack_surfels.declare(inputs.surfels, contract, tensors, scene.longest_edge)
     yield _pack_globals("pack_globals", contract, tensors, scene.environment, settings.bounces)
     yield pack_screen.declare("pack_screen", contract, settings.size, scene.longest_edge)
-    yield network.declare("network", model, tensors, grid, {INDIRECT: target})
+    targets = {INDIRECT: target}
+    if any(SURFEL_INDIRECT in spec.channels for spec in contract.outputs.values()):
+        targets[SURFEL_INDIRECT] = "surfel_indirect"
+    yield network.declare("network", model, tensors, grid, targets)
+
+
+def _gathered_light(inputs: FrameInputs, source: Network, grid: Size) -> Iterator[Step]:
+    """Light along rays that end at surfels, whose indirect light the network ``source`` computes."""
+    contract, settings = source.contract, inputs.settings
+    tensors = {t: f"surfel_tensor_{t}" for t, spec in contract.inputs.items() if spec.grid != SCREEN}
+    yield pack_surfels.declare(inputs.surfels, contract, tensors, inputs.scene.longest_edge)
+    yield _pack_globals("surfel_pack_globals", contract, tensors, inputs.scene.environment, None)
+    yield surfel_indirect.declare(source, tensors)
+    packed = next(t for t, spec in contract.inputs.items() if spec.grid == SURFELS)
+    light = final_gather.SurfelLight(inputs.surfels, tensors[packed], contract.inputs[packed])
+    yield from final_gather.declare(light, grid, settings.taa)
+    if not settings.taa:
+        yield Absent("gather_history", "switched off by --no-taa")
 
 
 def _cube(inputs: FrameInputs, face: int, camera_axes: bool) -> Iterator[Step]:
@@ -271,7 +405,7 @@ def _cube(inputs: FrameInputs, face: int, camera_axes: bool) -> Iterator[Step]:
         yield shadow_rays.declare_cube(lights, has_sky, inputs.caster, face, camera_axes)
     else:
         yield Absent("cube_shadow_rays", NOTHING_TRACED)
-    yield direct.declare_cube(lights, face, camera_axes, inputs.is_traced, has_sky)
+    yield direct.declare_cube(lights, face, camera_axes, inputs.is_traced, has_sky, inputs.has_normal_maps)
     if inputs.scene.environment is None:
         yield Absent("cube_background", NO_ENVIRONMENT)
     else:

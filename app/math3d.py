@@ -20,6 +20,11 @@ def normalize(v: F64) -> F64:
     return v / length if length > 0 else v
 
 
+def unit_rows(vectors: F64) -> F64:
+    """Each row of an array of shape (N, D) at unit length; zero vectors stay zero."""
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-30))
+
+
 def look_rotation(forward: F64, up: F64) -> F64:
     """World-to-camera rotation, shape (3, 3); rows are right, up and back."""
     back = -normalize(np.asarray(forward, np.float64))
@@ -39,6 +44,11 @@ def look_at(eye: F64, target: F64, up: F64) -> F64:
 def perspective_reversed(tan_x: float, tan_y: float, near: float) -> F64:
     """Infinite reversed-Z projection, shape (4, 4): depth ``d`` lands on z = near / d."""
     return np.array([[1 / tan_x, 0, 0, 0], [0, 1 / tan_y, 0, 0], [0, 0, 0, near], [0, 0, -1.0, 0]])
+
+
+def orthographic_reversed(half_width: float, half_height: float, far: float) -> F64:
+    """Parallel projection with reversed Z, shape (4, 4): depth ``d`` lands on z = 1 - d / far."""
+    return np.array([[1 / half_width, 0, 0, 0], [0, 1 / half_height, 0, 0], [0, 0, 1 / far, 1.0], [0, 0, 0, 1.0]])
 
 
 def perspective(tan_half: float, near: float, far: float) -> F64:
@@ -145,7 +155,7 @@ def cube_rotations() -> F64:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A camera as matrices. Space "relative" is world axes with the eye as origin.
+    """A camera as matrices. Space "relative" is world axes with the eye as origin; clip units are from -1 to 1, y up.
 
     Attributes
     ----------
@@ -153,32 +163,82 @@ class View:
         World space.
     rotation : ndarray, float64, shape (3, 3)
         Relative to camera space.
-    tan_half : tuple of float
-        Tangents of half the horizontal and vertical field of view.
+    half_size : tuple of float
+        Half of the image's width and height: at distance 1, that is tangents of half the field of view; in scene units
+        where ``is_orthographic``.
     near : float
-        Distance of the near plane in scene units.
+        Distance of the near plane in scene units; of an orthographic view, the near plane is at the eye.
+    center : tuple of float
+        Where the view axis meets the image, in clip units.
+    is_orthographic : bool
+    far : float
+        Distance in scene units beyond which nothing is; only an orthographic projection needs it.
     """
 
     eye: F64
     rotation: F64
-    tan_half: tuple[float, float]
+    half_size: tuple[float, float]
     near: float
+    center: tuple[float, float] = (0.0, 0.0)
+    is_orthographic: bool = False
+    far: float = float("inf")
 
     @staticmethod
-    def of(camera: Camera, size: tuple[int, int], near: float) -> View:
+    def of(camera: Camera, size: tuple[int, int], near: float, far: float = float("inf")) -> View:
         """The view of ``camera`` for an image ``size`` of width and height in pixels."""
         eye = np.asarray(camera.eye, np.float64)
-        tan_y = float(np.tan(np.radians(camera.fov_y_deg) / 2))
         rotation = look_rotation(np.asarray(camera.target) - eye, np.asarray(camera.up))
+        lens, aspect = camera.intrinsics, size[0] / size[1]
+        if camera.orthographic_height is not None:
+            half = camera.orthographic_height / 2
+            return View(eye, rotation, (half * aspect, half), near, is_orthographic=True, far=far)
+        if lens is not None:
+            width = lens.height * aspect  # of the image in pixels of the intrinsics
+            center = (2 * lens.cx - lens.width) / width, 1 - 2 * lens.cy / lens.height
+            return View(eye, rotation, (width / (2 * lens.fx), lens.height / (2 * lens.fy)), near, center)
+        tan_y = float(np.tan(np.radians(camera.fov_y_deg) / 2))
         return View(eye, rotation, (tan_y * size[0] / size[1], tan_y), near)
 
+    @property
+    def pose(self) -> F64:
+        """Camera space to world space, shape (4, 4)."""
+        return affine_matrix(self.rotation.T, self.eye)
+
+    def intrinsics(self, size: tuple[int, int]) -> F64:
+        """Intrinsics for an image ``size`` in pixels, shape (3, 3), with integers in the middle of pixels (OpenCV).
+
+        x is right and y is down from the middle of the upper left pixel; only of a perspective view.
+        """
+        (width, height), (half_x, half_y), (x, y) = size, self.half_size, self.center
+        return np.array([[width / (2 * half_x), 0.0, (1 + x) * width / 2 - 0.5],
+                         [0.0, height / (2 * half_y), (1 - y) * height / 2 - 0.5],
+                         [0.0, 0.0, 1.0]])
+
     def same_as(self, other: View) -> bool:
-        """Whether the other view is from the same place, with the same field of view."""
-        return (np.array_equal(self.eye, other.eye) and self.tan_half == other.tan_half
-                and np.array_equal(self.rotation, other.rotation))
+        """Whether the other view is from the same place, with the same projection."""
+        return (np.array_equal(self.eye, other.eye) and np.array_equal(self.rotation, other.rotation)
+                and (self.half_size, self.center, self.is_orthographic)
+                == (other.half_size, other.center, other.is_orthographic))
 
     def clip_from_relative(self, jitter: tuple[float, float] = (0.0, 0.0)) -> F64:
         """Projection, shape (4, 4); ``jitter`` moves the image in clip units."""
-        projection = perspective_reversed(*self.tan_half, self.near)
-        projection[0, 2], projection[1, 2] = -jitter[0], -jitter[1]
+        offset = self.center[0] + jitter[0], self.center[1] + jitter[1]
+        if self.is_orthographic:
+            projection = orthographic_reversed(*self.half_size, self.far)
+            projection[:2, 3] = offset
+        else:
+            projection = perspective_reversed(*self.half_size, self.near)
+            projection[0, 2], projection[1, 2] = -offset[0], -offset[1]
         return projection @ affine_matrix(self.rotation)
+
+    def rays(self, image: F64) -> tuple[F64, F64]:
+        """Origins and directions in relative space, shapes (N, 3), of rays through image points in clip units, (N, 2).
+
+        Directions have length 1 along the view axis, so that the ray's parameter is the depth.
+        """
+        plane = (image - self.center) * self.half_size
+        along = np.full((len(plane), 1), -1.0)
+        if self.is_orthographic:
+            return (np.concatenate([plane, np.zeros_like(along)], axis=1) @ self.rotation,
+                    np.concatenate([np.zeros_like(plane), along], axis=1) @ self.rotation)
+        return np.zeros((len(plane), 3)), np.concatenate([plane, along], axis=1) @ self.rotation

@@ -1,9 +1,13 @@
-"""Where the shaders, networks and embedded data lie: inside the package in a wheel, beside it in a checkout."""
+"""Where shaders, networks and data lie, and what the packages are called, in a checkout and in a wheel."""
 
 import os
 from pathlib import Path
 
 SHADERS = "AFTERGLOW_SHADERS"  # environment variable: another folder of shaders, to try a change without touching these
+
+# In a wheel this package is ``afterglow._app``, and ``export`` is ``afterglow.export`` (scripts/wheel_layout.py).
+PROGRAM = __name__.partition(".")[0]                                    # runs as ``python -m PROGRAM``
+TRAINING = "export" if PROGRAM == "app" else f"{PROGRAM}.export"        # runs as ``python -m TRAINING``
 
 _PACKAGE = Path(__file__).resolve().parent
 

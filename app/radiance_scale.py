@@ -12,7 +12,7 @@ MAX_EXPONENT = 12  # of 256
 def radiance_scale(scene: Scene) -> float:
     """A power of 256 that brings typical reflected radiance to 1/16 … 16; mostly 1, which read-back need not undo."""
     distance = scene.longest_edge / 4
-    estimates = [max(m.emission) for m in scene.materials if m.emits]
+    estimates = [max(m.albedo if m.is_unlit else m.emission) for m in scene.materials if m.emits or m.is_unlit]
     if scene.environment is not None:
         estimates.append(float(scene.environment.radiance.mean(axis=(0, 1), dtype=np.float64).max()))
     for light in scene.lights:

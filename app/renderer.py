@@ -19,18 +19,20 @@ from app.gl.lights import LightSet
 from app.gl.pool import Pixels, Pool, Resources
 from app.gl.timer import MAX_FRAMES, Timer, Yardstick
 from app.graph import BoundPass
+from app.io.color_management import display_view, find_view
 from app.math3d import View, halton
 from app.network.selection import Model, load_models
 from app.radiance_scale import radiance_scale
 from app.raycast.caster import Caster
 from app.raycast.light_extent import needs_rays
 from app.scene import Camera, Light, Scene
-from app.settings import Settings
+from app.settings import TONE_MAPS, Settings
+from app.surfels.tracked import TrackedSurfels
 
 NEAR = 1e-4           # of the scene's longest edge
 JITTER_PERIOD = 64    # frames after which the sub-pixel offsets repeat
 GOLDEN_RATIO = 0.61803398875
-COMPONENTS = {"depth": 1, "motion": 2}
+COMPONENTS = {"depth": 1, "motion": 2, "instance": 1, "material": 1, "flow": 2}
 
 AfterPass = Callable[[BoundPass, Pool], None]
 
@@ -73,6 +75,7 @@ class Renderer:
     def __init__(self, scene: Scene, settings: Settings, model: Model | Sequence[Model] | None = None) -> None:
         self.scene, self.settings = scene, settings
         chosen = () if model is None else (model,) if isinstance(model, str | Path) else model
+        self._ocio_view = None if settings.tonemap in TONE_MAPS else find_view(settings.tonemap)
         self._models = load_models(chosen, settings, scene.environment is not None)
         self._gl = Device(settings.strict_device)
         try:
@@ -93,14 +96,14 @@ class Renderer:
         self._traced = self._needs_rays(scene)
         self._lights = LightSet(self._gl, scene, self._traced)
         self._camera = CameraBlock(self._gl)
-        frame = build_frame(FrameInputs(scene, settings, self._lights, self._get_caster, self._models))
+        self._inputs = FrameInputs(scene, settings, self._lights, self._get_caster, self._models)
+        frame = build_frame(self._inputs)
         self._sources = {o: frame.resource(o) for o in settings.outputs}
         self.missing = tuple(o for o, source in self._sources.items() if source is None)
         self.plan = frame.compile(settings.outputs)
         self._accumulates = any(b.name == "taa" for b in self.plan.passes)
         self._pool = Pool(self._gl, self.plan, settings.size)
-        self._executors: list[tuple[BoundPass, Execute, Resources]] = [
-            (b, b.spec.make(self._gl, b), Resources(self._pool, b)) for b in self.plan.passes if b.spec.make]
+        self._executors = self._make_passes()
         self._timer = Timer(self._gl, settings.timing)
         self._yardstick = Yardstick(self._gl, settings.size) if settings.timing else None
         self._non_finite: dict[str, int] = {b.name: 0 for b in self.plan.passes}
@@ -109,14 +112,21 @@ class Renderer:
         self._index = 0
         self._lighting: tuple[object, ...] = ()
         self._unchanged = self._still = 0  # frames
+        self._viewpoints: tuple[View, ...] = ()
 
-    def render(self, camera: Camera, time: float = 0.0) -> dict[str, Pixels]:
+    def _make_passes(self) -> list[tuple[BoundPass, Execute, Resources]]:
+        return [(b, b.spec.make(self._gl, b), Resources(self._pool, b)) for b in self.plan.passes if b.spec.make]
+
+    def render(self, camera: Camera, time: float = 0.0,
+               following: tuple[Camera, float] | None = None) -> dict[str, Pixels]:
         """Draw one frame and read back the outputs of the settings.
 
         Parameters
         ----------
         time : float
             Seconds; places moving objects.
+        following : tuple of Camera and float, optional
+            Camera and time of the next frame, for ``flow``; default is that nothing moves.
 
         Returns
         -------
@@ -125,16 +135,17 @@ class Renderer:
             An output that the scene can't have (``emission`` without emitters) is zeros.
         """
         with self._gl.ctx:
-            self._draw(camera, time, always)
+            self._draw(camera, time, always, following)
             if self._yardstick is not None:
                 with self._timer.measure("copy"):
                     self._yardstick.run()
             images = {name: self.read(name) for name in self.settings.outputs}
             if "final" in images:
-                images["display"] = self.read("display")[..., :3]
+                images["display"] = self._display(images["final"])
         return images
 
-    def advance(self, camera: Camera, time: float = 0.0, wanted: Callable[[], bool] = always) -> bool:
+    def advance(self, camera: Camera, time: float = 0.0, wanted: Callable[[], bool] = always,
+                following: tuple[Camera, float] | None = None) -> bool:
         """Draw one frame without reading it back, as temporal anti-aliasing needs to settle.
 
         Parameters
@@ -143,6 +154,8 @@ class Renderer:
             Asked before each pass, in time that does not count as the frame's. When it returns False, the frame is
             abandoned and leaves no trace. Only a frame with the camera, time and lights of the one before can be
             abandoned.
+        following
+            As for ``render``.
 
         Returns
         -------
@@ -151,17 +164,22 @@ class Renderer:
         """
         with self._gl.ctx:
             try:
-                self._draw(camera, time, wanted)
+                self._draw(camera, time, wanted, following)
             except _AbandonedError:
                 return False
             self._gl.ctx.finish()
         return True
 
     def read(self, output: str) -> Pixels:
-        """An output of the settings in the newest frame, as ``render`` gives it; ``display`` is [H, W, 4]."""
+        """An output of the settings in the newest frame, as ``render`` gives it; ``display`` may be [H, W, 4]."""
         start = perf_counter()
         with self._gl.ctx:
-            image = self._pool.read(output, newest=True) if output == "display" else self._read(output)
+            if output != "display":
+                image = self._read(output)
+            elif self._ocio_view is None:
+                image = self._pool.read(output, newest=True)
+            else:
+                image = self._display(self._read("final"))
         for name in ("tonemap", "frame"):
             self._timer.extend(name, (perf_counter() - start) * 1e3)
         return image
@@ -194,9 +212,23 @@ class Renderer:
             names.append("environment by rays")
         return dict(Counter(names))
 
+    @property
+    def surfels(self) -> TrackedSurfels:
+        """World surfels as of the newest frame, if its passes read any."""
+        return self._inputs.surfels
+
     def cut(self) -> None:
         """Forget all history: the next frame is a first frame."""
         self._previous, self._index = None, 0
+
+    def place_surfels(self, cameras: Sequence[Camera]) -> None:
+        """Choose world surfels for all of ``cameras`` together from the next frame on.
+
+        They then depend on nothing that was drawn before. Without cameras, surfels follow the camera.
+        """
+        views = tuple(self._view(camera) for camera in cameras)
+        is_same = len(views) == len(self._viewpoints) and all(map(View.same_as, views, self._viewpoints))
+        self._viewpoints = self._viewpoints if is_same else views
 
     def resource(self, name: str) -> Pixels:
         """What a pass wrote in the newest frame, as it lies on the GPU: float32, top row first."""
@@ -235,13 +267,16 @@ class Renderer:
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def _draw(self, camera: Camera, time: float, wanted: Callable[[], bool]) -> None:
-        settings, cut = self.settings, self._previous is None
-        view = View.of(camera, settings.size, NEAR * self.scene.longest_edge)
+    def _draw(self, camera: Camera, time: float, wanted: Callable[[], bool],
+              following: tuple[Camera, float] | None = None) -> None:
+        settings = self.settings
+        self._adapt_to_projection(camera.orthographic_height is not None)
+        cut = self._previous is None
         self._geometry.update(time, cut)
         if self._caster is not None:
             self._caster.move_to(time)
         self._lights.cover(self._geometry.boxes)
+        view = self._view(camera)
         lighting = self._lights.lights, self._geometry.changes
         unchanged = REFRESH_FRAMES if cut else self._unchanged + 1 if lighting == self._lighting else 0
         stands = self._previous is not None and view.same_as(self._previous)
@@ -250,9 +285,10 @@ class Renderer:
             size=settings.size, view=view, previous=self._previous or view,
             jitter=self._jitter() if self._accumulates else (0.0, 0.0), history_valid=not cut,
             accumulates=self._accumulates, noise_phase=settings.seed * GOLDEN_RATIO % 1.0, index=self._index,
-            exposure=settings.exposure / self._radiance_scale, geometry=self._geometry, lights=self._lights,
-            lighting=lighting, unchanged=unchanged, still=still,
-            relit=not cut and lighting[0] != self._lighting[0])
+            exposure_factor=settings.exposure, exposure=settings.exposure / self._radiance_scale,
+            geometry=self._geometry, lights=self._lights, lighting=lighting, unchanged=unchanged, still=still,
+            relit=not cut and lighting[0] != self._lighting[0], viewpoints=self._viewpoints,
+            following=(view, time) if following is None else (self._view(following[0]), following[1]))
         self._lights.upload(view.eye)
         self._camera.upload(frame)
         asking = 0.0  # seconds
@@ -272,6 +308,18 @@ class Renderer:
         self._pool.swap()
         self._index += 1
 
+    def _adapt_to_projection(self, is_orthographic: bool) -> None:
+        """Another kind of projection needs other shaders, and is a cut."""
+        if is_orthographic != ("ORTHOGRAPHIC" in self._gl.defines):
+            self._gl.defines = {"ORTHOGRAPHIC": 1} if is_orthographic else {}
+            self._executors = self._make_passes()
+            self.cut()
+
+    def _view(self, camera: Camera) -> View:
+        """The view of a camera, which may see all that ``LightSet.bounds`` contains."""
+        far = 1.01 * float(np.linalg.norm(np.abs(self._lights.bounds - camera.eye).max(axis=0)))
+        return View.of(camera, self.settings.size, NEAR * self.scene.longest_edge, far)
+
     def _get_caster(self) -> Caster:
         """One caster of the scene for all who cast rays, made when the first of them does."""
         if self._caster is None:
@@ -288,6 +336,15 @@ class Renderer:
         w, h = self.settings.size
         return (2 * halton(i, 2) - 1) / w, (2 * halton(i, 3) - 1) / h
 
+    def _display(self, final: Pixels) -> Pixels:
+        """The display image of the newest frame, whose final image is given."""
+        if self._ocio_view is None:
+            return self.read("display")[..., :3]
+        exposure = self.settings.exposure
+        if self.settings.auto_exposure:
+            exposure *= float(self.resource("auto_exposure")[0, 0, 0]) * self._radiance_scale
+        return display_view(final, exposure, self._ocio_view)
+
     def _read(self, name: str) -> Pixels:
         w, h = self.settings.size
         channels = COMPONENTS.get(name, 3)
@@ -301,6 +358,8 @@ class Renderer:
             return np.where(seen, image[..., :3] + eye, np.float32(0))
         if name in RADIANCE and self._radiance_scale != 1:
             image = image * np.float32(1 / self._radiance_scale)  # before channels are left out: whole rows are faster
+        if name == "flow":  # as drawn, it leads from the next frame to this one
+            image = 0.0 - image
         return image[..., :channels]
 
     def _count_non_finite(self, bound: BoundPass, pool: Pool) -> None:

@@ -5,7 +5,10 @@ Right-handed, y up, the scene's own units. Colours are linear Rec. 709.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+import math
+from dataclasses import astuple, dataclass, field, replace
+from functools import cached_property
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +16,9 @@ from numpy.typing import NDArray
 from app.arrays import F32, F64
 
 Color = tuple[float, float, float]
+
+MIN_ATTENUATION = 1e-6            # share of light left; its logarithm is finite
+MIN_ATTENUATION_DISTANCE = 1e-12  # in lengths of the scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,31 +33,128 @@ class Texture:
         Maps homogeneous mesh uv to texture uv (KHR_texture_transform).
     repeat : tuple of bool
         Whether u and v repeat; otherwise they are clamped to the edge.
+    is_color : bool
+        Whether uint8 pixels are sRGB-encoded; False: linear numbers, such as normals and roughness.
+    uv_set : int
+        0: ``Mesh.uvs``, 1: ``Mesh.second_uvs``.
+    magnified : str
+        ``linear`` or ``nearest``: how texels that are larger than a pixel are interpolated.
     """
 
     pixels: NDArray[np.uint8] | F32
     transform: F64 = field(default_factory=lambda: np.eye(3))
     repeat: tuple[bool, bool] = (True, True)
+    is_color: bool = True
+    uv_set: int = 0
+    magnified: Literal["linear", "nearest"] = "linear"
+
+
+@dataclass(frozen=True, eq=False)
+class Clearcoat:
+    """A clear layer of reflectance 0.04 at normal incidence over the surface (KHR_materials_clearcoat).
+
+    Attributes
+    ----------
+    strength, roughness : float
+        Multiplied by the red channel of ``strength_map`` and by the green channel of ``roughness_map``.
+    normal_map : Texture or None
+        Of the layer alone; without it the layer has the normal of the mesh.
+    """
+
+    strength: float
+    roughness: float
+    strength_map: Texture | None = None
+    roughness_map: Texture | None = None
+    normal_map: Texture | None = None
+    normal_scale: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Sheen:
+    """Light that fibres scatter back at grazing angles (KHR_materials_sheen).
+
+    Attributes
+    ----------
+    color : tuple of float
+        Linear; multiplied by the colour of ``color_map``.
+    roughness : float
+        Perceptual; multiplied by the alpha of ``roughness_map``.
+    """
+
+    color: Color
+    roughness: float
+    color_map: Texture | None = None
+    roughness_map: Texture | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Transmission:
+    """Light that passes through the surface (KHR_materials_transmission, _volume and _ior).
+
+    Attributes
+    ----------
+    factor : float
+        Share of light that is not reflected and passes; multiplied by the red channel of ``factor_map``.
+    ior : float
+        Index of refraction.
+    thickness : float
+        Of the volume behind the surface, in object space; multiplied by the green channel of ``thickness_map``; 0:
+        a thin wall, which does not refract.
+    attenuation_color : tuple of float
+        What is left of white light after ``attenuation_distance`` (world space; may be infinite) in the volume.
+    """
+
+    factor: float
+    factor_map: Texture | None = None
+    ior: float = 1.5
+    thickness: float = 0.0
+    thickness_map: Texture | None = None
+    attenuation_color: Color = (1.0, 1.0, 1.0)
+    attenuation_distance: float = float("inf")
+
+    @property
+    def extinction(self) -> Color:
+        """Of the volume, per unit of length in world space."""
+        distance = max(self.attenuation_distance, MIN_ATTENUATION_DISTANCE)
+        r, g, b = (-math.log(max(c, MIN_ATTENUATION)) / distance for c in self.attenuation_color)
+        return r, g, b
 
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """A diffuse surface with an optional GGX lobe and an optional emission.
+    """A diffuse surface with an optional GGX lobe and an optional emission: glTF 2.0 with its extensions.
+
+    Diffuse reflectance is (1 - metallic) · base colour; reflectance at normal incidence is mix(specular, base colour,
+    metallic).
 
     Attributes
     ----------
     albedo : tuple of float
-        Diffuse reflectance, linear; multiplied by ``albedo_map`` and vertex colours.
+        Base colour, linear: multiplied by ``albedo_map``, which has uv set 0, and vertex colours.
     alpha_cutoff : float or None
-        Texels whose alpha (``alpha`` × map × vertex) is below are not there; None: opaque.
+        Texels whose alpha (``alpha`` × map × vertex) is below are not there; None: all are.
+    is_blended : bool
+        Whether alpha is the coverage of a see-through surface; False: alpha has no effect but that of the cutoff.
     emission : tuple of float
         Radiance in W/(sr m²); multiplied by ``emission_map``.
-    roughness : float
-        Perceptual GGX roughness; alpha = roughness².
+    metallic, roughness : float
+        Multiplied by the blue and the green channel of ``metallic_roughness_map``. Roughness is perceptual: GGX's alpha
+        is its square.
     specular : tuple of float
-        Reflectance at normal incidence (F0); zeros mean that there is no highlight at all.
+        Reflectance at normal incidence (F0) of what is not metallic; multiplied by colour and alpha of
+        ``specular_map``; zeros mean that there is no highlight at all.
+    normal_map : Texture or None
+        Normals in tangent space (glTF: +y is up in the image), x and y multiplied by ``normal_scale``.
+    occlusion_map : Texture or None
+        Indirect light is multiplied by 1 + ``occlusion_strength`` · (red - 1).
+    is_unlit : bool
+        Whether the base colour is shown as radiance, in W/(sr m²), unlit and unshadowed (KHR_materials_unlit). It
+        lights nothing, and nothing else of the material counts but its alpha.
     double_sided : bool
-        Whether the back emits too. Both sides always reflect.
+        Whether the back emits too. Both sides reflect.
+    is_back_culled : bool
+        Whether the back is not there, neither for cameras nor for light that arrives at it (glTF's materials that are
+        not double-sided).
     is_light_proxy : bool
         True when the emission is also in ``Scene.lights``: it is shown, but its light is not counted twice.
     """
@@ -64,17 +167,81 @@ class Material:
     emission: Color = (0.0, 0.0, 0.0)
     emission_map: Texture | None = None
     roughness: float = 1.0
+    metallic: float = 0.0
+    metallic_roughness_map: Texture | None = None
     specular: Color = (0.0, 0.0, 0.0)
+    specular_map: Texture | None = None
+    normal_map: Texture | None = None
+    normal_scale: float = 1.0
+    occlusion_map: Texture | None = None
+    occlusion_strength: float = 1.0
+    clearcoat: Clearcoat | None = None
+    sheen: Sheen | None = None
+    transmission: Transmission | None = None
+    is_blended: bool = False
+    is_unlit: bool = False
     double_sided: bool = True
+    is_back_culled: bool = False
     is_light_proxy: bool = False
+
+    def __post_init__(self) -> None:
+        assert self.albedo_map is None or self.albedo_map.uv_set == 0
 
     @property
     def emits(self) -> bool:
+        """Whether it sends light; unlit surfaces do not."""
         return max(self.emission) > 0.0
 
     @property
     def has_specular(self) -> bool:
-        return max(self.specular) > 0.0
+        """Whether any layer of it reflects more than diffuse light."""
+        return max(self.specular) > 0.0 or self.metallic > 0.0 or self.clearcoat is not None or self.sheen is not None
+
+    @property
+    def is_see_through(self) -> bool:
+        """Whether what is behind it can be seen: it is blended or transmits light."""
+        return self.is_blended or self.transmission is not None
+
+    @property
+    def is_volume(self) -> bool:
+        """Whether its front bounds a volume of glass, which light leaves at the back."""
+        return self.transmission is not None and self.transmission.thickness > 0
+
+    @property
+    def is_one_sided(self) -> bool:
+        """Whether cameras see through its back, and light that arrives there passes."""
+        return self.is_back_culled and not self.is_volume
+
+    @property
+    def passing(self) -> Color:
+        """Share of light that passes what is covered, of a volume through both of its faces.
+
+        Without textures, and as if nothing were metallic.
+        """
+        t = self.transmission
+        if t is None:
+            return 0.0, 0.0, 0.0
+        share = t.factor * (1 - max(self.specular))
+        r, g, b = (share * c * math.exp(-e * t.thickness) for c, e in zip(self.albedo, t.extinction, strict=True))
+        return r, g, b
+
+    @property
+    def maps(self) -> dict[str, Texture]:
+        """All textures that shading reads, by the names that shaders have for them."""
+        maps = {
+            "albedo_map": self.albedo_map, "emission_map": self.emission_map,
+            "metallic_roughness_map": self.metallic_roughness_map, "specular_map": self.specular_map,
+            "normal_map": self.normal_map, "occlusion_map": self.occlusion_map,
+        }
+        if self.clearcoat is not None:
+            maps |= {"clearcoat_map": self.clearcoat.strength_map,
+                     "clearcoat_roughness_map": self.clearcoat.roughness_map,
+                     "clearcoat_normal_map": self.clearcoat.normal_map}
+        if self.sheen is not None:
+            maps |= {"sheen_color_map": self.sheen.color_map, "sheen_roughness_map": self.sheen.roughness_map}
+        if self.transmission is not None:
+            maps |= {"transmission_map": self.transmission.factor_map, "thickness_map": self.transmission.thickness_map}
+        return {name: texture for name, texture in maps.items() if texture is not None}
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +256,10 @@ class Mesh:
         Unit length; a zero vector makes the shader take the face normal.
     uvs : ndarray, float32, shape (V, 2), or None
         v grows upwards (the loader turns glTF's around).
+    second_uvs : ndarray, float32, shape (V, 2), or None
+        Of textures whose ``uv_set`` is 1.
+    tangents : ndarray, float32, shape (V, 4), or None
+        Unit vectors along u of the normal map, and the sign of the bitangent (glTF); None without a normal map.
     colors : ndarray, float32, shape (V, 4), or None
         Linear, multiplied into the albedo.
     triangles : ndarray, uint32, shape (T, 3)
@@ -101,11 +272,44 @@ class Mesh:
     material: int = 0
     uvs: F32 | None = None
     colors: F32 | None = None
+    second_uvs: F32 | None = None
+    tangents: F32 | None = None
 
     def __post_init__(self) -> None:
         assert self.positions.dtype == np.float32 and self.positions.ndim == 2
         assert self.normals.shape == self.positions.shape and self.normals.dtype == np.float32
         assert self.triangles.dtype == np.uint32 and self.triangles.shape[1:] == (3,)
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """What changes of a mesh that deforms: see ``Mesh``."""
+
+    positions: F32
+    normals: F32
+    tangents: F32 | None = None
+
+
+class Placement(Protocol):
+    """An object-to-world matrix that changes with time."""
+
+    @property
+    def times(self) -> F64:
+        """Seconds at which to look at bounds, shape (S,)."""
+
+    def at(self, time: float) -> F64:
+        """The matrix, shape (4, 4), at ``time`` seconds."""
+
+
+class Deformation(Protocol):
+    """Vertices that change with time."""
+
+    @property
+    def times(self) -> F64:
+        """Seconds at which to look at bounds, shape (S,)."""
+
+    def at(self, time: float) -> Shape:
+        """The vertices at ``time`` seconds; the same object as long as the time is the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,18 +330,56 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Instance:
-    """One mesh placed in the world; ``transform`` is object to world, column vectors, float64."""
+    """One mesh placed in the world.
+
+    Attributes
+    ----------
+    transform : ndarray, float64, shape (4, 4)
+        Object to world, column vectors; with a placement what that is at time 0.
+    motion : Motion or None
+        Applied after ``transform`` or ``placement``.
+    deformation : Deformation or None
+        Its shape at time 0 is the mesh's.
+    """
 
     name: str
     mesh: int
     transform: F64
     motion: Motion | None = None
+    placement: Placement | None = None
+    deformation: Deformation | None = None
+
+    @property
+    def moves(self) -> bool:
+        """Whether any time changes its transform or its shape."""
+        return self.motion is not None or self.is_animated
+
+    @property
+    def is_animated(self) -> bool:
+        """Whether an animation of its file moves or deforms it."""
+        return self.placement is not None or self.deformation is not None
+
+    @property
+    def key_times(self) -> list[float]:
+        """See ``Scene.key_times``."""
+        animations = (self.motion, self.placement, self.deformation)
+        return [float(t) for animation in animations if animation is not None for t in animation.times]
 
     def transform_at(self, time: float) -> F64:
         """Object-to-world matrix, shape (4, 4), at ``time`` seconds."""
+        transform = self.transform if self.placement is None else self.placement.at(time)
         if self.motion is None:
-            return self.transform
-        return _interpolate(time, self.motion.times, self.motion.transforms) @ self.transform
+            return transform
+        return _interpolate(time, self.motion.times, self.motion.transforms) @ transform
+
+    def mesh_at(self, meshes: tuple[Mesh, ...], time: float) -> Mesh:
+        """Its mesh, one of ``meshes``, as it is at ``time`` seconds."""
+        mesh = meshes[self.mesh]
+        if self.deformation is None:
+            return mesh
+        shape = self.deformation.at(time)
+        return replace(mesh, positions=shape.positions, normals=shape.normals,
+                       tangents=None if mesh.tangents is None else shape.tangents)
 
 
 @dataclass(frozen=True)
@@ -202,21 +444,53 @@ class Environment:
 
 
 @dataclass(frozen=True)
+class Intrinsics:
+    """Projection of a calibrated pinhole camera, in pixels of an image of ``width`` and ``height``.
+
+    ``cx``, ``cy`` is where the view axis meets the image, from its upper left corner. An image of another size shows
+    the same from its top to its bottom.
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: float
+    height: float
+
+
+@dataclass(frozen=True)
 class Camera:
-    """A pinhole camera. Vertical field of view in degrees."""
+    """A pinhole camera, or one that projects in parallel.
+
+    Attributes
+    ----------
+    fov_y_deg : float
+        Vertical field of view in degrees.
+    orthographic_height : float or None
+        Height of what a parallel projection shows, in scene units; None: perspective.
+    intrinsics : Intrinsics or None
+        Of a perspective projection; replaces ``fov_y_deg``.
+    """
 
     eye: tuple[float, float, float]
     target: tuple[float, float, float]
     up: tuple[float, float, float] = (0.0, 1.0, 0.0)
     fov_y_deg: float = 45.0
+    orthographic_height: float | None = None
+    intrinsics: Intrinsics | None = None
 
 
 @dataclass(frozen=True)
 class CameraPath:
-    """A fixed (one key) or key-framed camera; linear between keys and held outside them."""
+    """A fixed (one key) or key-framed camera; linear between keys, of one kind, and held outside them.
+
+    With a ``period`` above 0 it begins again after so many seconds.
+    """
 
     times: tuple[float, ...]
     keys: tuple[Camera, ...]
+    period: float = 0.0
 
     @staticmethod
     def still(camera: Camera) -> CameraPath:
@@ -230,9 +504,12 @@ class CameraPath:
         """The camera at ``time`` seconds."""
         if not self.moves:
             return self.keys[0]
-        rows = np.array([(*k.eye, *k.target, *k.up, k.fov_y_deg) for k in self.keys], np.float64)
+        time = time % self.period if self.period > 0 else time
+        rows = np.array([(*k.eye, *k.target, *k.up, k.fov_y_deg, k.orthographic_height or 0.0,
+                          *(astuple(k.intrinsics) if k.intrinsics else ())) for k in self.keys], np.float64)
         row = _interpolate(time, np.asarray(self.times), rows).tolist()
-        return Camera(tuple(row[:3]), tuple(row[3:6]), tuple(row[6:9]), row[9])
+        return Camera(tuple(row[:3]), tuple(row[3:6]), tuple(row[6:9]), row[9], row[10] or None,
+                      Intrinsics(*row[11:]) if row[11:] else None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,7 +519,9 @@ class Scene:
     Attributes
     ----------
     notices : tuple of str
-        What the loader guessed, skipped or approximated; the command line prints them.
+        What the loader guessed, skipped or replaced; the command line prints them.
+    approximations : tuple of str
+        Which parts of the file's materials are only approximated; ``-v`` prints them.
     bounds : ndarray, float64, shape (2, 3)
         World-space box around all instances at time 0, minimum and maximum corner.
     environment : Environment or None
@@ -263,6 +542,7 @@ class Scene:
     bounds: F64
     lighting: str = ""
     notices: tuple[str, ...] = ()
+    approximations: tuple[str, ...] = ()
     environment: Environment | None = None
     approximate_lights: tuple[Light, ...] = ()
     approximated_materials: tuple[int, ...] = ()
@@ -283,14 +563,16 @@ class Scene:
 
     @property
     def key_times(self) -> list[float]:
-        """Seconds between which all motion is linear, in order; 0 is one of them."""
-        return sorted({0.0} | {float(t) for i in self.instances if i.motion is not None for t in i.motion.times})
+        """Seconds at which to look at bounds, in order; 0 is one of them.
 
-    @property
+        Between two of them motions are linear; animations of a file may leave their bounds a little.
+        """
+        return key_times_of(self.instances)
+
+    @cached_property
     def swept_bounds(self) -> F64:
-        """World-space box, shape (2, 3), around all positions of the instances; motion is linear between keys."""
-        boxes = [bounds_of(self.meshes, self.instances, time) for time in self.key_times]
-        return np.stack([np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)])
+        """World-space box, shape (2, 3), around the instances at all ``key_times``; found once, since it takes long."""
+        return swept_bounds_of(self.meshes, self.instances)
 
     def with_lights(self, *lights: Light) -> Scene:
         return replace(self, lights=lights)
@@ -303,13 +585,19 @@ class Scene:
         return replace(
             self, lights=tuple(_scaled_light(light, scale) for light in self.lights),
             approximate_lights=tuple(_scaled_light(light, scale) for light in self.approximate_lights),
-            materials=tuple(replace(m, emission=_scaled(m.emission, scale)) for m in self.materials),
+            materials=tuple(_scaled_material(m, scale) for m in self.materials),
             environment=environment and replace(environment, radiance=environment.radiance * np.float32(scale)))
 
 
 def _scaled(color: Color, scale: float) -> Color:
     r, g, b = color
     return r * scale, g * scale, b * scale
+
+
+def _scaled_material(material: Material, scale: float) -> Material:
+    if material.is_unlit:
+        return replace(material, albedo=_scaled(material.albedo, scale))
+    return replace(material, emission=_scaled(material.emission, scale))
 
 
 def _scaled_light(light: Light, scale: float) -> Light:
@@ -326,8 +614,21 @@ def bounds_of(meshes: tuple[Mesh, ...], instances: tuple[Instance, ...], time: f
     """World-space bounding box, shape (2, 3), of all instances at ``time`` seconds; zeros for none."""
     if not instances:
         return np.zeros((2, 3))
-    corners = [world_box(meshes[i.mesh], i.transform_at(time)) for i in instances]
+    corners = [world_box(i.mesh_at(meshes, time), i.transform_at(time)) for i in instances]
     return np.stack([np.min([c[0] for c in corners], axis=0), np.max([c[1] for c in corners], axis=0)])
+
+
+def key_times_of(instances: tuple[Instance, ...]) -> list[float]:
+    """See ``Scene.key_times``."""
+    return sorted({0.0, *(t for i in instances for t in i.key_times)})
+
+
+def swept_bounds_of(meshes: tuple[Mesh, ...], instances: tuple[Instance, ...]) -> F64:
+    """World-space box, shape (2, 3), around the instances at all key times."""
+    moving = tuple(i for i in instances if i.moves)
+    boxes = [bounds_of(meshes, instances)]
+    boxes += [bounds_of(meshes, moving, time) for time in key_times_of(moving) if moving]
+    return np.stack([np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)])
 
 
 def world_box(mesh: Mesh, transform: F64) -> F64:

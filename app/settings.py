@@ -9,6 +9,7 @@ from app.errors import SettingsError
 MAX_SIDE = 16384
 MAX_BOUNCES = 64
 MAX_SEED = 2**31 - 1
+TONE_MAPS = ("srgb", "agx", "pbr-neutral", "aces")
 SETTLE_FRAMES = 16  # until temporal anti-aliasing has converged
 
 
@@ -24,8 +25,14 @@ class Settings:
         Named images to deliver: ``final`` and AOVs.
     taa : bool
         Temporal anti-aliasing.
+    reflections : bool
+        Indirect light on glossy surfaces; environments that are reflected are then traced too.
     exposure : float
         Linear factor before the tone map; the linear final image is not affected.
+    auto_exposure : bool
+        Bring the picture's mean luminance to middle grey before that factor, slowly when it changes.
+    tonemap : str
+        One of ``TONE_MAPS``, or a display and view of OpenColorIO, as ``DISPLAY/VIEW``.
     bounces : int or None
         Number of bounces of indirect light; None for the model's own.
     seed : int
@@ -50,7 +57,10 @@ class Settings:
     size: tuple[int, int] = (1024, 768)
     outputs: tuple[str, ...] = ("final",)
     taa: bool = True
+    reflections: bool = True
     exposure: float = 1.0
+    auto_exposure: bool = False
+    tonemap: str = "srgb"
     bounces: int | None = None
     seed: int = 0
     provider: str = "auto"

@@ -7,6 +7,7 @@ import typer
 from app.errors import AfterglowError
 from export.dataset.cli import cli as dataset
 from export.onnx.cli import cli as onnx
+from export.onnx.gather_cli import cli as gather
 from export.reference.cli import reference
 from export.training.cli import rebuild, train
 from export.validation.cli import cli as validate
@@ -14,6 +15,7 @@ from export.validation.cli import cli as validate
 cli = typer.Typer(add_completion=False, no_args_is_help=True, help=__doc__, pretty_exceptions_enable=False)
 cli.add_typer(dataset, name="dataset")
 cli.command()(train)
+cli.add_typer(gather, name="gather")
 cli.add_typer(onnx, name="onnx")
 cli.command()(reference)
 cli.add_typer(validate, name="validate")

@@ -1,4 +1,4 @@
-"""Fit ``app/data/ltc.npy``: two linearly transformed cosines for each roughness and viewing angle of the GGX lobe.
+"""Fit ``app/data/ltc.npy``: linearly transformed cosines for each roughness and viewing angle of the GGX lobe.
 
 The lobe f(l), GGX times the cosine at the light (``shaders/include/ggx_lobe.glsl``), is approximated above the surface
 by
@@ -8,11 +8,12 @@ by
 with M_i = [[a, 0, b], [0, c, 0], [0, 0, 1]] and w_i = (w_x, 0, w_z), in the frame whose z axis is the mirrored view and
 whose x axis lies in the plane of incidence, turned away from the surface (Heitz, Dupuy, Hill and Neubelt 2016,
 "Real-Time Polygonal-Light Shading with Linearly Transformed Cosines"). Unlike theirs, w_i is free, is not clamped below
-zero, and light is clipped at the surface's own horizon, where a lobe seen at a grazing angle ends abruptly.
+zero, and light is clipped at the surface's own horizon, where a lobe seen at a grazing angle ends abruptly. There are
+two cosines, and a third one beyond column LAST_TWO_LOBED of the table, where two are not enough.
 
 The fit minimises errors of integrals over spherical caps of several sizes, relative to the largest such integral of
 each size. Neighbouring cells are drawn together, so that their parameters can be interpolated. It takes a few minutes
-and needs scipy.
+with OPENBLAS_NUM_THREADS=1, which suits small matrices in several processes, and needs scipy.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,17 +36,25 @@ from app.arrays import F64
 from app.io.atomic_files import replace_file
 from app.paths import data_dir
 
-ROUGHNESSES, ANGLES = 20, 32
+ROUGHNESSES, ANGLES, LOBES = 20, 32, 3
+LAST_TWO_LOBED = 13  # column, as in shaders/include/ltc.glsl
 MIN_ALPHA = 2e-3  # as in shaders/include/ggx_lobe.glsl
 MIN_COSINE = 1e-3  # of the viewing angle, as in shaders/include/ltc.glsl
 GOLDEN_RATIO = (math.sqrt(5) - 1) / 2
+RINGS = 48  # of light directions, along the edge of a square of samples
+GRAZING, GRAZING_RINGS = 20, 96  # from this column on, where the horizon cuts lobes off
 CAP_RADII = np.array([0.12, 0.3, 0.6, 1.2])  # radians, of a lobe as wide as the hemisphere
 ALBEDO_WEIGHT = 4.0
 TYPICAL_ERROR = 0.02  # larger errors count with their fourth power
 SMOOTHNESS = 0.03  # weight of a parameter's distance from the mean of its neighbours
 SWEEPS = (0.3, 0.3, 0.1, 0.1, SMOOTHNESS, SMOOTHNESS)  # the smoothness of each; the first join paths
 ANCHOR = (11, 20)  # the cell where the continuation starts, from two lobes that a search from random starts found
-ANCHOR_PARAMETERS = np.array([0.31, -0.48, -0.80, 0.15, 0.10, 0.79, -0.19, 0.35, 0.04, 0.08])
+ANCHOR_PARAMETERS = np.array([0.31, -0.48, -0.80, 0.15, 0.10, 0.79, -0.19, 0.35, 0.04, 0.08, 0, 0, 0, 0, 0])
+THIRD_ANCHOR = (8, 26)  # the cell where the continuation of the third lobe starts, found alike
+THIRD_ANCHOR_PARAMETERS = np.array([0.21, -0.68, -1.58, 0.2, 0.01, 0.56, -0.42, 0.16, 0.12, 0.12,
+                                    -0.46, 0.27, -1.56, -0.01, 0.09])
+THIRD_SMOOTHNESS = 0.01  # while the third lobe is spread
+LAST_ROW_REFITTED = 22  # from this column on
 
 Cell = tuple[int, int]
 
@@ -103,9 +113,9 @@ def evaluate_ggx(view: View, light: F64) -> F64:
 
 
 def evaluate_cosines(view: View, parameters: F64) -> tuple[F64, F64]:
-    """Matrices M of shape (2, 3, 3) and weights w of shape (2, 3), from a cell's ``parameters`` of shape (10,)."""
-    matrices, weights = np.zeros((2, 3, 3)), np.zeros((2, 3))
-    for matrix, weight, (log_a, b, log_c, w_x, w_z) in zip(matrices, weights, parameters.reshape(2, 5), strict=True):
+    """Matrices M of shape (3, 3, 3) and weights w of shape (3, 3), from a cell's ``parameters`` of shape (15,)."""
+    matrices, weights = np.zeros((LOBES, 3, 3)), np.zeros((LOBES, 3))
+    for matrix, weight, (log_a, b, log_c, w_x, w_z) in zip(matrices, weights, parameters.reshape(-1, 5), strict=True):
         a, c = view.slopes * np.exp([log_a, log_c])
         matrix[:] = [[a, 0, b], [0, c, 0], [0, 0, 1]]
         weight[:] = w_x, 0, w_z
@@ -122,7 +132,7 @@ def evaluate_lobe(view: View, parameters: F64, light: F64) -> F64:
     return total
 
 
-def sample_lights(view: View, rings: int = 32) -> tuple[F64, F64]:
+def sample_lights(view: View, rings: int = RINGS) -> tuple[F64, F64]:
     """Directions with y > 0, where the lobe is and anywhere, shape (N, 3), and their solid angles, shape (N,)."""
     even = (np.arange(rings) + 0.5) / rings
     u, phi = (x.ravel() for x in np.meshgrid(even, np.pi * even, indexing="ij"))
@@ -140,7 +150,7 @@ def sample_lights(view: View, rings: int = 32) -> tuple[F64, F64]:
     return light, 1 / (density * rings**2)
 
 
-def sample_caps(view: View, count: int = 64) -> F64:
+def sample_caps(view: View, count: int = 32) -> F64:
     """Centres of spherical caps, shape (2 count, 3): some around the lobe, some anywhere."""
     even, turn = (np.arange(count) + 0.5) / count, np.pi * (np.arange(count) * GOLDEN_RATIO % 1)
     z = 1 - 1.5 * even
@@ -153,14 +163,22 @@ def sample_caps(view: View, count: int = 64) -> F64:
 
 
 class CellProblem:
-    """Errors of one cell's lobe: integrals over caps, relative to the largest over one of that size, and albedo."""
+    """Errors of one cell's lobe: integrals over caps, relative to the largest over one of that size, and albedo.
 
-    def __init__(self, cell: Cell) -> None:
+    Parameters
+    ----------
+    lobes : int
+        How many of the cosines may have a weight.
+    """
+
+    def __init__(self, cell: Cell, lobes: int) -> None:
         self.view = view_of(cell)
         # A view along the normal has no plane of incidence: a and c are equal, b and w_x are 0.
         isotropic = np.array([[1.0, 0], [0, 0], [1, 0], [0, 0], [0, 1]])
-        self._constraint = np.kron(np.eye(2), isotropic) if cell[1] == 0 else np.eye(10)
-        light, solid_angle = sample_lights(self.view)
+        constraint = np.kron(np.eye(LOBES), isotropic) if cell[1] == 0 else np.eye(5 * LOBES)
+        constraint[[5 * lobe + i for lobe in range(lobes, LOBES) for i in (3, 4)]] = 0
+        self._constraint = constraint[:, constraint.any(axis=0)]
+        light, solid_angle = sample_lights(self.view, GRAZING_RINGS if cell[1] >= GRAZING else RINGS)
         self._light = light
         exact = evaluate_ggx(self.view, light)
         centres = sample_caps(self.view)
@@ -180,7 +198,7 @@ class CellProblem:
         return self._weights @ evaluate_lobe(self.view, parameters, self._light) - self._exact
 
     def slopes(self, parameters: F64) -> F64:
-        """Derivatives of the errors by the parameters, shape (E, 10)."""
+        """Derivatives of the errors by the parameters, shape (E, 15)."""
         columns = []
         local = self._light @ self.view.frame.T
         for matrix, weight in zip(*evaluate_cosines(self.view, parameters), strict=True):
@@ -195,7 +213,7 @@ class CellProblem:
         return self._weights @ np.stack(columns, 1)
 
     def fit(self, start: F64, target: F64, smoothness: float = SMOOTHNESS) -> F64:
-        """Parameters near ``target``, shape (10,), by least squares from ``start``."""
+        """Parameters near ``target``, shape (15,), by least squares from ``start``."""
         def residuals(free: F64) -> F64:
             parameters = self._constraint @ free
             errors = self.errors(parameters)
@@ -229,20 +247,34 @@ def measure_lobe(view: View, parameters: F64, rings: int = 200) -> tuple[float, 
 
 
 def fit_path(cells: list[Cell], start: F64) -> list[F64]:
-    """Parameters of ``cells``, each begun at those of the one before it."""
+    """Parameters of two lobes in ``cells``, each begun at those of the one before it."""
     found = []
     for cell in cells:
-        fitted = CellProblem(cell).fit(start, start)
-        swapped = np.roll(fitted, 5)  # the same lobes in the other order
+        fitted = CellProblem(cell, 2).fit(start, start)
+        swapped = np.concatenate([fitted[5:10], fitted[:5], fitted[10:]])  # the same lobes in the other order
         is_swapped = np.abs(swapped - start).sum() < np.abs(fitted - start).sum()
         start = swapped if is_swapped else fitted
         found.append(start)
     return found
 
 
-def fit_cell(cell: Cell, start: F64, target: F64, smoothness: float = SMOOTHNESS) -> F64:
+def fit_third_path(cells: list[Cell], pairs: list[F64], start: F64) -> list[F64]:
+    """Parameters of three lobes in ``cells``, each begun at those of the one before it.
+
+    The first two lobes are begun at those of ``pairs``, which were fitted alone, but for rough cells, where these jump.
+    """
+    found = []
+    for cell, pair in zip(cells, pairs, strict=True):
+        if cell[0] <= THIRD_ANCHOR[0]:
+            start = np.concatenate([pair[:10], start[10:]])
+        start = CellProblem(cell, 3).fit(start, start, THIRD_SMOOTHNESS)
+        found.append(start)
+    return found
+
+
+def fit_cell(cell: Cell, start: F64, target: F64, smoothness: float = SMOOTHNESS, lobes: int = LOBES) -> F64:
     """Parameters of one cell; a function of the module, so that other processes can call it."""
-    return CellProblem(cell).fit(start, target, smoothness)
+    return CellProblem(cell, lobes if cell[1] > LAST_TWO_LOBED else 2).fit(start, target, smoothness)
 
 
 def mean_of_neighbours(table: F64, cell: Cell) -> F64:
@@ -255,50 +287,75 @@ def mean_of_neighbours(table: F64, cell: Cell) -> F64:
 
 
 def fit_table(workers: int) -> F64:
-    """Parameters of all cells, shape (ROUGHNESSES, ANGLES, 10).
+    """Parameters of all cells, shape (ROUGHNESSES, ANGLES, 15).
 
-    From the anchor along its row, from there along all columns, and then in sweeps over every other cell.
+    From the anchor along its row, from there along all columns, and then in sweeps over every other cell; first two
+    lobes everywhere, then a third where it belongs.
     """
-    table = np.zeros((ROUGHNESSES, ANGLES, 10))
+    table = np.zeros((ROUGHNESSES, ANGLES, 5 * LOBES))
     row, column = ANCHOR
     paths = [[(row, j) for j in range(column, -1, -1)], [(row, j) for j in range(column, ANGLES)]]
     with ProcessPoolExecutor(workers) as pool:
-        _continue(pool, table, paths, [ANCHOR_PARAMETERS] * 2)
-        paths = [[(i, j) for i in rows] for j in range(ANGLES)
-                 for rows in (range(row - 1, -1, -1), range(row + 1, ROUGHNESSES))]
-        _continue(pool, table, paths, [table[row, path[0][1]] for path in paths])
-        for smoothness, parity in ((s, p) for s in SWEEPS for p in (0, 1)):
-            cells = [(i, j) for i in range(ROUGHNESSES) for j in range(ANGLES) if (i + j) % 2 == parity]
-            starts, targets = [table[cell] for cell in cells], [mean_of_neighbours(table, cell) for cell in cells]
-            found = pool.map(fit_cell, cells, starts, targets, [smoothness] * len(cells), chunksize=8)
-            for cell, parameters in zip(cells, found, strict=True):
-                table[cell] = parameters
+        _continue(table, paths, pool.map(fit_path, paths, [ANCHOR_PARAMETERS] * 2))
+        paths = _columns(row, range(ANGLES))
+        _continue(table, paths, pool.map(fit_path, paths, [table[row, path[0][1]] for path in paths]))
+        _sweep(pool, table, range(ANGLES), 2)
+        row, column = THIRD_ANCHOR
+        third = range(LAST_TWO_LOBED + 1, ANGLES)
+        table[THIRD_ANCHOR] = THIRD_ANCHOR_PARAMETERS
+        along_row = [[(row, j) for j in range(column, LAST_TWO_LOBED, -1)], [(row, j) for j in range(column, ANGLES)]]
+        for paths in (along_row, _columns(row, third)):
+            pairs = [[table[cell] for cell in path] for path in paths]
+            starts = [table[row, column if path[0][0] == row else path[0][1]] for path in paths]
+            _continue(table, paths, pool.map(fit_third_path, paths, pairs, starts))
+        table[:, :LAST_TWO_LOBED + 1, 10:13] = table[:, LAST_TWO_LOBED + 1, None, 10:13]
+        _sweep(pool, table, third, 3)
+        # Sweeps tie the last row to itself alone, and at grazing angles it finds a minimum of its own, from which
+        # parameters can't be interpolated to those of the row beside it.
+        cells = [(ROUGHNESSES - 1, j) for j in range(LAST_ROW_REFITTED, ANGLES)]
+        beside = [table[ROUGHNESSES - 2, j] for _, j in cells]
+        for cell, parameters in zip(cells, pool.map(fit_cell, cells, beside, beside), strict=True):
+            table[cell] = parameters
     return table
 
 
-def _continue(pool: ProcessPoolExecutor, table: F64, paths: list[list[Cell]], starts: list[F64]) -> None:
-    for path, found in zip(paths, pool.map(fit_path, paths, starts), strict=True):
-        for cell, parameters in zip(path, found, strict=True):
+def _columns(row: int, columns: range) -> list[list[Cell]]:
+    """Paths from ``row`` up and down."""
+    return [[(i, j) for i in rows] for j in columns for rows in (range(row - 1, -1, -1), range(row + 1, ROUGHNESSES))]
+
+
+def _sweep(pool: ProcessPoolExecutor, table: F64, columns: range, lobes: int) -> None:
+    for smoothness, parity in ((s, p) for s in SWEEPS for p in (0, 1)):
+        cells = [(i, j) for i in range(ROUGHNESSES) for j in columns if (i + j) % 2 == parity]
+        starts, targets = [table[cell] for cell in cells], [mean_of_neighbours(table, cell) for cell in cells]
+        found = pool.map(fit_cell, cells, starts, targets, [smoothness] * len(cells), [lobes] * len(cells), chunksize=8)
+        for cell, parameters in zip(cells, found, strict=True):
+            table[cell] = parameters
+
+
+def _continue(table: F64, paths: list[list[Cell]], found: Iterable[list[F64]]) -> None:
+    for path, parameters_along in zip(paths, found, strict=True):
+        for cell, parameters in zip(path, parameters_along, strict=True):
             table[cell] = parameters
 
 
 def pack(table: F64) -> NDArray[np.float16]:
-    """Texels of ``shaders/include/ltc.glsl``, of the exact albedo; shape (ROUGHNESSES, ANGLES, 3, 4)."""
-    texels = np.zeros((ROUGHNESSES, ANGLES, 3, 4))
+    """Texels of ``shaders/include/ltc.glsl``, of the exact albedo; shape (ROUGHNESSES, ANGLES, 4, 4)."""
+    texels = np.zeros((ROUGHNESSES, ANGLES, LOBES + 1, 4))
     for cell in np.ndindex(ROUGHNESSES, ANGLES):
         scale, fresnel = measure_lobe(view_of(cell), table[cell])
-        first, second = table[cell].reshape(2, 5)
-        for lobe, (log_a, b, log_c, w_x, _) in enumerate((first, second)):
+        for lobe, (log_a, b, log_c, w_x, w_z) in enumerate(table[cell].reshape(LOBES, 5)):
             texels[cell][lobe] = math.exp(log_a), b, math.exp(log_c), w_x * scale
-        texels[cell][2] = first[4] * scale, second[4] * scale, fresnel, 0
+            texels[cell][LOBES, lobe] = w_z * scale
+        texels[cell][LOBES, LOBES] = fresnel
     return texels.astype(np.float16)
 
 
 def unpack(texels: NDArray[np.float16]) -> F64:
-    """Parameters of all cells, shape (ROUGHNESSES, ANGLES, 10); the inverse of ``pack``."""
+    """Parameters of all cells, shape (ROUGHNESSES, ANGLES, 15); the inverse of ``pack``."""
     lobes = [np.stack([np.log(a), b, np.log(c), w_x, w_z], -1)
              for (a, b, c, w_x), w_z in ((np.moveaxis(texels[..., lobe, :].astype(np.float64), -1, 0),
-                                          texels[..., 2, lobe].astype(np.float64)) for lobe in range(2))]
+                                          texels[..., LOBES, lobe].astype(np.float64)) for lobe in range(LOBES))]
     return np.concatenate(lobes, -1)
 
 

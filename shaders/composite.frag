@@ -1,4 +1,4 @@
-// Everything that reaches the camera: direct + albedo * indirect + emission + specular, and the background.
+// Everything that reaches the camera: direct + albedo * occlusion * indirect + emission + specular + reflection, and the background.
 #include "numbers.glsl"
 
 uniform sampler2D direct;
@@ -6,11 +6,17 @@ uniform sampler2D direct;
 uniform sampler2D indirect;
 uniform sampler2D albedo;
 #endif
+#ifdef HAS_OCCLUSION
+uniform sampler2D occlusion;
+#endif
 #ifdef HAS_EMISSION
 uniform sampler2D emission;
 #endif
 #ifdef HAS_SPECULAR
 uniform sampler2D specular;
+#endif
+#ifdef HAS_REFLECTION
+uniform sampler2D reflection;
 #endif
 #ifdef HAS_BACKGROUND
 uniform sampler2D background;
@@ -23,13 +29,20 @@ void main()
     ivec2 texel = ivec2(gl_FragCoord.xy);
     vec3 sum = sanitize_radiance(texelFetch(direct, texel, 0).rgb);
 #ifdef HAS_INDIRECT
-    sum += sanitize_albedo(texelFetch(albedo, texel, 0).rgb) * sanitize_radiance(texelFetch(indirect, texel, 0).rgb);
+    vec3 arriving = sanitize_radiance(texelFetch(indirect, texel, 0).rgb);
+#ifdef HAS_OCCLUSION
+    arriving *= texelFetch(occlusion, texel, 0).r;
+#endif
+    sum += sanitize_albedo(texelFetch(albedo, texel, 0).rgb) * arriving;
 #endif
 #ifdef HAS_EMISSION
     sum += sanitize_radiance(texelFetch(emission, texel, 0).rgb);
 #endif
 #ifdef HAS_SPECULAR
     sum += sanitize_radiance(texelFetch(specular, texel, 0).rgb);
+#endif
+#ifdef HAS_REFLECTION
+    sum += sanitize_radiance(texelFetch(reflection, texel, 0).rgb);
 #endif
 #ifdef HAS_BACKGROUND
     sum += sanitize_radiance(texelFetch(background, texel, 0).rgb);

@@ -4,9 +4,19 @@
 #include "grid.glsl"
 #include "shadow.glsl"
 #include "shadow_ratio.glsl"
+#include "quad_surface.glsl"
 #include "sky_irradiance.glsl"
 #include "sky_specular.glsl"
 #include "ggx.glsl"
+#ifdef HAS_TRACED_RECT
+#include "traced_rects.glsl"
+#endif
+#ifdef SKY_IS_REFLECTED
+#include "reflection.glsl"
+#endif
+#ifdef LAYERS
+#include "layers.glsl"
+#endif
 
 uniform sampler2D albedo;
 uniform sampler2D normal;
@@ -29,6 +39,13 @@ layout(location = WRITE_DIRECT) out vec4 out_direct;
 layout(location = WRITE_SPECULAR) out vec4 out_specular;
 #endif
 
+// Share of the reflected environment that is not traced.
+#ifdef SKY_IS_REFLECTED
+#define SKY_SHARE (1.0 - ray_share(reflectance.a))
+#else
+#define SKY_SHARE 1.0
+#endif
+
 void main()
 {
     ivec2 texel = ivec2(gl_FragCoord.xy);
@@ -38,49 +55,91 @@ void main()
     vec4 surface = texelFetch(normal, texel, 0);
     vec4 base = texelFetch(albedo, texel, 0);
     vec3 n = sanitize_normal(surface.xyz);
-    vec3 p = surface_ray(gl_FragCoord.xy) * d;
+    vec3 p = surface_point(gl_FragCoord.xy, d);
 #ifdef WRITE_SPECULAR
     vec4 reflectance = texelFetch(specular_roughness, texel, 0);
     Lobe lobe = specular_lobe(p, n, reflectance);
     bool is_shiny = max(max(reflectance.r, reflectance.g), reflectance.b) > 0.0;
+#endif
+#ifdef LAYERS  // clear coat or sheen, which few scenes have
+    Layers layers = read_layers(texel, p);
+    vec3 layered = vec3(0.0), traced_layered = vec3(0.0);
 #endif
 #ifdef HAS_SHADOW
     vec3 face = octahedral_decode(vec2(surface.a, base.a));
     QuadNoise noise = quad_noise();
     for (int i = 0; i < MAPPED_COUNT; ++i) {
         vec3 e = irradiance(lights[i], p, n);
+#ifdef LAYERS
+        bool wanted = is_surface(d) && reaches_layers(lights[i], p, e, layers);
+#else
         bool wanted = is_surface(d) && max(max(e.r, e.g), e.b) > 0.0;
+#endif
+#ifdef NORMAL_MAPS
+        wanted = wanted && is_in_front(lights[i], p, face);
+#endif
+#ifdef HAS_SHADOW_TRANSMITTANCE
+        vec3 v = visibility(lights[i], p, face, noise, wanted) * transmittance(lights[i], p);
+        v = wanted ? v : vec3(0.0);
+#else
         float v = visibility(lights[i], p, face, noise, wanted);
         v = wanted ? v : 0.0;
+#endif
         diffuse += wanted ? v * e : vec3(0.0);
 #ifdef WRITE_SPECULAR
         specular += wanted ? v * ggx_specular(lights[i], p, n, lobe) : vec3(0.0);
 #endif
+#ifdef LAYERS
+        layered += wanted ? v * layered_light(lights[i], p, n, e, layers) : vec3(0.0);
+#endif
     }
 #endif
 #ifdef HAS_SHADOW_RATIO
-    vec3 v = is_surface(d) ? traced_visibility(n, d) : vec3(0.0);
+    QuadSurface quad = quad_surface(p, n, d);
+    vec3 v = traced_visibility(n, d, quad.is_flat);
+    v = is_surface(d) ? v : vec3(0.0);
     vec3 traced = vec3(0.0), traced_specular = vec3(0.0);
-    // Loops that take no step, not branches, since software rasterisers walk through both sides of each.
-    int end = max(max(v.r, v.g), v.b) > 0.0 ? LIGHT_COUNT : MAPPED_COUNT;
-    for (int i = MAPPED_COUNT; i < end; ++i) {
-        vec3 e = irradiance(lights[i], p, n);
-        traced += e;
+    bool is_lit = max(max(v.r, v.g), v.b) > 0.0;
+#ifdef HAS_TRACED_SPHERE
+    // A loop with its test at the end, not a branch: software rasterisers walk through both sides of a branch, and once
+    // more than needed through a loop with its test at the beginning.
+    int i = MAPPED_COUNT, spheres_end = is_lit ? RECTS_BEGIN : MAPPED_COUNT;
+    do {
+        traced += irradiance(lights[i], p, n);
 #ifdef WRITE_SPECULAR
-        int steps = is_shiny && max(max(e.r, e.g), e.b) > 0.0 ? 1 : 0;
-        for (int k = 0; k < steps; ++k) traced_specular += ggx_specular(lights[i], p, n, lobe);
+        traced_specular += ggx_specular(lights[i], p, n, lobe);
 #endif
-    }
+    } while (++i < spheres_end);
+#endif
+#ifdef HAS_TRACED_RECT
+#ifdef WRITE_SPECULAR
+    TracedRects rects = rects_light(p, n, lobe, is_lit, is_shiny, quad);
+    traced += rects.irradiance;
+    traced_specular += rects.specular;
+#else
+    traced += rects_irradiance(p, n, is_lit);
+#endif
+#endif
+#ifdef LAYERS
+    for (int m = MAPPED_COUNT; m < (is_lit ? LIGHT_COUNT : MAPPED_COUNT); ++m)
+        traced_layered += layered_light(lights[m], p, n, irradiance(lights[m], p, n), layers);
+#endif
 #ifdef HAS_SKY_IRRADIANCE
     if (is_surface(d)) traced += unshadowed_sky_irradiance(n);
 #endif
 #if defined(HAS_SKY_SPECULAR) && defined(WRITE_SPECULAR)
     if (is_surface(d))
-        traced_specular += environment_reflectance(reflectance, max(dot(n, -normalize(p)), 0.0))
+        traced_specular += SKY_SHARE * specular_albedo(reflectance.rgb, reflectance.a, dot(n, lobe.v))
             * unshadowed_sky_specular(dominant_direction(n, p, reflectance.a), reflectance.a);
+#endif
+#if defined(LAYERS) && defined(HAS_SKY_SPECULAR)
+    if (is_surface(d)) traced_layered += layered_sky(p, n, layers);
 #endif
     diffuse += v * traced;
     specular += v * traced_specular;
+#ifdef LAYERS
+    layered += v * traced_layered;
+#endif
 #endif
 #ifdef HAS_ENVIRONMENT_DIFFUSE
     diffuse += PI * sanitize_radiance(texelFetch(environment_diffuse, texel, 0).rgb);
@@ -92,8 +151,11 @@ void main()
 #ifdef WRITE_SPECULAR
 #ifdef HAS_ENVIRONMENT_SPECULAR
     if (is_surface(d))
-        specular += environment_reflectance(reflectance, max(dot(n, -normalize(p)), 0.0))
+        specular += SKY_SHARE * lobe_reflectance(reflectance.rgb, reflectance.a, dot(n, lobe.v))
             * sanitize_radiance(texelFetch(environment_specular, texel, 0).rgb);
+#endif
+#ifdef LAYERS
+    specular = specular * layers.below + layered;
 #endif
     out_specular = vec4(sanitize_radiance(specular), 1.0);
 #endif

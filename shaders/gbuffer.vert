@@ -1,9 +1,17 @@
 // Object to clip space; everything the surface shader needs, in relative space.
 in vec3 in_position;
 in vec3 in_normal;
-#if defined(ALBEDO_MAP) || defined(EMISSION_MAP)
+#ifdef UV
 in vec2 in_uv;
 out vec2 uv;
+#endif
+#ifdef SECOND_UV
+in vec2 in_second_uv;
+out vec2 second_uv;
+#endif
+#ifdef TANGENT
+in vec4 in_tangent;
+out vec4 tangent;
 #endif
 #ifdef VERTEX_COLOR
 in vec4 in_color;
@@ -19,10 +27,18 @@ out vec3 position;
 out vec3 normal;
 
 #ifdef WRITE_MOTION
+#ifdef DEFORMED
+in vec3 in_previous_position;
+#else
+#define in_previous_position in_position
+#endif
 uniform mat4 previous_from_object;
 uniform mat4 previous_clip;  // unjittered
-out vec3 clip_now;           // x, y, w; unjittered
+out vec3 clip_now;           // x, y, depth; unjittered
 out vec3 clip_before;
+#ifdef ORTHOGRAPHIC
+uniform vec2 far;            // now and one frame ago: z = 1 - depth / far
+#endif
 #endif
 
 void main()
@@ -30,13 +46,27 @@ void main()
     vec4 p = relative_from_object * vec4(in_position, 1.0);
     position = p.xyz;
     normal = normal_from_object * in_normal;
+#ifdef TANGENT
+    normal = normalize(normal);
+    tangent = vec4(mat3(relative_from_object) * in_tangent.xyz, in_tangent.w);
+    tangent.xyz /= max(length(tangent.xyz), 1e-30);
+#endif
     gl_Position = clip_from_relative * p;
 #ifdef WRITE_MOTION
     clip_now = vec3(gl_Position.xy - jitter * gl_Position.w, gl_Position.w);
-    clip_before = (previous_clip * (previous_from_object * vec4(in_position, 1.0))).xyw;
+#ifdef ORTHOGRAPHIC
+    clip_now.z = (1.0 - gl_Position.z) * far.x;
+    clip_before = (previous_clip * (previous_from_object * vec4(in_previous_position, 1.0))).xyz;
+    clip_before.z = (1.0 - clip_before.z) * far.y;
+#else
+    clip_before = (previous_clip * (previous_from_object * vec4(in_previous_position, 1.0))).xyw;
 #endif
-#if defined(ALBEDO_MAP) || defined(EMISSION_MAP)
+#endif
+#ifdef UV
     uv = in_uv;
+#endif
+#ifdef SECOND_UV
+    second_uv = in_second_uv;
 #endif
 #ifdef VERTEX_COLOR
     color = in_color;

@@ -15,6 +15,15 @@ uniform sampler2D unshadowed_diffuse;  // on the tensor's own grid
 #ifdef HAS_UNSHADOWED_SPECULAR
 uniform sampler2D unshadowed_specular;
 #endif
+#ifdef HAS_GATHERED_LIGHT
+uniform sampler2D gathered_light;      // on the tensor's own grid; a: rays
+#endif
+#ifdef HAS_GATHERED_DISTANCE
+uniform sampler2D gathered_distance;
+#endif
+#ifdef HAS_INTERPOLATED_LIGHT
+uniform sampler2D interpolated_light;
+#endif
 uniform ivec2 grid;  // width and height of one image of the tensor
 
 ivec2 low;   // texel of the tensor, bottom row first
@@ -36,6 +45,34 @@ vec3 channel_unshadowed_environment_specular_rgb(ivec2 t)
     return vec3(0.0);
 #endif
 }
+
+#ifdef HAS_GATHERED_LIGHT
+vec3 channel_gathered_rgb(ivec2 t)
+{
+    return sanitize_radiance(texelFetch(gathered_light, low, 0).rgb);
+}
+
+float channel_gathered_count(ivec2 t)
+{
+    float count = texelFetch(gathered_light, low, 0).a;
+    return is_finite(count) ? clamp(count, 0.0, HALF_MAX) : 0.0;
+}
+#endif
+
+#ifdef HAS_GATHERED_DISTANCE
+float channel_gathered_distance(ivec2 t)
+{
+    float d = texelFetch(gathered_distance, low, 0).r;
+    return is_finite(d) ? clamp(d, 0.0, 1.0) : 0.0;
+}
+#endif
+
+#ifdef HAS_INTERPOLATED_LIGHT
+vec3 channel_interpolated_rgb(ivec2 t)
+{
+    return sanitize_radiance(texelFetch(interpolated_light, low, 0).rgb);
+}
+#endif
 
 void store(int channel, float x)
 {

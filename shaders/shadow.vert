@@ -1,12 +1,16 @@
 // Casters as seen from a light; positions are relative to the point that distances are measured from.
 in vec3 in_position;
-#ifdef ALPHA_MASK
+#ifdef UV
 in vec2 in_uv;
 out vec2 uv;
+#endif
+#ifdef SECOND_UV
+in vec2 in_second_uv;
+out vec2 second_uv;
+#endif
 #ifdef VERTEX_COLOR
 in vec4 in_color;
-out float opacity;
-#endif
+out vec4 color;
 #endif
 
 uniform mat4 relative_from_object;
@@ -18,10 +22,13 @@ void main()
     vec4 p = relative_from_object * vec4(in_position, 1.0);
     position = p.xyz;
     gl_Position = clip_from_relative * p;
-#ifdef ALPHA_MASK
+#ifdef UV
     uv = in_uv;
-#ifdef VERTEX_COLOR
-    opacity = in_color.a;
 #endif
+#ifdef SECOND_UV
+    second_uv = in_second_uv;
+#endif
+#ifdef VERTEX_COLOR
+    color = in_color;
 #endif
 }

@@ -6,7 +6,7 @@
 #include "nearest_texel.glsl"
 
 const float NOISE_SIGMAS = 3.0;      // of the difference of two texels, by which noise may part them
-const float PLANE_TOLERANCE = 0.01;  // of the receiver's depth
+const float PLANE_TOLERANCE = 0.01;  // of the receiver's depth_scale
 const float MIN_COSINE = 0.9;        // between normals
 
 uniform sampler2D shadow_visible;     // rgb: mean irradiance of the samples that reach their light, a: samples
@@ -37,7 +37,7 @@ Texel texel_at(ivec2 low)
     t.visible = texelFetch(shadow_visible, low, 0);
     t.unshadowed = texelFetch(shadow_unshadowed, low, 0);
     t.surface = texelFetch(lowres_gbuffer, low, 0);
-    t.p = surface_ray(vec2(nearest_texel(low, ratio)) + 0.5) * t.surface.a;
+    t.p = surface_point(vec2(nearest_texel(low, ratio)) + 0.5, t.surface.a);
     t.share = dot(t.visible.rgb, vec3(1.0)) / max(dot(t.unshadowed.rgb, vec3(1.0)), 1e-30);
     // By Laplace's rule of succession, so that a few samples that agree don't count as certain.
     float share = (t.share * t.visible.a + 1.0) / (t.visible.a + 2.0);
@@ -54,7 +54,7 @@ void main()
         ivec2 at = low + spacing * (ivec2(i % 3, i / 3) - 1);
         Texel t = texel_at(clamp(at, ivec2(0), last));
         float away = dot(here.surface.xyz, t.p - here.p), differs = t.share - here.share;
-        bool alike = t.surface.a > 0.0 && abs(away) <= PLANE_TOLERANCE * here.surface.a
+        bool alike = t.surface.a > 0.0 && abs(away) <= PLANE_TOLERANCE * depth_scale(here.surface.a)
             && dot(here.surface.xyz, t.surface.xyz) >= MIN_COSINE
             && (differs * differs <= NOISE_SIGMAS * NOISE_SIGMAS * (here.variance + t.variance)
                 || dot(here.unshadowed.rgb, vec3(1.0)) <= 0.0)

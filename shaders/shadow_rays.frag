@@ -34,8 +34,8 @@ uniform float noise_phase;   // shifts the sequence, from the seed
 uniform float ray_epsilon;   // by which rays start off their surface at most, scene units
 uniform float sky_distance;  // length of a ray towards the environment, scene units
 
-layout(location = 0) out vec4 out_origin;  // relative space; a: 0: no ray, 1: towards a light, 2: towards the environment
-layout(location = 1) out vec4 out_vector;  // from there to the ray's end
+layout(location = 0) out vec4 out_origin;  // relative space
+layout(location = 1) out vec4 out_vector;  // from there to the ray's end; a: 0: no ray, 1: towards a light, 2: towards the environment
 layout(location = 2) out vec4 out_light;   // unshadowed irradiance of the sample, over its probability
 
 struct Receiver {
@@ -46,13 +46,15 @@ struct Receiver {
     bool is_surface;
 };
 
-// Of a pixel or of a texel of the cube, per unit of depth.
-float pixel_width()
+// Of a pixel or of a texel of the cube, in scene units.
+float pixel_width(float depth)
 {
 #ifdef GRID_CUBE
-    return 2.0 / float(CUBE_SIZE);
-#else
+    return 2.0 / float(CUBE_SIZE) * depth;
+#elif defined(ORTHOGRAPHIC)
     return 2.0 * lens.y * image.w;
+#else
+    return 2.0 * lens.y * image.w * depth;
 #endif
 }
 
@@ -68,10 +70,10 @@ Receiver receiver(ivec2 texel)
     vec4 surface = texelFetch(normal, full, 0);
     vec3 n = sanitize_normal(surface.xyz);
     vec3 face = octahedral_decode(vec2(surface.a, texelFetch(albedo, full, 0).a));
-    vec3 p = surface_ray(vec2(full) + 0.5) * d;
+    vec3 p = surface_point(vec2(full) + 0.5, d);
     // Half a pixel, within limits: what is nearer can't be seen to cast a shadow.
-    float epsilon = clamp(0.5 * pixel_width() * d, MIN_EPSILON * ray_epsilon, ray_epsilon);
-    return Receiver(p, n, face, p + (face - normalize(p)) * epsilon, is_surface(d) && dot(n, n) > 0.5);
+    float epsilon = clamp(0.5 * pixel_width(d), MIN_EPSILON * ray_epsilon, ray_epsilon);
+    return Receiver(p, n, face, p + (face - normalize(along_view(p))) * epsilon, is_surface(d) && dot(n, n) > 0.5);
 #endif
 }
 
@@ -104,6 +106,17 @@ float luminance(vec3 c)
     return dot(c, vec3(0.2126, 0.7152, 0.0722));
 }
 
+// Whether a candidate replaces the one that was chosen before it, by pick in [0, 1); adds its target to the total. What is
+// left of the number is as random as it was.
+bool replaces(float target, inout float total, inout float pick)
+{
+    float before = total;
+    total += target;
+    bool take = target > 0.0 && pick * total < target;
+    pick = take ? pick * total / target : before > 0.0 ? (pick * total - target) / before : pick;
+    return take;
+}
+
 #ifdef HAS_SKY_STRATA
 // A direction of the environment for s in [0, 1)², one of four in opposite quarters of the unit square that is chosen,
 // by pick in [0, 1), in proportion to what it contributes.
@@ -120,11 +133,7 @@ LightSample sample_sky(vec3 n, vec2 s, float pick)
         vec3 light = texelFetch(sky_strata, stratum + ivec2(0, strata.y), 0).rgb
             * (float(strata.x * strata.y) * max(dot(direction, n), 0.0));
         float target = luminance(light);
-        total += target;
-        bool take = target > 0.0 && pick * total < target;
-        // What is left of the number is as random as it was.
-        pick = take ? pick * total / max(target, LUMINANCE_FLOOR)
-                    : (pick * total - target) / max(total - target, LUMINANCE_FLOOR);
+        bool take = replaces(target, total, pick);
         chosen.vector = take ? direction * sky_distance : chosen.vector;
         chosen.light = take ? light : chosen.light;
         chosen_target = take ? target : chosen_target;
@@ -140,37 +149,37 @@ void main()
     Receiver r = receiver(texel);
     vec3 s = sequence(texel);
 
-    // One source in proportion to its unshadowed light: the running sum at which the choice falls.
-    float total = 0.0;
-#ifdef HAS_SKY_STRATA
-    float sky = luminance(unshadowed_sky_irradiance(r.n));
-    total += sky;
-#endif
-    for (int i = MAPPED_COUNT; i < LIGHT_COUNT; ++i) total += luminance(irradiance(lights[i], r.p, r.n));
-    float choice = s.x * total, passed = 0.0, part = 0.0;
+    // One source in proportion to its unshadowed light: each replaces the one before it with its share of the sum so far.
+    float total = 0.0, part = 0.0, choice = s.x;
     int chosen = -1;
-#ifdef HAS_SKY_STRATA
-    passed = part = sky;
-#endif
-    bool to_sky = choice < passed;
-    for (int i = MAPPED_COUNT; i < LIGHT_COUNT; ++i) {
-        float light = luminance(irradiance(lights[i], r.p, r.n));
-        bool take = choice >= passed && light > 0.0;
+#ifdef HAS_TRACED_LIGHT
+    int i = LIGHT_COUNT;
+    do {
+        float light = luminance(irradiance(lights[--i], r.p, r.n));
+        bool take = replaces(light, total, choice);
         chosen = take ? i : chosen;
         part = take ? light : part;
-        passed += light;
-    }
-    LightSample ray = LightSample(r.n, vec3(0.0));
-    if (chosen >= 0 && !to_sky) ray = sample_light(lights[chosen], r.p, r.n, s.yz);
+    } while (i > MAPPED_COUNT);
+#endif
+    bool to_sky = false;
 #ifdef HAS_SKY_STRATA
-    if (to_sky) ray = sample_sky(r.n, s.yz, choice / max(sky, LUMINANCE_FLOOR));
+    float sky = luminance(unshadowed_sky_irradiance(r.n));
+    to_sky = replaces(sky, total, choice);
+    part = to_sky ? sky : part;
+#endif
+    LightSample ray = LightSample(r.n, vec3(0.0));
+#ifdef HAS_TRACED_LIGHT
+    if (chosen >= 0 && !to_sky) ray = sample_light(lights[chosen], r.p, r.n, s.yz);
+#endif
+#ifdef HAS_SKY_STRATA
+    if (to_sky) ray = sample_sky(r.n, s.yz, choice);
 #endif
     ray.light *= total / max(part, LUMINANCE_FLOOR);
     bool wanted = r.is_surface && total > 0.0 && max(max(ray.light.r, ray.light.g), ray.light.b) > 0.0
         && is_finite(dot(ray.light, vec3(1.0)) + dot(ray.vector, vec3(1.0)));
-    out_origin = wanted ? vec4(r.origin, to_sky ? 2.0 : 1.0) : vec4(0.0);
     // A ray into the surface meets it at once.
-    vec3 vector = dot(ray.vector, r.face) > 0.0 ? (ray.vector + r.p - r.origin) * SHORTENED : vec3(0.0);
-    out_vector = vec4(vector, 0.0);
+    bool free = dot(ray.vector, r.face) > 0.0;
+    out_origin = vec4(r.origin, 0.0);
+    out_vector = vec4((ray.vector + r.p - r.origin) * SHORTENED, wanted && free ? (to_sky ? 2.0 : 1.0) : 0.0);
     out_light = wanted ? vec4(min(ray.light, HALF_MAX), 1.0) : vec4(0.0);
 }

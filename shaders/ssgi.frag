@@ -10,8 +10,8 @@
 #include "noise.glsl"
 #include "nearest_texel.glsl"
 
-const float THICKNESS = 0.1;  // of everything, away from the eye, relative to its depth
-const float CREASE = 0.01;    // relative to depth: surfaces join unless one lies farther than this behind the other
+const float THICKNESS = 0.1;  // of everything, away from the eye, relative to its depth_scale
+const float CREASE = 0.01;    // relative to depth_scale: surfaces join unless one lies farther than this behind the other
 const float MAX_DEPTH_RATIO = 2.0;  // between a stretch's ends and its sample
 const float SECTORS = 32.0;
 
@@ -58,7 +58,7 @@ void main()
     float d = is_surface(here.a) ? here.a : 1.0;
     vec3 n = sanitize_normal(here.xyz);
     vec2 pixel = vec2(nearest_texel(texel, ratio)) + 0.5;
-    vec3 view = view_ray(pixel), ray = relative_from_view(view), p = ray * d;
+    vec3 view = view_ray(pixel), ray = relative_from_view(view), p = surface_point(pixel, d);
 
     // The walk's direction, uniform around the direction to the eye.
     float noise = fract(texel_noise(vec2(texel)) + noise_offset.x);
@@ -69,7 +69,7 @@ void main()
     vec2 borders = mix(pixel, image.xy - pixel, greaterThan(walk, vec2(0.0))) / max(abs(walk), 1e-6);
     float reach = min(borders.x, borders.y);
 
-    // The ray to the point x pixels along the walk is ray + x * bend.
+    // The ray to the point x pixels along the walk is ray + x * bend; if ORTHOGRAPHIC, it is ray, from x * bend on.
     vec3 bend_view = vec3(walk * image.zw * lens.xy * 2.0, 0.0), bend = relative_from_view(bend_view);
     vec2 slope = vec2(dot(bend_view, along), dot(bend_view, to_eye));
     float eye = length(view);
@@ -93,22 +93,28 @@ void main()
         ivec2 t = clamp(ivec2((pixel + walk * (reach * at * at)) / ratio), ivec2(0), last);
         vec4 there = texelFetch(lowres_gbuffer, t, 0);
         vec3 light = texelFetch(ssgi_radiance, t, 0).rgb;
-        vec3 point = surface_ray(vec2(nearest_texel(t, ratio)) + 0.5) * there.a;
+        vec3 point = surface_point(vec2(nearest_texel(t, ratio)) + 0.5, there.a);
 
         // Depths where the sample's plane crosses the ends of its stretch.
         float plane = dot(there.xyz, point);
+#ifdef ORTHOGRAPHIC
+        vec2 depths = d + (dot(there.xyz, point - p) - dot(there.xyz, bend) * stretch) / min(dot(there.xyz, ray), -1e-20);
+        depths = clamp(depths, there.a - depth_scale(there.a), there.a + depth_scale(there.a));
+        vec2 begin = vec2(0.0, d - depths.x) + stretch.x * slope, finish = vec2(0.0, d - depths.y) + stretch.y * slope;
+#else
         vec2 facing = dot(there.xyz, ray) + dot(there.xyz, bend) * stretch;
         vec2 depths = plane < 0.0 ? plane / min(facing, -1e-20) : vec2(there.a);
         depths = clamp(depths, there.a / MAX_DEPTH_RATIO, there.a * MAX_DEPTH_RATIO);
         vec2 begin = vec2(0.0, eye * (d - depths.x)) + depths.x * stretch.x * slope;
         vec2 finish = vec2(0.0, eye * (d - depths.y)) + depths.y * stretch.y * slope;
+#endif
         // Surfaces that meet leave no gap.
         vec3 chord = point - old_point;
-        bool joined = old_surface && max(dot(there.xyz, chord), -dot(old_normal, chord)) <= CREASE * there.a;
+        bool joined = old_surface && max(dot(there.xyz, chord), -dot(old_normal, chord)) <= CREASE * depth_scale(there.a);
         begin = joined ? old_end : begin;
 
         // Both ends have a front and a back; all sectors between the outermost of the four are filled.
-        vec2 thick = vec2(0.0, THICKNESS * there.a);
+        vec2 thick = vec2(0.0, THICKNESS * depth_scale(there.a));
         vec2 begin_back = joined && i == 0 ? begin : begin - thick, finish_back = finish - thick;
         float nearest = part_before(h, is_before(begin, finish) ? begin : finish);
         float farthest = part_before(h, is_before(begin_back, finish_back) ? finish_back : begin_back);

@@ -4,7 +4,7 @@
 #include "grid.glsl"
 #include "nearest_texel.glsl"
 
-const float PLANE_SIGMA = 0.02;  // of the receiver's depth
+const float PLANE_SIGMA = 0.02;  // of the receiver's depth_scale
 
 uniform sampler2D WALKS;  // rgb: light times a, a: weight
 uniform sampler2D lowres_gbuffer;
@@ -25,8 +25,12 @@ void add(ivec2 low, Receiver r, inout vec4 sum, inout float total)
 {
     low = clamp(low, ivec2(0), textureSize(lowres_gbuffer, 0) - 1);
     vec4 surface = texelFetch(lowres_gbuffer, low, 0), walks = texelFetch(WALKS, low, 0);
-    vec3 ray = surface_ray(vec2(nearest_texel(low, ratio)) + 0.5);
-    float plane = (dot(r.normal, ray) * surface.a - r.here) * r.inverse_sigma;
+    vec2 pixel = vec2(nearest_texel(low, ratio)) + 0.5;
+#ifdef ORTHOGRAPHIC
+    float plane = (dot(r.normal, surface_point(pixel, surface.a)) - r.here) * r.inverse_sigma;
+#else
+    float plane = (dot(r.normal, surface_ray(pixel)) * surface.a - r.here) * r.inverse_sigma;
+#endif
     float facing = max(dot(r.normal, surface.xyz), 0.0);
     facing *= facing;
     facing *= facing;
@@ -41,8 +45,13 @@ void main()
     ivec2 texel = ivec2(gl_FragCoord.xy);
     vec4 here = texelFetch(lowres_gbuffer, texel, 0);
     vec3 n = sanitize_normal(here.xyz);
-    vec3 ray = surface_ray(vec2(nearest_texel(texel, ratio)) + 0.5);
-    Receiver r = Receiver(n, dot(n, ray) * here.a, 1.0 / (PLANE_SIGMA * here.a));
+    vec2 pixel = vec2(nearest_texel(texel, ratio)) + 0.5;
+#ifdef ORTHOGRAPHIC
+    float along = dot(n, surface_point(pixel, here.a));
+#else
+    float along = dot(n, surface_ray(pixel)) * here.a;
+#endif
+    Receiver r = Receiver(n, along, 1.0 / (PLANE_SIGMA * depth_scale(here.a)));
     vec4 sum = vec4(0.0);
     float total = 0.0;
     for (int y = 0; y < rows; ++y) {

@@ -8,7 +8,8 @@
 
 const float CLIP_GAMMA = 1.25;      // standard deviations
 const float SETTLED_GAMMA = 3.0;    // where history shows what is visible now, so only outliers are clipped
-const float MOVING_FRAMES = 12.0;   // history length while something moves through the texel
+const float MOVING_FRAMES = 8.0;    // history length while something moves through the texel
+const float SHARPNESS = 0.65;       // of the history's cubic filter; 0.5 is Catmull-Rom, which blurs moving textures
 const float STILL_FRAMES = 256.0;
 const float STILL_PIXELS = 0.01;    // motion below which a texel counts as still
 const float DEPTH_TOLERANCE = 0.03; // relative
@@ -43,15 +44,15 @@ vec3 current(ivec2 t)
     return sanitize_radiance(texelFetch(lit, t, 0).rgb);
 }
 
-// Catmull-Rom as one bilinear fetch of the middle four texels and the four beside them, corners left out
-// (after Jimenez 2016, "Filmic SMAA"); its lobes may make it negative. a: frames accumulated.
-vec4 catmull_rom(vec2 at)
+// Cubic convolution (Keys 1981) as one bilinear fetch of the middle four texels and the four beside them, corners left
+// out (after Jimenez 2016, "Filmic SMAA"); its lobes may make it negative. a: frames accumulated.
+vec4 cubic(vec2 at)
 {
     vec2 centre = floor(at - 0.5) + 0.5;
     vec2 f = at - centre;
-    vec2 w0 = f * (-0.5 + f * (1.0 - 0.5 * f));
-    vec2 w1 = 1.0 + f * f * (-2.5 + 1.5 * f);
-    vec2 w3 = f * f * (-0.5 + 0.5 * f);
+    vec2 w0 = -SHARPNESS * f * (1.0 - f) * (1.0 - f);
+    vec2 w1 = 1.0 + f * f * ((2.0 - SHARPNESS) * f - (3.0 - SHARPNESS));
+    vec2 w3 = -SHARPNESS * f * f * (1.0 - f);
     vec2 w12 = 1.0 - w0 - w3;
     vec2 middle = centre + (w12 - w1) / w12;
     ivec2 c = ivec2(middle), last = ivec2(image.xy) - 1;
@@ -92,6 +93,9 @@ void neighbourhood(ivec2 t, ivec2 outward, vec3 own, out vec3 mean, out vec3 squ
 // Motion of the sky in pixels, y up: it is infinitely far away, so only the camera's rotation moves it.
 vec2 sky_motion()
 {
+#ifdef ORTHOGRAPHIC
+    return vec2(0.0);  // it has one colour
+#endif
     vec3 previous = previous_from_view * view_ray(gl_FragCoord.xy + 0.5 * lens.zw * image.xy);
     if (previous.z >= 0.0) return vec2(1e9);  // was behind the camera
     vec2 at = (previous.xy / (-previous.z * previous_lens) * 0.5 + 0.5) * image.xy;
@@ -144,7 +148,7 @@ void main()
     bool still = dot(moved.xy, moved.xy) < STILL_PIXELS * STILL_PIXELS;
     vec2 back = still ? vec2(0.0) : is_finite(moved.x + moved.y) ? -moved.xy : vec2(1e9);
     ivec2 before = t + ivec2(floor(back + 0.5));
-    vec4 accumulated = catmull_rom(gl_FragCoord.xy + back);
+    vec4 accumulated = cubic(gl_FragCoord.xy + back);
     vec3 history = max(accumulated.rgb, 0.0);
     bool healthy = is_finite(dot(accumulated, vec4(1.0))) && accumulated.a >= 1.0;
     bool unmoved = settled && still && abs(moved.z - moved.w) <= DEPTH_TOLERANCE * moved.w;

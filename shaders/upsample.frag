@@ -33,12 +33,12 @@ vec4 tap(ivec2 low, float along, float closeness, BilateralReceiver r)
 
 #ifdef HAS_INDIRECT_PREV
 // Light blended with the surface's previous light, the more the less the texels around show of it.
-vec3 with_history(vec3 light, float shown, vec4 moved, BilateralReceiver r)
+vec3 with_history(vec3 light, float shown, vec4 moved, float d, BilateralReceiver r)
 {
     ivec2 at = ivec2(floor(gl_FragCoord.xy - moved.xy * vec2(1.0, -1.0)));
     vec4 old = texelFetch(indirect_prev, at, 0);
     bool keep = history_valid && all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, textureSize(depth, 0)))
-        && same_surface(old.a, moved.w / moved.z, plane_slope(r.normal, gl_FragCoord.xy),
+        && same_surface(old.a, moved.w / moved.z, plane_slope(r.normal, gl_FragCoord.xy, d),
                         texelFetch(normal_prev, at, 0).xyz, r.normal)
         && is_finite(dot(old.rgb, vec3(1.0)));
     return keep ? mix(light, without_flash(old.rgb, light), (1.0 - 1.0 / max_frames) * (1.0 - shown)) : light;
@@ -60,7 +60,7 @@ void main()
     vec3 light = is_surface(d) && sum.a > 0.0 ? sanitize_radiance(sum.rgb / sum.a) : vec3(0.0);
 #ifdef HAS_INDIRECT_PREV
     vec4 moved = texelFetch(motion, texel, 0);
-    if (is_surface(d) && sum.a < SHOWN) light = with_history(light, sum.a / SHOWN, moved, r);
+    if (is_surface(d) && sum.a < SHOWN) light = with_history(light, sum.a / SHOWN, moved, d, r);
     out_light = vec4(light, moved.w);
 #else
     out_light = vec4(light, 1.0);

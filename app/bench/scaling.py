@@ -13,6 +13,7 @@ from app.evaluation.configurations import Configuration
 from app.evaluation.timing import FRAME, InterleavedTimer, TimedRun
 from app.io.child_process import run_module
 from app.math3d import translation
+from app.paths import TRAINING
 from app.scene import Camera, CameraPath, Instance, Material, Mesh, Motion, PointLight, Scene, bounds_of
 from app.simple_meshes import block
 
@@ -66,7 +67,7 @@ def measure_scaling(configurations: Sequence[Configuration], rounds: int, provid
         scaled = [replace(model, size=QUERY_SIZE, scale=scale) for scale in SCALES]
         sweeps["queries"] = [(int(np.prod(c.grid or (0,))), _hall_run(c)) for c in scaled]
     with TemporaryDirectory() as folder:
-        run_module("export", ["onnx", "scaling", "--out", folder])
+        run_module(TRAINING, ["onnx", "scaling", "--out", folder])
         for quantity in ("surfels", "width"):
             files = {int(file.stem.removeprefix(f"{quantity}-")): file
                      for file in Path(folder).glob(f"{quantity}-*.onnx")}

@@ -7,8 +7,10 @@ import typer
 from typer.core import TyperGroup
 
 from app import __version__
+from app.cli.batch import batch
 from app.cli.bench import bench
 from app.cli.compare import compare
+from app.cli.doctor import doctor
 from app.cli.golden import golden
 from app.cli.models import models
 from app.cli.render import render
@@ -61,6 +63,8 @@ cli.command("models")(models)
 cli.command("view")(view)
 cli.command("compare")(compare)
 cli.command("bench")(bench)
+cli.command("doctor")(doctor)
+cli.command("batch")(batch)
 cli.add_typer(golden, name="golden")
 
 
@@ -89,6 +93,8 @@ def _about(
     [cyan]python -m app view scene.glb[/cyan]  [dim]# the same scene live, in a browser[/dim]
 
     [cyan]python -m app models[/cyan]  [dim]# bundled networks[/dim]
+
+    [cyan]python -m app doctor[/cyan]  [dim]# what draws and infers here, and what is missing[/dim]
     """
 
 

@@ -27,6 +27,7 @@ from app.cli.options import (
 )
 from app.errors import SettingsError, did_you_mean
 from app.io.terminal import print_table, say
+from app.paths import PROGRAM
 from app.settings import Settings, parse_size
 
 WORSE = 1  # exit code
@@ -114,7 +115,7 @@ def bench(
         raise SettingsError("; ".join(absent), "--precision", "expected a model that exists in that precision")
     prepare_folders(out)
     outcome = measure(options, configurations, say)
-    command = shlex.join(["python", "-m", "app", *sys.argv[1:]])
+    command = shlex.join(["python", "-m", PROGRAM, *sys.argv[1:]])
     outcome.results |= {"command": command, "absent": [*absent, *outcome.results["absent"]]}
     if scaling:
         outcome.results["scaling"] = measure_scaling(configurations, repeats, provider, say)

@@ -13,6 +13,7 @@ from app.scene import Camera, Scene
 
 FORMATS = ("exr", "png")
 AUTO = "auto"
+MAX_SECONDS = 1e6
 MIN_COMPARED_SIDE = 11  # SSIM's window
 SCENE, NETWORK, REFERENCE = "Scene", "Network and device", "Reference"  # panels of the help
 
@@ -23,8 +24,20 @@ Lighting = Annotated[str | None, typer.Option(
     rich_help_panel=SCENE)]
 CameraName = Annotated[str | None, typer.Option(
     help="A named camera of the scene.", metavar="NAME", show_default="the scene's own", rich_help_panel=SCENE)]
+Studio = Annotated[bool | None, typer.Option(
+    "--studio/--no-studio", help="Light the scene by a neutral studio alone; or leave one without light dark.",
+    show_default="in a studio if it has no light", rich_help_panel=SCENE)]
+Ground = Annotated[bool, typer.Option("--ground", help="Add a ground below the scene.", rich_help_panel=SCENE)]
+Animation = Annotated[str | None, typer.Option(
+    help="An animation of the scene's file, all of them, or none.", metavar="NAME|all|none", show_default="the first",
+    rich_help_panel=SCENE)]
+Time = Annotated[float, typer.Option(
+    help="Seconds; when the first frame is.", min=0, max=MAX_SECONDS, metavar="SECONDS", rich_help_panel=SCENE)]
 SceneJson = Annotated[Path | None, typer.Option(
     "--scene-json", help="Cameras, lightings and motion.", metavar="FILE", show_default="same stem beside the scene",
+    rich_help_panel=SCENE)]
+Variant = Annotated[str | None, typer.Option(
+    help="A variant of the materials of a glTF file.", metavar="NAME", show_default="the file's own",
     rich_help_panel=SCENE)]
 ModelNames = Annotated[list[str], typer.Option(
     help="A name that `models` lists, a path to an .onnx file, or none. Repeat it for a model that shades an "
@@ -39,6 +52,12 @@ Provider = Annotated[str, typer.Option(
 StrictDevice = Annotated[bool, typer.Option(
     "--strict-device", help="Refuse a software renderer, and any provider other than the one asked for.",
     rich_help_panel=NETWORK)]
+Tonemap = Annotated[str, typer.Option(
+    help="srgb (clamped), agx, pbr-neutral, aces, or a display and view of OpenColorIO.", metavar="NAME|DISPLAY/VIEW",
+    rich_help_panel="Picture")]
+AutoExposure = Annotated[bool, typer.Option(
+    "--auto-exposure", help="Bring the mean luminance to middle grey, slowly over the frames of a video.",
+    rich_help_panel="Picture")]
 ReferenceFolder = Annotated[str, typer.Option(
     help="Folder with the reference, or auto: path-traced and cached. For several scenes, the folder contains one "
          "folder per scene.", metavar="DIR|auto", rich_help_panel=REFERENCE)]

@@ -7,22 +7,28 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
-from app.arrays import F32, Bytes
+from app.arrays import Bytes
 from app.cli.options import (
     AUTO,
     FORMATS,
     NETWORK,
     SCENE,
+    Animation,
+    AutoExposure,
     Bounces,
+    Ground,
     Lighting,
     ModelNames,
     Provider,
     SceneFile,
     SceneJson,
     StrictDevice,
+    Studio,
+    Time,
+    Tonemap,
+    Variant,
     check_name,
     parse_folder,
     parse_names,
@@ -33,20 +39,18 @@ from app.cli.report import print_summary
 from app.errors import SettingsError
 from app.io.aov_preview import preview
 from app.io.atomic_files import prepare_folders, write_text
-from app.io.image import Image, write_exr, write_png
+from app.io.exr_header import picture_header
+from app.io.image import exr_layer, write_exr, write_png
 from app.io.terminal import note, transient_progress
 from app.io.video import CODECS, check_video, open_video
-from app.network.channels import HALF_MAX
 from app.network.selection import DEFAULT_MODEL, NONE, environment_notices, find_model
 from app.scene import CameraPath, Scene
-from app.settings import SETTLE_FRAMES, Settings, parse_size
+from app.settings import SETTLE_FRAMES, TONE_MAPS, Settings, parse_size
 
 if TYPE_CHECKING:
     from app.renderer import Renderer
 
 FRAME_SECONDS = 1 / 30
-MIN_HALF_PEAK = 2**-8  # images that are darker lose precision as half floats
-GEOMETRY = ("depth", "position", "motion")
 PICTURE, DIAGNOSTICS = "Picture", "Diagnostics"  # panels of the help
 
 
@@ -57,6 +61,11 @@ def render(
         metavar="auto|orbit|NAME|FILE.json", show_default="the scene's own", rich_help_panel=SCENE)] = None,
     lighting: Lighting = None,
     scene_json: SceneJson = None,
+    studio: Studio = None,
+    ground: Ground = False,
+    variant: Variant = None,
+    animation: Animation = None,
+    time: Time = 0.0,
     out: Annotated[Path, typer.Option(
         help="Folder for the frames; created if missing.", metavar="DIR", parser=parse_folder,
         rich_help_panel=PICTURE)] = Path("out"),
@@ -68,15 +77,20 @@ def render(
         help="Frames drawn before the first one that is written, so that TAA converges.", min=0, metavar="N",
         show_default=f"{SETTLE_FRAMES} for a still, 0 otherwise", rich_help_panel=PICTURE)] = None,
     aov: Annotated[str, typer.Option(
-        help="Images to write: final, albedo, normal, depth, position, motion, direct, specular, indirect, "
+        help="Images to write: final, albedo, normal, depth, position, motion, direct, specular, reflection, indirect, "
              "emission, …", metavar="NAME,…", rich_help_panel=PICTURE)] = "final",
     formats: Annotated[str, typer.Option(
         "--format", help="exr (linear, all AOVs), png (for display), and video of the PNGs: mp4, webm, gif.",
         metavar="exr,png,mp4,…", rich_help_panel=PICTURE)] = ",".join(FORMATS),
     exposure: Annotated[float, typer.Option(
         help="Linear factor for the PNG; the EXR is not affected.", metavar="FACTOR", rich_help_panel=PICTURE)] = 1.0,
+    tonemap: Tonemap = TONE_MAPS[0],
+    auto_exposure: AutoExposure = False,
     taa: Annotated[bool, typer.Option(
         "--taa/--no-taa", help="Temporal anti-aliasing.", rich_help_panel=PICTURE)] = True,
+    reflections: Annotated[bool, typer.Option(
+        "--reflections/--no-reflections", help="Indirect light on glossy surfaces.",
+        rich_help_panel=PICTURE)] = True,
     seed: Annotated[int, typer.Option(
         help="Varies the sampling patterns.", metavar="N", rich_help_panel=PICTURE)] = 0,
     model: ModelNames = [DEFAULT_MODEL],  # noqa: B006
@@ -113,12 +127,13 @@ def render(
     """
     # Heavy imports wait until there is something to render, so that help stays quick.
     from app.frame import AOVS
-    from app.load import embedded_scene, load_scene
+    from app.load import embedded_scene, lighting_of, load_scene
     from app.renderer import Renderer
 
     settings = Settings(
-        size=parse_size(size), outputs=parse_names(aov, AOVS, "--aov"), taa=taa, exposure=exposure, bounces=bounces,
-        seed=seed, provider=provider, strict_device=strict_device, timing=True, check=check,
+        size=parse_size(size), outputs=parse_names(aov, AOVS, "--aov"), taa=taa, reflections=reflections,
+        exposure=exposure, tonemap=tonemap, auto_exposure=auto_exposure, bounces=bounces, seed=seed, provider=provider,
+        strict_device=strict_device, timing=True, check=check,
         scale=None if scale is None else parse_scale(scale, "--scale"))
     if provider != AUTO:
         from app.network.providers import check_provider  # imports onnxruntime
@@ -129,12 +144,16 @@ def render(
     if timing is not None:
         refuse_folder(timing, "--timing", "JSON")
     if scene is not None:
-        loaded = load_scene(scene, lighting=lighting, scene_json=scene_json)
-    elif scene_json is None:
+        loaded = load_scene(scene, lighting=lighting_of(lighting, studio), scene_json=scene_json, variant=variant,
+                            animation=animation, studio=studio is not False, ground=ground)
+    elif scene_json is None and animation is None and variant is None and not (studio or ground):
         loaded = embedded_scene(lighting=lighting)
     else:
-        raise SettingsError("needs a scene", "--scene-json", "expected a SCENE too")
-    path = choose_camera(loaded, camera, frames)
+        options = {"--scene-json": scene_json, "--animation": animation, "--variant": variant,
+                   "--studio": studio or None, "--ground": ground or None}
+        option = next(name for name, value in options.items() if value is not None)
+        raise SettingsError("needs a scene", option, "expected a SCENE too")
+    path = choose_camera(loaded, camera, frames, time)
     for notice in loaded.notices:
         note(notice)
     models = [find_model(name) for name in model if name != NONE]
@@ -147,11 +166,13 @@ def render(
             note(notice)
         if verbose:
             _describe(renderer)
+            for approximation in loaded.approximations:
+                typer.echo(f"approximated {approximation}", err=True)
         prepare_folders(out, *([timing.parent] if timing is not None else []))
         if settle is None:
             has_taa = any(p.name == "taa" for p in renderer.plan.passes)
             settle = SETTLE_FRAMES if frames == 1 and has_taa else 0
-        images = _draw(renderer, path, settings, frames, settle, out, kinds)
+        images = _draw(renderer, path, settings, time, frames, settle, out, kinds)
         report = {
             **renderer.timing(), "culled": dict(renderer.plan.culled), "device": renderer.device,
             "model": "+".join(Path(m).stem for m in models) or None, "size": list(settings.size), "scene": loaded.name,
@@ -162,8 +183,8 @@ def render(
     print_summary(report, images, timing, check=check)
 
 
-def choose_camera(scene: Scene, name: str | None, frames: int) -> CameraPath:
-    """The camera for the text of ``--camera``: of the scene, of a file, automatic or orbiting.
+def choose_camera(scene: Scene, name: str | None, frames: int, start: float = 0.0) -> CameraPath:
+    """The camera for the text of ``--camera``: of the scene, of a file, automatic or orbiting from ``start`` on.
 
     Raises
     ------
@@ -183,14 +204,14 @@ def choose_camera(scene: Scene, name: str | None, frames: int) -> CameraPath:
     if name == AUTO:
         return CameraPath.still(auto_camera(scene))
     if name == ORBIT:
-        keys = orbit(scene, own.at(0.0), frames)
-        return CameraPath(tuple(index * FRAME_SECONDS for index in range(frames)), tuple(keys))
+        keys = orbit(scene, own.at(start), frames)
+        return CameraPath(tuple(start + index * FRAME_SECONDS for index in range(frames)), tuple(keys))
     return load_camera(Path(name))
 
 
-def _draw(renderer: Renderer, path: CameraPath, settings: Settings, frames: int, settle: int, out: Path,
+def _draw(renderer: Renderer, path: CameraPath, settings: Settings, start: float, frames: int, settle: int, out: Path,
           kinds: tuple[str, ...]) -> list[Path]:
-    """Draw the settling frames, then draw and write the others; returns the files written."""
+    """Draw the settling frames, then draw and write the others from ``start`` on; returns the files written."""
     total = settle + frames
     files = [out / f"video.{kind}" for kind in kinds if kind in CODECS]
     stills = tuple(kind for kind in kinds if kind not in CODECS)
@@ -199,23 +220,27 @@ def _draw(renderer: Renderer, path: CameraPath, settings: Settings, frames: int,
         bar = stack.enter_context(transient_progress(disable=total == 1))
         task = bar.add_task("rendering", total=total)
         for _ in range(settle):
-            renderer.advance(path.at(0.0), 0.0)
+            renderer.advance(path.at(start), start)
             bar.advance(task)
         for index in range(frames):
-            time = index * FRAME_SECONDS
-            images = renderer.render(path.at(time), time)
-            files += _write(images, settings, out / f"{index:04d}", stills)
+            time = start + index * FRAME_SECONDS
+            following = time + FRAME_SECONDS
+            images = renderer.render(path.at(time), time, (path.at(following), following))
+            header = picture_header(renderer.scene, path.at(time), settings.size, settings.outputs)
+            files += _write(images, settings, out / f"{index:04d}", stills, header)
             for write in videos:
                 write(_display_image(images, settings))
             bar.advance(task)
     return files
 
 
-def _write(images: dict[str, Any], settings: Settings, stem: Path, kinds: tuple[str, ...]) -> list[Path]:
+def _write(images: dict[str, Any], settings: Settings, stem: Path, kinds: tuple[str, ...],
+           header: dict[str, str]) -> list[Path]:
     files = [stem.with_suffix(f".{kind}") for kind in kinds]
     for file in files:
         if file.suffix == ".exr":
-            write_exr(file, {"" if n == "final" else n: _exr_layer(n, images[n]) for n in settings.outputs})
+            write_exr(file, {"" if n == "final" else n: exr_layer(n, images[n]) for n in settings.outputs},
+                      header=header)
         else:
             write_png(file, _display_image(images, settings))
     return files
@@ -225,12 +250,6 @@ def _display_image(images: dict[str, Any], settings: Settings) -> Bytes:
     """The image of a PNG or video frame: the final picture, or the first AOV if there is none."""
     first = settings.outputs[0]
     return images["display"] if "final" in settings.outputs else preview(first, images[first], settings.exposure)
-
-
-def _exr_layer(name: str, values: F32) -> Image:
-    """Half floats, except for lengths and for radiance that they can't represent precisely."""
-    peak = float(np.abs(values).max())
-    return values if name in GEOMETRY or not MIN_HALF_PEAK <= peak <= HALF_MAX else values.astype(np.float16)
 
 
 def _describe(renderer: Renderer) -> None:

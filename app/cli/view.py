@@ -8,6 +8,7 @@ import typer
 from app.cli.options import (
     AUTO,
     SCENE,
+    Animation,
     Bounces,
     Lighting,
     ModelNames,
@@ -15,10 +16,12 @@ from app.cli.options import (
     SceneFile,
     SceneJson,
     StrictDevice,
+    Studio,
+    Variant,
 )
 from app.io.terminal import note
 from app.network.selection import DEFAULT_MODEL
-from app.settings import Settings, parse_size
+from app.settings import TONE_MAPS, Settings, parse_size
 
 SERVER = "Server"
 
@@ -30,6 +33,9 @@ def view(
         show_default="the scene's own", rich_help_panel=SCENE)] = None,
     lighting: Lighting = None,
     scene_json: SceneJson = None,
+    studio: Studio = None,
+    variant: Variant = None,
+    animation: Animation = None,
     size: Annotated[str, typer.Option(
         help="Pixels, until a page reports the size of its window.", metavar="WxH",
         rich_help_panel=SCENE)] = "1024x768",
@@ -59,7 +65,8 @@ def view(
     from app.cli.render import choose_camera
     from app.extras import extra_module
     from app.gl.context import Device
-    from app.load import load_for_editing
+    from app.io.color_management import default_views
+    from app.load import lighting_of, load_for_editing
     from app.network.providers import check_provider
     from app.network.selection import NONE, all_models, environment_notices, find_model, load_models, shades_environment
     from app.paths import data_dir
@@ -76,7 +83,8 @@ def view(
     files = [find_model(name) for name in names]
     Device(strict_device).close()  # raises if there is no OpenGL
     file = (scene or data_dir() / "cornell-box.obj").resolve()
-    loaded = load_for_editing(file, lighting=lighting, scene_json=scene_json)
+    loaded = load_for_editing(file, lighting=lighting_of(lighting, studio), scene_json=scene_json, variant=variant,
+                              animation=animation, studio=studio is not False)
     load_models(files, settings, loaded.scene.environment is not None)  # raises if they don't fit together
     for notice in (*loaded.scene.notices, *environment_notices(loaded.scene, files)):
         note(notice)
@@ -88,7 +96,8 @@ def view(
     first_view = choose_camera(loaded.scene, camera, 1).at(0.0)
     state = State(settings.size, first_view, loaded.scene.lights[:loaded.own_lights], indirect[0],
                   environment=next(iter(shading), ""), bounces=bounces)
-    session = Session(file, loaded, state, Choices(models, VIEWABLE_OUTPUTS, movable), provider)
+    choices = Choices(models, VIEWABLE_OUTPUTS, (*TONE_MAPS, *default_views()), movable)
+    session = Session(file, loaded, state, choices, provider)
     asyncio.run(serve(session, host, port,
                       lambda link: typer.echo(f"Afterglow is at {link}\nCtrl-C ends it")))
     typer.echo("ended")

@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
+from typing import Any
 
 import numpy as np
 
@@ -22,15 +23,26 @@ def content_key(*values: object) -> str:
     return digest.hexdigest()[:32]
 
 
+def changed_fields(value: Any) -> Iterator[tuple[str, Any]]:
+    """Names and values of a dataclass's fields, without those that have their default value.
+
+    A new field with a default then changes no key.
+    """
+    for f in fields(value):
+        inner = getattr(value, f.name)
+        if not (isinstance(inner, bool | int | float | str | tuple | None) and inner == f.default):
+            yield f.name, inner
+
+
 def _parts(value: object) -> Iterator[bytes | memoryview]:
     if isinstance(value, np.ndarray):
         yield f"{value.dtype} {value.shape}".encode()
         yield np.ascontiguousarray(value).reshape(-1).view(np.uint8).data
     elif is_dataclass(value):
         yield type(value).__name__.encode()
-        for f in fields(value):
-            yield f.name.encode()
-            yield from _parts(getattr(value, f.name))
+        for name, inner in changed_fields(value):
+            yield name.encode()
+            yield from _parts(inner)
     elif isinstance(value, Mapping):
         yield from _parts(sorted(value.items()))
     elif isinstance(value, tuple | list):

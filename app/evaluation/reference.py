@@ -19,6 +19,7 @@ from app.evaluation.versions import exporter_version, require_path_tracer
 from app.io.atomic_files import replace_folder
 from app.io.child_process import run_module
 from app.io.image import read_exr
+from app.paths import TRAINING
 from app.scene import Camera, Scene
 
 LAYERS = ("final", "direct", "indirect", "albedo", "depth")
@@ -154,7 +155,7 @@ def read_baseline_images(folder: Path) -> list[BaselineImage]:
 
 def _run(arguments: Sequence[str]) -> None:
     require_path_tracer()
-    run_module("export", ["reference", *arguments])
+    run_module(TRAINING, ["reference", *arguments])
 
 
 def _read_layers(path: Path, names: Sequence[str]) -> dict[str, F32]:

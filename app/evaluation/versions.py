@@ -7,6 +7,7 @@ from pathlib import Path
 from app import environment
 from app.errors import MissingExtraError
 from app.evaluation import denoise
+from app.paths import TRAINING
 from app.scene import Scene
 
 PATH_TRACER_PACKAGES = ("mitsuba", "drjit")
@@ -39,7 +40,7 @@ def require_path_tracer() -> Path:
     MissingExtraError
         When it or the path tracer is not installed.
     """
-    package = util.find_spec("export")
+    package = util.find_spec(TRAINING)
     try:
         for name in PATH_TRACER_PACKAGES:
             metadata.version(name)

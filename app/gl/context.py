@@ -26,6 +26,11 @@ class Device:
     strict : bool
         Refuse a software renderer.
 
+    Attributes
+    ----------
+    defines : dict of str to object
+        For all programs that are asked for from now on.
+
     Raises
     ------
     DeviceError
@@ -55,14 +60,16 @@ class Device:
         self._functions = _EglFunctions()
         self._functions.call("glClipControl", GL_LOWER_LEFT, GL_ZERO_TO_ONE)
         self.max_size: int = self.ctx.info["GL_MAX_TEXTURE_SIZE"]
+        self.defines: dict[str, object] = {}
         self._programs: dict[object, Program] = {}
         self._triangle: dict[int, moderngl.VertexArray] = {}
 
     def program(self, *stages: str, defines: Mapping[str, object] | None = None) -> Program:
         """The program of shader files ``stages`` (``.vert``, ``.frag``, ``.comp``); compiled once per variant."""
-        key = (stages, tuple(sorted((defines or {}).items(), key=str)))
+        defines = {**self.defines, **(defines or {})}
+        key = (stages, tuple(sorted(defines.items(), key=str)))
         if key not in self._programs:
-            self._programs[key] = compile_program(self.ctx, stages, defines or {})
+            self._programs[key] = compile_program(self.ctx, stages, defines)
         return self._programs[key]
 
     def fullscreen(self, fragment: str, defines: Mapping[str, object] | None = None) -> Program:

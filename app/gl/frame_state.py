@@ -1,6 +1,6 @@
 """What the passes of one frame share: the cameras, the scene on the GPU, the lights."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -47,8 +47,8 @@ class FrameState:
         In [0, 1), from the seed.
     index : int
         Frames since the last cut.
-    exposure : float
-        Linear factor for the display image, with the scene's radiance scale undone.
+    exposure_factor, exposure : float
+        Linear factor for the display image, as the user chose it, and with the scene's radiance scale undone.
     lighting : tuple
         What the light on surfaces depends on, from any viewpoint: the lights, and how often any object has moved.
     unchanged, still : int
@@ -56,6 +56,10 @@ class FrameState:
         ``REFRESH_FRAMES`` from a cut on.
     relit : bool
         Whether lights have changed since the last frame.
+    following : tuple of View and float
+        The camera of the next frame, and its time in seconds.
+    viewpoints : sequence of View
+        Whose surfels are used; without any, surfels follow the camera. The same object as long as they stay.
     """
 
     size: tuple[int, int]
@@ -66,6 +70,7 @@ class FrameState:
     accumulates: bool
     noise_phase: float
     index: int
+    exposure_factor: float
     exposure: float
     geometry: GpuScene
     lights: LightSet
@@ -73,6 +78,8 @@ class FrameState:
     unchanged: int
     still: int
     relit: bool
+    viewpoints: Sequence[View]
+    following: tuple[View, float]
 
     @property
     def motion(self) -> MotionKind:
@@ -83,6 +90,12 @@ class FrameState:
         if self.unchanged < REFRESH_FRAMES:
             return MotionKind.OBJECTS
         return MotionKind.CAMERA if self.still == 0 else MotionKind.NONE
+
+    @property
+    def view_and_lighting(self) -> tuple[object, ...]:
+        """What light on the surfaces in view depends on, besides random numbers."""
+        view = self.view
+        return view.eye.tobytes(), view.rotation.tobytes(), view.half_size, view.center, self.lighting
 
     @property
     def settled(self) -> bool:
@@ -97,15 +110,17 @@ class CameraBlock:
     """The uniform block of ``camera.glsl``."""
 
     def __init__(self, device: Device) -> None:
-        self.buffer: moderngl.Buffer = device.ctx.buffer(reserve=4 * 24)
+        self.buffer: moderngl.Buffer = device.ctx.buffer(reserve=4 * 28)
 
     def upload(self, frame: FrameState) -> None:
         """Write the frame's camera and bind both blocks."""
-        block = np.zeros((6, 4), np.float32)
+        block = np.zeros((7, 4), np.float32)
         block[:3, :3] = frame.view.rotation.T
         block[3, 3] = 1.0
-        block[4] = (*frame.view.tan_half, *frame.jitter)
+        center = frame.view.center
+        block[4] = (*frame.view.half_size, frame.jitter[0] + center[0], frame.jitter[1] + center[1])
         block[5] = (*frame.size, 1 / frame.size[0], 1 / frame.size[1])
+        block[6, :2] = center
         self.buffer.write(block.tobytes())
         self.buffer.bind_to_uniform_block(CAMERA_BINDING)
         frame.lights.buffer.bind_to_uniform_block(LIGHT_BINDING)

@@ -23,6 +23,9 @@ LIGHT_FLOATS = 32
 LIGHT_BYTES = 4 * LIGHT_FLOATS
 COLOR = slice(4, 7)  # of a light's floats
 SPOT_MARGIN_DEG = 2.0
+IN_PLANE = 1e-4  # of a rectangle's size: points so near its plane count as in it, or rounding would decide their side
+
+TRANSMITTANCE_MAPS = "shadow_transmittance", "shadow_transmittance_depth"
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,9 +69,11 @@ class LightSet:
     Attributes
     ----------
     lights : tuple of Light
-        Those with maps first, as in the uniform block.
+        Those with maps first, then spheres, then rectangles, as in the uniform block.
     mapped : tuple of Light
         Those with maps.
+    bounds : ndarray, float64, shape (2, 3)
+        World-space box around all motions and what ``cover`` was told of last.
 
     Raises
     ------
@@ -82,15 +87,16 @@ class LightSet:
             raise SceneError(f"{len(scene.lights)} lights are too many for {device.renderer}", scene.name,
                              f"expected at most {max_lights}")
         self._set_lights(scene.lights, traced or (False,) * len(scene.lights))
-        self._bounds = self._swept = scene.swept_bounds
+        self.bounds = self._swept = scene.swept_bounds
+        self._has_see_through = any(m.is_see_through for m in scene.materials)
         self._max_size = device.max_size
         self.tiles, self.atlas_size = lay_out(self.mapped, device.max_size)
         self.buffer = device.ctx.buffer(reserve=LIGHT_BYTES * max(1, len(self.lights)))
 
     def _set_lights(self, lights: tuple[Light, ...], traced: tuple[bool, ...]) -> None:
         self.mapped = tuple(light for light, is_traced in zip(lights, traced, strict=True) if not is_traced)
-        self.lights = (*self.mapped,
-                       *(light for light, is_traced in zip(lights, traced, strict=True) if is_traced))
+        others = (light for light, is_traced in zip(lights, traced, strict=True) if is_traced)
+        self.lights = (*self.mapped, *sorted(others, key=lambda light: isinstance(light, RectLight)))
 
     def replace(self, scene: Scene, traced: tuple[bool, ...]) -> bool:
         """Take the lights of ``scene`` if they need the same shaders and shadow maps; whether they do."""
@@ -105,7 +111,7 @@ class LightSet:
     def cover(self, boxes: F64) -> None:
         """Extend shadow maps to world-space ``boxes``, shape (N, 2, 3), that lie outside the bounds of all motions."""
         low, high = boxes[:, 0].min(axis=0, initial=np.inf), boxes[:, 1].max(axis=0, initial=-np.inf)
-        self._bounds = np.stack([np.minimum(self._swept[0], low), np.maximum(self._swept[1], high)])
+        self.bounds = np.stack([np.minimum(self._swept[0], low), np.maximum(self._swept[1], high)])
 
     @property
     def has_soft_maps(self) -> bool:
@@ -123,22 +129,32 @@ class LightSet:
         return len(self.mapped) < len(self.lights)
 
     @property
+    def _is_tinted(self) -> bool:
+        """Whether light of the maps can pass surfaces that only take a part of it."""
+        return bool(self.mapped) and self._has_see_through
+
+    @property
     def shadow_maps(self) -> tuple[str, ...]:
         """The resources of the shadow pass that the shaders of these lights read."""
         needed = {"shadow": bool(self.mapped), "shadow_slope": self.has_hard_maps,
-                  "shadow_nearest": self.has_soft_maps}
+                  "shadow_nearest": self.has_soft_maps, **dict.fromkeys(TRANSMITTANCE_MAPS, self._is_tinted)}
         return tuple(name for name, is_needed in needed.items() if is_needed)
 
     @property
     def defines(self) -> dict[str, object]:
         """Shader defines: the number of lights, their kinds, whether any has a size, and their kinds of shadows."""
+        traced = self.lights[len(self.mapped):]
+        rect_count = sum(isinstance(light, RectLight) for light in traced)
         flags = {
             **{f"HAS_{LIGHT_KINDS[type(light)]}_LIGHT": True for light in self.lights},
             "HAS_SOFT_LIGHT": any(size_of(light) > 0 for light in self.lights),
             "HAS_SOFT_MAP": self.has_soft_maps, "HAS_HARD_MAP": self.has_hard_maps,
             **{f"HAS_{MAP_NAMES[tile.kind]}_MAP": True for tile in self.tiles},
+            "HAS_TRACED_LIGHT": bool(traced), "HAS_TRACED_SPHERE": rect_count < len(traced),
+            "HAS_TRACED_RECT": rect_count > 0,
         }
         return {"LIGHT_COUNT": len(self.lights), "MAPPED_COUNT": len(self.mapped),
+                "RECTS_BEGIN": len(self.lights) - rect_count,
                 **{name: 1 for name in sorted(flags) if flags[name]}}
 
     def upload(self, eye: F64) -> None:
@@ -167,7 +183,12 @@ class LightSet:
             position[:3] = np.subtract(light.center, eye)
             color[:3] = light.radiance
             u[:3], v[:3] = np.divide(light.edge_u, 2), np.divide(light.edge_v, 2)
+            u[3] = IN_PLANE * (np.linalg.norm(u[:3]) + np.linalg.norm(v[:3]))
             v[3] = float(light.two_sided)
+            for frame, edge in ((frame_x, light.edge_u), (frame_y, light.edge_v)):
+                half = np.divide(edge, 2)
+                frame[:] = (*normalize(half), np.linalg.norm(half))
+            frame_z[:3] = normalize(np.cross(np.divide(light.edge_u, 2), np.divide(light.edge_v, 2)))
             return
         position[:] = (*np.subtract(light.position, eye), light.radius)
         color[:3] = light.intensity
@@ -180,9 +201,9 @@ class LightSet:
 
     def _parallel(self, light: DirectionalLight) -> _Parallel:
         direction = normalize(np.asarray(light.direction, np.float64))
-        half = float(np.linalg.norm(self._bounds[1] - self._bounds[0])) / 2 * 1.01 + 1e-30
+        half = float(np.linalg.norm(self.bounds[1] - self.bounds[0])) / 2 * 1.01 + 1e-30
         rotation = look_rotation(direction, np.array([0.0, 1.0, 0.0]))
-        return _Parallel(rotation, direction, self._bounds.mean(axis=0), half)
+        return _Parallel(rotation, direction, self.bounds.mean(axis=0), half)
 
     def faces(self) -> list[ShadowFace]:
         """Every square of the atlas."""
@@ -195,7 +216,7 @@ class LightSet:
             clip = orthographic(p.half, 0.0, 2 * p.half) @ affine_matrix(p.rotation)
             return [ShadowFace((x, y, n, n), p.center - p.half * p.direction, clip, p.direction)]
         origin = np.asarray(light.center if isinstance(light, RectLight) else light.position, np.float64)
-        far = float(np.linalg.norm(np.maximum(np.abs(self._bounds[0] - origin), np.abs(self._bounds[1] - origin))))
+        far = float(np.linalg.norm(np.maximum(np.abs(self.bounds[0] - origin), np.abs(self.bounds[1] - origin))))
         near = far * 2e-4 + 1e-30
         far = far * 1.01 + 2 * near
         if tile.kind == SINGLE_MAP:

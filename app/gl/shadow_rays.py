@@ -31,7 +31,7 @@ class RayScene(Protocol):
     extent: float
 
     def is_occluded(self, origins: F32, vectors: F32, proxies_block: bool) -> Bools:
-        """Whether something lies between origins and the ends of vectors, both float32 (N, 3) in world axes.
+        """Whether something blocks light from the ends of vectors to origins, both float32 (N, 3) in world axes.
 
         Light proxies count where ``proxies_block`` is True.
         """
@@ -80,7 +80,7 @@ class ShadowRays:
             origin, vector, light = (np.frombuffer(t.read(), np.float32).reshape(count, 4) for t in self._textures)
             unshadowed += light[:, :3]
             for kind, proxies_block in ((TO_LIGHT, False), (TO_SKY, True)):
-                rows = np.flatnonzero((origin[:, 3] == kind) & (vector[:, :3] != 0).any(axis=1))
+                rows = np.flatnonzero(vector[:, 3] == kind)
                 if len(rows):
                     seen = rows[~self._scene.is_occluded(origin[rows, :3] + shift, vector[rows, :3], proxies_block)]
                     visible[seen] += light[seen, :3]

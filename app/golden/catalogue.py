@@ -12,6 +12,7 @@ from app.golden.scene_case import SceneCase, Shot
 from app.network.contract_json import read_contract
 from app.network.selection import SSGI, Model, bundled_models, find_model
 from app.scene import Scene
+from app.settings import TONE_MAPS
 
 PROBE = Path(__file__).with_name("probe.onnx")  # reads every channel, with a cube in camera axes
 PROBE_ENVIRONMENT = PROBE.with_name("probe_environment.onnx")  # the same for networks that shade an environment
@@ -20,8 +21,17 @@ NOON_STAGES = ("environment_lowres_gbuffer", "unshadowed_environment", "environm
 SKY_STAGES = ("cube_background", "background", "pack_globals", "pack_screen", "composite", "taa")
 SKY_LIGHT_STAGES = ("sky_light", "shadow_gbuffer", "shadow_rays", "shadow_history", "shadow_filter_near",
                     "shadow_filter_far", "direct")
+WAVING_STAGES = "shadow", "gbuffer", "direct", "surfel_light", "pack_surfels", "taa"
 SSGI_STAGES = ("lowres_gbuffer", "ssgi_radiance", "ssgi", "ssgi_filter_near", "ssgi_filter_far", "accumulate",
                "push_pull", "upsample")
+MATERIALS_STAGES = ("gbuffer", "gbuffer_layers", "direct", "composite")
+GLASS_STAGES = ("shadow", "peel0_gbuffer", "peel0_direct", "peel1_gbuffer", "peel1_blend", "peel0_blend",
+                "front_motion", "surfel_light")
+PARALLEL_STAGES = "gbuffer", "background", "shadow_filter_far", "direct", "pack_screen", "upsample", "taa"
+PARALLEL_GLASS_STAGES = "position", "ssgi", "ssgi_filter_near", "accumulate", "upsample", "peel0_direct", "peel0_blend"
+LABELS = "instance", "material", "flow"
+REFLECTION_STAGES = ("reflection_march", "reflection_rays", "reflection_resolve", "reflection_history",
+                     "reflection_filter_far", "reflection_filter_near", "reflection")
 SETTLING_FRAMES = 3  # after which accumulation and TAA have a history
 
 
@@ -38,11 +48,32 @@ def catalogue() -> dict[str, Case]:
         _single("spotlights", scenes.spotlights(), None),
         _single("terrace", scenes.terrace(), PROBE),
         _single("emissive", scenes.emissive(), radiosity),
+        replace(_settled("waving", scenes.waving(), ember), stages=WAVING_STAGES),
         SceneCase("dusk", scenes.dusk(), PROBE, (Shot("path", 5),), (2, 5), stages=SKY_STAGES),
         replace(_under_sky("noon", PROBE_ENVIRONMENT), stages=NOON_STAGES),
         replace(_settled("sky", scenes.noon(), None), size=(128, 96), stages=SKY_LIGHT_STAGES),
+        replace(_single("materials", scenes.materials(), SSGI), size=(160, 120), stages=MATERIALS_STAGES),
+        replace(_settled("glass", scenes.glass(), ember), size=(160, 120), stages=GLASS_STAGES),
+        replace(_settled("parallel", scenes.parallel(scenes.dusk(), 2.6), PROBE), size=(96, 72),
+                stages=PARALLEL_STAGES),
+        replace(_settled("parallel_glass", scenes.parallel(scenes.glass(), 2.6), SSGI), size=(96, 72),
+                stages=PARALLEL_GLASS_STAGES),
+        replace(_settled("labels", scenes.glass(), None), size=(96, 72), stages=("labels",), outputs=LABELS),
+        *(replace(_single(name.replace("-", "_"), scenes.area_lights(), None), size=(96, 72), stages=("tonemap",),
+                  tonemap=name) for name in TONE_MAPS[1:]),
+        replace(_settled("auto_exposure", scenes.area_lights(), None), size=(96, 72),
+                stages=("auto_exposure", "tonemap"), auto_exposure=True),
+        replace(_single("auto_exposure_of_one_frame", scenes.area_lights(), None), size=(96, 72),
+                stages=("auto_exposure",), auto_exposure=True, taa=False),
+        replace(_settled("mirrors", scenes.mirrors(), SSGI), size=(64, 48), stages=REFLECTION_STAGES, reflections=True),
+        replace(_single("glossy", scenes.materials(), SSGI), size=(64, 48), reflections=True,
+                stages=("direct", "reflection_history", "reflection")),
+        replace(_settled("parallel_mirrors", scenes.parallel(scenes.mirrors(), 1.6), SSGI), size=(64, 48),
+                stages=REFLECTION_STAGES[-2:], reflections=True),
         replace(_settled("ssgi", scenes.room(), SSGI), stages=SSGI_STAGES),
         replace(_settled("ember", scenes.room(), ember), stages=("surfel_light", "pack_surfels")),
+        replace(_settled("gathered", scenes.room(), find_model("final-gather")), size=(96, 72),
+                stages=("gather_history",)),
     ]
     used = {case.model for case in cases}
     others = [NetworkCase(_alone(name, file), file) for name, file in bundled_models().items() if file not in used]

@@ -37,7 +37,7 @@ class NetworkCase:
         return f"onnxruntime {onnxruntime.__version__}, cpu"
 
     def draw(self, saved: Path) -> list[Picture]:
-        """The saved tensors, then the network's outputs, shape (h, w, 3).
+        """The saved tensors, then the network's outputs, shape (h, w, 3); those at surfels are one row.
 
         Raises
         ------
@@ -56,8 +56,13 @@ class NetworkCase:
                    for t, spec in contract.inputs.items()}
         outputs = Network(self.model, size, "cpu").run(tensors)
         return [*(Picture("saved tensors", names[t], {FRAME: image}) for t, image in images.items()),
-                *(Picture("network", channel.removesuffix(".rgb"), {FRAME: np.moveaxis(planes, 0, -1)})
+                *(Picture("network", channel.removesuffix(".rgb"), {FRAME: _image(planes)})
                   for channel, planes in outputs.items())]
+
+
+def _image(planes: F32) -> F32:
+    """An output, shape (C, h, w) or (C, S), as an image with its channels last."""
+    return np.moveaxis(planes.reshape(len(planes), -1, planes.shape[-1]), 0, -1)
 
 
 def _read(saved: Path, name: str) -> F32 | None:

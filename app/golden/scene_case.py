@@ -14,9 +14,9 @@ from app.graph import Buf
 from app.network.selection import Model
 from app.renderer import Renderer
 from app.scene import Camera, Scene
-from app.settings import Settings
+from app.settings import TONE_MAPS, Settings
 
-OUTPUTS = ("final", "position")  # all passes run for these
+OUTPUTS = ("final", "position")  # all passes but ``labels`` run for these
 MAX_TEXELS = 2**16               # of a golden; larger images, such as shadow atlases, are subsampled
 
 
@@ -44,6 +44,10 @@ class SceneCase:
         Width and height in pixels.
     stages : tuple of str or None
         Passes whose output becomes goldens; None for all.
+    outputs : tuple of str
+        What the passes run for.
+    tonemap, auto_exposure
+        As in ``Settings``.
     """
 
     name: str
@@ -53,8 +57,12 @@ class SceneCase:
     golden_frames: tuple[int, ...]
     size: tuple[int, int] = (256, 192)
     taa: bool = True
+    reflections: bool = False
     seed: int = 0
     stages: tuple[str, ...] | None = None
+    outputs: tuple[str, ...] = OUTPUTS
+    tonemap: str = TONE_MAPS[0]
+    auto_exposure: bool = False
 
     def origin(self) -> str:
         """GL renderer and version."""
@@ -62,7 +70,8 @@ class SceneCase:
 
     def renderer(self) -> Renderer:
         """A new renderer for the case."""
-        settings = Settings(size=self.size, outputs=OUTPUTS, taa=self.taa, provider="cpu", seed=self.seed)
+        settings = Settings(size=self.size, outputs=self.outputs, taa=self.taa, reflections=self.reflections,
+                            tonemap=self.tonemap, auto_exposure=self.auto_exposure, provider="cpu", seed=self.seed)
         return Renderer(self.scene, settings, self.model)
 
     def draw(self, saved: Path) -> list[Picture]:
@@ -73,7 +82,7 @@ class SceneCase:
             for number, (camera, cut) in enumerate(self._frames(), 1):
                 if cut:
                     renderer.cut()
-                renderer.advance(camera, (number - 1) * FRAME_SECONDS)
+                renderer.advance(camera, (number - 1) * FRAME_SECONDS, following=(camera, number * FRAME_SECONDS))
                 if number in self.golden_frames:
                     for picture in pictures:
                         picture.frames[number] = _subsample(_image(renderer, picture.resource))

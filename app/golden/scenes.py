@@ -7,11 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from app.animation.deformation import Deformation, Skin, Vertices
+from app.animation.node_tree import NodeTrack, NodeTree
+from app.animation.track import Track
 from app.arrays import F64, Bytes
-from app.math3d import affine_matrix
+from app.math3d import affine_matrix, translation
 from app.scene import (
     Camera,
     CameraPath,
+    Clearcoat,
     DirectionalLight,
     Environment,
     Instance,
@@ -22,8 +26,10 @@ from app.scene import (
     PointLight,
     RectLight,
     Scene,
+    Sheen,
     SpotLight,
     Texture,
+    Transmission,
     bounds_of,
 )
 from app.simple_meshes import ball, block, quads, rotation_about_y
@@ -102,6 +108,13 @@ def dusk() -> Scene:
     return replace(scene, environment=Environment(radiance.astype(np.float32), 25.0))
 
 
+def parallel(scene: Scene, height: float) -> Scene:
+    """``scene`` with orthographic cameras whose pictures are ``height`` high."""
+    cameras = {name: replace(path, keys=tuple(replace(k, orthographic_height=height) for k in path.keys))
+               for name, path in scene.cameras.items()}
+    return replace(scene, name=f"{scene.name}, parallel", cameras=cameras)
+
+
 def noon() -> Scene:
     """``dusk`` with specular ground, a metal block, a point light, and a mast thinner than a texel."""
     scene = dusk()
@@ -113,6 +126,33 @@ def noon() -> Scene:
     meshes = (*scene.meshes, mast)
     instances = (*scene.instances, Instance("mast", 2, rotation_about_y(0.0, (-0.8, 1.1, 0.2))))
     return replace(scene, name="noon", materials=(ground, metal), lights=(light,), meshes=meshes, instances=instances)
+
+
+def mirrors() -> Scene:
+    """A closed room with a mirror, a polished floor, a chrome ball, a ball of rough gold and an emissive panel."""
+    materials = (Material("white", albedo=(0.75, 0.75, 0.75)),
+                 Material("red", albedo=(0.65, 0.06, 0.05)),
+                 Material("blue", albedo=(0.1, 0.15, 0.6)),
+                 Material("mirror", albedo=(0.95, 0.95, 0.95), metallic=1.0, roughness=0.0),
+                 Material("gold", albedo=(0.9, 0.65, 0.3), metallic=1.0, roughness=0.3),
+                 Material("floor", albedo=(0.4, 0.25, 0.15), specular=(0.04, 0.04, 0.04), roughness=0.5),
+                 Material("panel", albedo=(0.1, 0.1, 0.1), emission=(1.5, 2.0, 3.0), double_sided=False))
+    meshes = (
+        quads("shell", 0, ((-1, 1, -1), (2, 0, 0), (0, 0, 2)), ((-1, -1, -1), (2, 0, 0), (0, 2, 0)),
+              ((1, -1, -1), (0, 0, 2), (0, 2, 0))),
+        quads("left", 1, ((-1, -1, -1), (0, 2, 0), (0, 0, 2))),
+        quads("behind", 2, ((-1, -1, 1), (0, 2, 0), (2, 0, 0))),
+        quads("mirror", 3, ((-0.7, -0.5, -0.99), (1.2, 0, 0), (0, 1.2, 0))),
+        quads("floor", 5, ((-1, -1, -1), (0, 0, 2), (2, 0, 0))),
+        quads("panel", 6, ((0.99, -0.4, -0.5), (0, 0, 0.6), (0, 0.5, 0))),
+        ball("chrome", 3, 0.25),
+        ball("gold", 4, 0.3),
+    )
+    transforms = {6: translation(np.array([-0.4, -0.7, -0.2])), 7: translation(np.array([0.45, -0.65, -0.3]))}
+    lights = (PointLight((0.1, 0.8, 0.2), (1.4, 1.3, 1.1), radius=0.05),)
+    first = Camera((0.0, 0.05, 0.9), (0.0, -0.2, -0.5), fov_y_deg=70.0)
+    path = CameraPath((0.0, 4 * FRAME_SECONDS), (first, replace(first, eye=(0.08, 0.1, 0.85))))
+    return _scene("mirrors", meshes, transforms, materials, lights, {"path": path}, {})
 
 
 def hard() -> Scene:
@@ -219,6 +259,161 @@ def emissive() -> Scene:
     )
     still = CameraPath.still(Camera((0.2, 0.1, 1.1), (0.0, -0.2, -0.5), fov_y_deg=70.0))
     return _scene("emissive", meshes, {3: rotation_about_y(0.6, (0.1, -0.55, -0.2))}, materials, (), {"main": still})
+
+
+def materials() -> Scene:
+    """Every map of a material, two uv sets, mirrored uvs and a mirrored instance, clear coats, sheen, unlit signs.
+
+    Also lights behind a surface whose mapped normals face them.
+    """
+    noise = np.random.default_rng(1).integers(0, 256, (32, 32, 4)).astype(np.uint8)
+    ramp = np.broadcast_to(np.linspace(40, 255, 16).astype(np.uint8)[:, None, None], (16, 16, 4))
+    bumps, colors, numbers = Texture(_bumps(), is_color=False), Texture(ramp), Texture(ramp, is_color=False)
+    turned = np.array([[0.0, 2.0, 0.1], [-2.0, 0.0, 0.3], [0.0, 0.0, 1.0]])
+    tiles = Material("tiles", albedo_map=Texture(_chequers()), normal_map=bumps, normal_scale=0.8, metallic=0.9,
+                     roughness=0.9, metallic_roughness_map=Texture(noise, is_color=False, magnified="nearest"),
+                     specular=(0.04, 0.05, 0.06), specular_map=replace(colors, uv_set=1),
+                     occlusion_map=replace(numbers, transform=turned, uv_set=1), occlusion_strength=0.7)
+    materials = (
+        tiles,
+        Material("lacquer", albedo=(0.5, 0.1, 0.1), metallic=0.6, roughness=0.6, specular=(0.04,) * 3, normal_map=bumps,
+                 clearcoat=Clearcoat(0.9, 0.5, numbers, numbers, replace(bumps, transform=turned), 0.4)),
+        Material("velvet", albedo=(0.2, 0.1, 0.4), sheen=Sheen((0.9, 0.7, 0.5), 0.8, colors, numbers)),
+        Material("pearl", albedo=(0.6, 0.6, 0.5), emission=(0.1, 0.1, 0.2),
+                 sheen=Sheen((0.3, 0.3, 0.3), 0.4), clearcoat=Clearcoat(1.0, 0.2)),
+        Material("sign", albedo=(0.8, 0.6, 0.2), albedo_map=Texture(_chequers()), is_unlit=True, is_back_culled=True),
+    )
+    ground = _with_tangents(quads("ground", 0, ((-2, 0, 2), (4, 0, 0), (0, 0, -4))))
+    card = _with_tangents(quads("mirrored uvs", 1, ((1.5, 0.0, -0.9), (-0.9, 0, 0.1), (0, 0.9, 0))), handedness=-1.0)
+    crate = _with_tangents(block("crate", 1, (0.6, 0.6, 0.6)))
+    sign = quads("sign", 4, ((-0.4, 1.0, -0.9), (0.6, 0, 0), (0, 0.5, 0)))
+    assert ground.uvs is not None and card.uvs is not None
+    meshes = (
+        replace(ground, uvs=3 * ground.uvs, second_uvs=ground.uvs),
+        replace(card, uvs=card.uvs * np.array([-1.0, 1.0], np.float32)),
+        crate, replace(crate, name="mirrored crate"),
+        quads("curtain", 2, ((-1.6, 0.0, -0.8), (0.9, 0, -0.3), (0, 1.1, 0))),
+        ball("pearl", 3, 0.3), sign, replace(sign, name="sign from behind"),
+    )
+    mirrored = affine_matrix(np.diag([-1.0, 1.0, 1.0]), (0.45, 0.3, 0.5))
+    transforms = {2: rotation_about_y(0.6, (-0.7, 0.3, 0.5)), 3: mirrored, 5: rotation_about_y(0.0, (-0.1, 0.3, 0.2)),
+                  7: rotation_about_y(np.pi, (0.6, 0.0, -1.8))}
+    edge_u, edge_v = (-0.8, 0.0, 0.0), (0.0, 0.0, -0.8)
+    lights = (PointLight((-1.0, 1.0, 1.4), (1.2, 1.1, 1.0)),
+              RectLight((0.8, 1.6, 0.2), edge_u, edge_v, (2.0, 1.8, 1.5)),
+              DirectionalLight((0.9, -0.12, 0.05), (0.7, 0.7, 0.9), angular_radius_deg=0.5),
+              PointLight((1.05, 1.0, -1.0), (0.5, 0.5, 0.4), radius=0.01),
+              SpotLight((0.2, 1.4, 1.6), (-0.1, -0.8, -1.0), (1.0, 1.0, 1.2), inner_deg=20.0, outer_deg=40.0))
+    still = CameraPath.still(Camera((0.2, 0.8, 2.6), (0.0, 0.35, 0.0), fov_y_deg=46.0))
+    scene = _scene("materials", meshes, transforms, materials, lights, {"main": still})
+    sky = np.linspace([0.1, 0.15, 0.3], [0.3, 0.25, 0.2], 8)[:, None]
+    return replace(scene, environment=Environment(np.broadcast_to(sky, (8, 16, 3)).astype(np.float32)))
+
+
+def glass() -> Scene:
+    """Blended and transmissive surfaces before each other: thin, thick, rough, metallic, coated, cut out, moving."""
+    ramp = np.broadcast_to(np.linspace(60, 255, 16).astype(np.uint8)[:, None, None], (16, 16, 4))
+    numbers = Texture(ramp, is_color=False)
+    materials = (
+        Material("ground", albedo_map=Texture(_chequers()), roughness=0.5, specular=(0.04,) * 3),
+        Material("stained", albedo=(0.9, 0.5, 0.2), albedo_map=Texture(_stripes()), alpha=0.9, is_blended=True,
+                 emission=(0.03, 0.02, 0.08), roughness=0.4, specular=(0.04,) * 3),
+        Material("veil", albedo=(0.3, 0.4, 0.9), alpha=0.8, is_blended=True),
+        Material("frosted", albedo=(0.7, 0.95, 0.8), roughness=0.6, specular=(0.04,) * 3, metallic=0.3,
+                 metallic_roughness_map=numbers, transmission=Transmission(0.9, replace(numbers, uv_set=1))),
+        Material("vase", albedo=(0.95, 0.9, 0.9), roughness=0.25, specular=(0.04,) * 3,
+                 transmission=Transmission(1.0, None, 1.5, 0.3, numbers, (0.4, 0.9, 0.6), 0.3)),
+        Material("film", albedo=(0.9, 0.6, 0.9), roughness=0.1, specular=(0.04,) * 3, metallic=0.2,
+                 clearcoat=Clearcoat(0.8, 0.3), sheen=Sheen((0.4, 0.2, 0.2), 0.6), albedo_map=Texture(_chequers()),
+                 alpha_cutoff=0.5, transmission=Transmission(0.7)),
+    )
+    frosted = quads("frosted", 3, ((0.1, 0.05, 0.2), (0.9, 0, 0.1), (0, 0.9, 0)))
+    assert frosted.uvs is not None
+    meshes = (
+        quads("ground", 0, ((-2, 0, 2), (4, 0, 0), (0, 0, -4))),
+        quads("stained", 1, ((-1.2, 0.1, 0.3), (1.0, 0, 0.2), (0, 1.0, 0))),
+        _coloured(quads("veil", 2, ((-0.9, 0.2, 0.6), (0.8, 0, -0.9), (0, 0.7, 0))), (1.0, 0.3, 0.9, 0.6)),
+        replace(frosted, second_uvs=np.ascontiguousarray(frosted.uvs[:, ::-1])),
+        block("vase", 4, (0.35, 0.6, 0.35)),
+        quads("film", 5, ((0.3, 0.2, 0.7), (0.6, 0, -0.2), (0, 0.5, 0))),
+        block("block", 0, (0.4, 0.5, 0.4)),
+    )
+    poses = np.stack([np.eye(4), rotation_about_y(0.3, (0.2, 0.0, 0.1))])
+    motions = {1: Motion(np.array([0.0, 4 * FRAME_SECONDS]), poses)}
+    lights = (DirectionalLight((-0.5, -1.0, -0.7), (1.5, 1.4, 1.2)),
+              PointLight((0.9, 1.4, 0.9), (0.8, 0.7, 0.9), radius=0.02),
+              SpotLight((-0.6, 1.8, 1.4), (0.2, -1.0, -0.8), (1.5, 1.2, 1.0), inner_deg=15.0, outer_deg=30.0))
+    transforms = {4: rotation_about_y(0.0, (-0.15, 0.31, 0.0)), 6: rotation_about_y(0.4, (-0.8, 0.25, 0.9))}
+    first = Camera((0.1, 0.9, 2.8), (0.0, 0.4, 0.0), fov_y_deg=45.0)
+    path = CameraPath((0.0, 4 * FRAME_SECONDS), (first, replace(first, eye=(0.15, 0.9, 2.8))))
+    scene = _scene("glass", meshes, transforms, materials, lights, {"path": path}, motions)
+    return replace(scene, environment=Environment(np.full((4, 8, 3), (0.2, 0.25, 0.35), np.float32)))
+
+
+def _stripes() -> Bytes:
+    """White, with an alpha that falls to 0 and back."""
+    pixels = np.full((16, 16, 4), 255, np.uint8)
+    pixels[..., 3] = np.abs(np.linspace(-255, 255, 16))
+    return pixels
+
+
+def _bumps() -> Bytes:
+    """A normal map of smooth, steep bumps."""
+    y, x = np.mgrid[:32, :32] / 32 * 2 * np.pi
+    normals = np.stack([0.8 * np.sin(2 * x), 0.8 * np.cos(3 * y), np.full_like(x, 0.6), np.ones_like(x)], axis=-1)
+    return np.rint(255 * (0.5 + 0.5 * normals)).astype(np.uint8)
+
+
+def _with_tangents(mesh: Mesh, handedness: float = 1.0) -> Mesh:
+    """Parallelograms with tangents along their first edge, or against it where their uvs are mirrored."""
+    edges = mesh.positions[1::4] - mesh.positions[::4]
+    edges *= handedness / np.linalg.norm(edges, axis=1, keepdims=True)
+    tangents = np.column_stack([edges, np.full(len(edges), handedness)])
+    return replace(mesh, tangents=np.repeat(tangents, 4, axis=0).astype(np.float32))
+
+
+def waving() -> Scene:
+    """A banner that two joints bend and a ball that a morph target squashes, under a hard and a large light."""
+    materials = (Material("ground", albedo=(0.6, 0.6, 0.6)), Material("banner", albedo=(0.8, 0.3, 0.2)),
+                 Material("ball", albedo=(0.2, 0.4, 0.7), roughness=0.35, specular=(0.1, 0.1, 0.1)))
+    meshes = (quads("ground", 0, ((-2, 0, 2), (4, 0, 0), (0, 0, -4))),
+              quads("banner", 1, *(((-0.3, 0.1 * i, 0.0), (0.6, 0, 0), (0, 0.1, 0)) for i in range(14))),
+              ball("ball", 2, 0.3))
+    lights = (PointLight((1.2, 2.0, 1.4), (3.0, 2.8, 2.4)),
+              RectLight((-1.3, 1.2, 0.8), (0.0, 0.6, 0.0), (0.5, 0.0, 0.5), (2.0, 2.4, 3.0)))
+    still = CameraPath.still(Camera((0.4, 1.1, 2.8), (0.1, 0.6, 0.0), fov_y_deg=48.0))
+    scene = _scene("waving", meshes, {1: rotation_about_y(0.2, (-0.4, 0.0, 0.0)), 2: rotation_about_y(
+        0.0, (0.7, 0.3, 0.3))}, materials, lights, {"main": still})
+    deformations = {1: _bend(meshes[1]), 2: _squash(meshes[2])}
+    return replace(scene, instances=tuple(replace(instance, deformation=deformations.get(index))
+                                          for index, instance in enumerate(scene.instances)))
+
+
+def _bend(mesh: Mesh) -> Deformation:
+    """Two joints, of which the upper one, at a height of 0.6, turns about an oblique axis within six frames."""
+    half = 0.45  # of the angle, radians
+    turned = [*(np.sin(half) * np.array([0.6, 0.0, 0.8])), np.cos(half)]
+    keys = Track(FRAME_SECONDS * np.array([0.0, 6.0]), np.array([[[0.0, 0.0, 0.0, 1.0]], [turned]]), are_rotations=True)
+    offset = np.array([0.0, 0.6, 0.0])
+    local = np.stack([np.eye(4), translation(offset)])
+    tree = NodeTree(np.array([-1, 0]), local, local[:, :3, 3], np.tile([0.0, 0.0, 0.0, 1.0], (2, 1)), np.ones((2, 3)),
+                    (NodeTrack(np.array([1]), "rotation", keys),), 6 * FRAME_SECONDS)
+    upper = np.clip((mesh.positions[:, 1].astype(np.float64) - 0.4) / 0.4, 0.0, 1.0)
+    skin = Skin(tree, np.array([0, 1]), np.stack([np.eye(4), translation(-offset)]),
+                np.tile(np.array([0, 1]), (len(upper), 1)), np.stack([1 - upper, upper], axis=1))
+    return Deformation(_vertices(mesh), (), np.zeros(0), skin, tree.times)
+
+
+def _squash(mesh: Mesh) -> Deformation:
+    """Half as high and a third wider within six frames."""
+    change = np.array([0.33, -0.5, 0.33])
+    target = Vertices(mesh.positions * change, mesh.normals * (1 / (1 + change) - 1))
+    times = FRAME_SECONDS * np.array([0.0, 6.0])
+    return Deformation(_vertices(mesh), (target,), Track(times, np.array([[[0.0]], [[1.0]]])), None, times)
+
+
+def _vertices(mesh: Mesh) -> Vertices:
+    return Vertices(mesh.positions.astype(np.float64), mesh.normals.astype(np.float64))
 
 
 def _chequers() -> Bytes:

@@ -26,8 +26,9 @@ PICTURES = frozenset({"direct", "specular", "indirect", "emission", "lit", "taa"
 
 OTHER_STAGES = "all others"
 
-# Surfels are chosen by a chain of comparisons, so rounding may replace some of them and renumber others.
-_SURFELS = {stage: Tolerance(2e-2, 1e-1, 0.0) for stage in ("surfel_light", "pack_surfels")}
+# Surfels are chosen by a chain of comparisons, so rounding may replace some of them and renumber others. Gathered rays
+# end at their light.
+_SURFELS = {stage: Tolerance(2e-2, 1e-1, 0.0) for stage in ("surfel_light", "pack_surfels", "gather_history")}
 # The same renderer may round differently on another CPU. TAA's frame count depends on rounding most; one of the 255
 # levels of the display image is 0.004.
 SAME_RENDERER = {

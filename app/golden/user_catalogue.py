@@ -37,7 +37,7 @@ def _case(name: str, spec: dict[str, Any], path: Path) -> SceneCase:
         raise SceneError(f"invalid name {name!r} of a case", at(path, "cases", name),
                          "expected letters, digits, - and _")
     scene_json = spec.get("scene_json")
-    scene = load_scene(path.parent / spec["scene"], lighting=spec.get("lighting"),
+    scene = load_scene(path.parent / spec["scene"], lighting=spec.get("lighting"), variant=spec.get("variant"),
                        scene_json=path.parent / scene_json if scene_json else None)
     shots = tuple(_shot(s, scene, at(path, "cases", name, "shots", i, "camera"))
                   for i, s in enumerate(spec.get("shots", [{}])))

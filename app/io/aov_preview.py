@@ -5,14 +5,16 @@ import numpy as np
 from app.arrays import F32, Bytes, Floats
 from app.io.image import srgb_encode, to_8bit
 
+LABELS = ("instance", "material")
+GOLDEN_RATIO = 0.61803398875
 RATIOS = ("albedo", "roughness")  # which exposure does not apply to
 
 
 def preview(name: str, values: F32, exposure: float) -> Bytes:
     """Map an AOV to a displayable range.
 
-    Normals show as x/2 + 1/2, depth and motion relative to their 99th percentile, positions relative to their
-    box, ratios by the sRGB transfer alone, and radiance with exposure and the sRGB transfer.
+    Normals show as x/2 + 1/2, ids as a colour each, depth, motion and flow relative to their 99th percentile, positions
+    relative to their box, ratios by the sRGB transfer alone, and radiance with exposure and the sRGB transfer.
 
     Parameters
     ----------
@@ -31,7 +33,9 @@ def preview(name: str, values: F32, exposure: float) -> Bytes:
         display = values / 2 + 0.5
     elif name == "depth":
         display = values / _white_level(values)
-    elif name == "motion":
+    elif name in LABELS:
+        display = _label_colors(values)
+    elif name in ("motion", "flow"):
         display = values / (2 * _white_level(np.abs(values))) + 0.5
     elif name == "position":
         low, high = values.min(axis=(0, 1)), values.max(axis=(0, 1))
@@ -39,6 +43,13 @@ def preview(name: str, values: F32, exposure: float) -> Bytes:
     else:
         display = srgb_encode(values * (1.0 if name in RATIOS else exposure))
     return to_8bit(_to_rgb(display))
+
+
+def _label_colors(ids: Floats) -> Floats:
+    """A colour for each id, black for 0: hues at steps of the golden angle, so that neighbouring ids differ most."""
+    hue = (ids * GOLDEN_RATIO) % 1.0 * 6.0
+    rgb = np.clip(np.abs((hue + np.array([0.0, 4.0, 2.0])) % 6.0 - 3.0) - 1.0, 0.0, 1.0)
+    return np.where(ids > 0, 0.25 + 0.75 * rgb, 0.0)
 
 
 def _white_level(values: Floats) -> float:

@@ -56,6 +56,13 @@ def replace_folder(folder: Path) -> Iterator[Path]:
         shutil.rmtree(new, ignore_errors=True)
 
 
+def remove_temporary_files(folder: Path, process: int) -> None:
+    """Remove what a process that was killed had begun to write in ``folder``, by its number."""
+    for file in folder.rglob(f".{process}-*"):
+        with contextlib.suppress(OSError):
+            file.unlink()
+
+
 def write_text(path: Path, text: str) -> None:
     """Write ``text`` as UTF-8, atomically."""
     with replace_file(path) as temporary:

@@ -114,7 +114,10 @@ def _explain(violation: ValidationError) -> tuple[str, list[object], str]:
         case "enum":
             return f"unknown value {value!r}", keys, did_you_mean(str(value), rule)
         case "type":
-            return f"wrong kind of value {_short(value)}", keys, f"expected {_KINDS[rule]}"
+            rules = [rule] if isinstance(rule, str) else rule
+            return f"wrong kind of value {_short(value)}", keys, f"expected {' or '.join(_KINDS[k] for k in rules)}"
+        case "pattern":
+            return f"wrong form of {_short(value)}", keys, f"expected a text that matches {rule}"
         case "minLength":
             return "an empty string", keys, "expected a name"
         case "minItems" | "maxItems" | "minProperties":

@@ -13,10 +13,10 @@ from pathlib import Path
 
 from app.errors import ProcessError
 
-ROOT = Path(__file__).resolve().parents[2]  # contains the packages ``app`` and ``export``
+ROOT = Path(__file__).resolve().parents[__name__.count(".")]  # contains the outermost packages
 NICENESS = 5  # of children that must not slow this process down
 GROUPS = ("dataset", "onnx", "validate", "golden")  # commands that have commands of their own
-ERROR_LINE = re.compile(r"(?:error|app\.errors\.\w+): (.+?): (.+) \((.+)\)")  # printed by a command, or a traceback's
+ERROR_LINE = re.compile(r"(?:error|[\w.]+\.errors\.\w+): (.+?): (.+) \((.+)\)")  # of a command, or a traceback's
 
 
 def run_module(module: str, arguments: Sequence[str] = (), *, stdin: str = "") -> str:
@@ -28,7 +28,7 @@ def run_module(module: str, arguments: Sequence[str] = (), *, stdin: str = "") -
         When it fails; says what its own error line says.
     """
     done = subprocess.run(_command(module, arguments), input=stdin, capture_output=True, text=True, check=False,
-                          env=_environment())
+                          env=child_environment())
     if done.returncode:
         raise _error(module, arguments, done.returncode, done.stderr)
     return done.stdout
@@ -44,7 +44,7 @@ async def run_module_async(module: str, arguments: Sequence[str] = (), *, nice: 
     """
     prefix = ("nice", "-n", str(NICENESS)) if nice else ()
     process = await asyncio.create_subprocess_exec(
-        *prefix, *_command(module, arguments), env=_environment(), start_new_session=True,
+        *prefix, *_command(module, arguments), env=child_environment(), start_new_session=True,
         stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE)
     try:
         out, err = await process.communicate()
@@ -62,7 +62,7 @@ def _command(module: str, arguments: Sequence[str]) -> list[str]:
     return [sys.executable, "-P", "-m", module, *arguments]  # -P: a file in the working directory can't hide a module
 
 
-def _environment() -> dict[str, str]:
+def child_environment() -> dict[str, str]:
     """Environment variables with which a child process imports these packages, whatever its working directory."""
     return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))}
 

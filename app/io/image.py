@@ -18,6 +18,9 @@ Real = TypeVar("Real", np.float32, np.float64)
 COMPONENTS = "RGBA"
 COLORS = COMPONENTS[:3]
 RADIANCE_SUFFIXES = (".exr", ".hdr")
+EXACT = ("depth", "position", "motion", "flow", "instance", "material")  # AOVs that are no radiance
+HALF_MAX = 65504.0
+MIN_HALF_PEAK = 2**-8  # images that are darker lose precision as half floats
 
 
 def srgb_encode(linear: Floats) -> F32:
@@ -37,7 +40,15 @@ def to_8bit(values: Floats) -> Bytes:
     return (np.clip(values, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
 
 
-def write_exr(path: Path, layers: Mapping[str, Image], compression: str = "zip") -> None:
+def exr_layer(name: str, values: NDArray[Any]) -> Image:
+    """AOV ``name`` as it is stored: half floats, but for lengths, ids, and radiance that they can't represent."""
+    values = values.astype(np.float32, copy=False)
+    peak = float(np.abs(values).max())
+    return values if name in EXACT or not MIN_HALF_PEAK <= peak <= HALF_MAX else values.astype(np.float16)
+
+
+def write_exr(path: Path, layers: Mapping[str, Image], compression: str = "zip",
+              header: Mapping[str, str] | None = None) -> None:
     """Write named layers into one EXR file; the same layers give the same bytes.
 
     Parameters
@@ -49,6 +60,8 @@ def write_exr(path: Path, layers: Mapping[str, Image], compression: str = "zip")
         components uses the first of them. float16 is stored as half, float32 as float.
     compression : str
         A method of OpenEXR, such as the lossless ``zip``, or ``dwaa:45``, which is lossy except for ``A``.
+    header : mapping of str to str, optional
+        Further attributes.
 
     Raises
     ------
@@ -63,6 +76,8 @@ def write_exr(path: Path, layers: Mapping[str, Image], compression: str = "zip")
     # Otherwise the writer stores the current time.
     spec.attribute("DateTime", "")
     spec.attribute("compression", compression)
+    for name, text in (header or {}).items():
+        spec.attribute(name, text)
     _write(path, spec, pixels)
 
 
@@ -94,6 +109,22 @@ def read_exr(path: Path) -> dict[str, F32]:
         layers.setdefault(layer, {})[component] = index
     return {layer: pixels[..., [channels[c] for c in sorted(channels, key=_component_order)]]
             for layer, channels in layers.items()}
+
+
+def read_exr_header(path: Path) -> dict[str, str]:
+    """The attributes of an EXR file that are texts, by name.
+
+    Raises
+    ------
+    SceneError
+        When the file can't be read.
+    """
+    source = oiio.ImageInput.open(str(path))
+    if source is None:
+        raise _unreadable(oiio.geterror(), path, "EXR")
+    attributes = source.spec().extra_attribs
+    source.close()
+    return {a.name: a.value for a in attributes if isinstance(a.value, str)}
 
 
 def read_radiance(path: Path) -> F32:

@@ -1,4 +1,4 @@
-"""Cameras and lights for scenes that have none, and a camera that orbits."""
+"""Cameras for scenes that have none, lamps for rooms that have none, and a camera that orbits."""
 
 import math
 from dataclasses import replace
@@ -8,16 +8,17 @@ import numpy as np
 from app.arrays import F64
 from app.load.free_space import RAYS, FreeSpace
 from app.load.scene_builder import vector
-from app.math3d import axis_angle_matrix, normalize
-from app.scene import Camera, DirectionalLight, Light, PointLight, Scene
+from app.math3d import axis_angle_matrix, look_rotation, normalize
+from app.scene import Camera, PointLight, Scene
 
 AUTO, ORBIT, CAMERA_FILE = "auto", "orbit", ".json"
 _ROOM_FOV_Y_DEG, _OBJECT_FOV_Y_DEG = 60.0, 40.0
 _AZIMUTHS = 24
-_OBJECT_VIEW = np.array([0.55, 0.4, 0.73])  # from an object's centre to the eye
+_OBJECT_VIEW = np.array([0.55, 0.4, 0.73])  # from an object to the eye: before and above it, as the front of glTF is +z
+_FILLED = 0.9        # of the picture's width or height that an object fills
+_ASPECT = 4 / 3      # of the picture that it is framed for
+_HALVINGS = 16
 _MEAN_IRRADIANCE = 0.5 * math.pi
-_SUN_IRRADIANCE = math.pi
-_SUN_RADIUS_DEG = 0.27
 _UP = np.array([0.0, 1.0, 0.0])
 
 
@@ -60,27 +61,50 @@ def orbit(scene: Scene, base: Camera, frames: int) -> list[Camera]:
 
 
 def place_camera(space: FreeSpace) -> tuple[Camera, str]:
-    """A camera for a scene, and a notice that describes it."""
+    """A camera for a scene, and a notice that describes it; what moves stays in the picture."""
     if space.is_room:
         camera = _place_room_camera(space)
         return camera, f"the scene has no camera, so the room is seen from the inside, from {_format(camera.eye)}"
-    center, size = space.bounds.mean(axis=0), space.bounds[1] - space.bounds[0]
-    radius = max(float(np.linalg.norm(size)) / 2, 1e-30)
-    distance = radius / math.sin(math.radians(_OBJECT_FOV_Y_DEG) / 2)
-    camera = Camera(vector(center + normalize(_OBJECT_VIEW) * distance), vector(center), fov_y_deg=_OBJECT_FOV_Y_DEG)
+    camera = _frame_object(space)
     return camera, f"the scene has no camera, so the object is seen from outside, from {_format(camera.eye)}"
 
 
-def place_light(space: FreeSpace, camera: Camera) -> tuple[Light, str]:
-    """A light for a scene as seen by ``camera``, and a notice that describes it."""
-    if space.is_room:
-        lamp = _place_ceiling_lamp(space, camera)
-        return lamp, f"the scene has no light, so a lamp hangs below the ceiling, at {_format(lamp.position)}"
-    forward = normalize(np.subtract(camera.target, camera.eye))
-    right = normalize(np.cross(forward, camera.up))
-    direction = normalize(0.6 * right - 1.0 * np.asarray(camera.up) + 0.5 * forward)
-    sun = DirectionalLight(vector(direction), (_SUN_IRRADIANCE,) * 3, _SUN_RADIUS_DEG)
-    return sun, "the scene has no light, so a sun shines from the upper left"
+def place_lamp(space: FreeSpace, camera: Camera) -> tuple[PointLight, str]:
+    """A lamp for a room as seen by ``camera``, and a notice that describes it."""
+    lamp = _place_ceiling_lamp(space, camera)
+    return lamp, f"the scene has no light, so a lamp hangs below the ceiling, at {_format(lamp.position)}"
+
+
+def _frame_object(space: FreeSpace) -> Camera:
+    """A camera in three-quarter view whose picture the object fills, from as near as all of it is visible."""
+    rotation = look_rotation(-_OBJECT_VIEW, _UP)
+    tangent = _FILLED * math.tan(math.radians(_OBJECT_FOV_Y_DEG / 2))
+    slopes = tangent * _ASPECT, tangent
+    distance = max(_between(space, side, rotation[2], slope)[1] for side, slope in zip(rotation, slopes, strict=False))
+    middle = [_middle(space, side, rotation[2], slope, distance)
+              for side, slope in zip(rotation, slopes, strict=False)]
+    eye = np.array([*middle, distance]) @ rotation
+    ahead = max(float((eye - space.bounds.mean(axis=0)) @ rotation[2]), 1e-30)
+    return Camera(vector(eye), vector(eye - ahead * rotation[2]), fov_y_deg=_OBJECT_FOV_Y_DEG)
+
+
+def _between(space: FreeSpace, side: F64, back: F64, slope: float) -> tuple[float, float]:
+    """Where along ``side`` and ``back`` an eye is nearest that sees the object between two borders.
+
+    A point (x, z) along them is visible from an eye at (a, c) if |x - a| / slope + z <= c; the largest sums touch the
+    borders.
+    """
+    right, left = space.farthest(np.stack([back + side / slope, back - side / slope])).tolist()
+    return slope * (right - left) / 2, (right + left) / 2
+
+
+def _middle(space: FreeSpace, side: F64, back: F64, slope: float, distance: float) -> float:
+    """Where along ``side`` an eye at the ``distance`` along ``back`` sees the object in the middle of the picture."""
+    low, high = 0.0, slope
+    for _ in range(_HALVINGS):  # of the slope of the narrowest borders
+        half = (low + high) / 2
+        low, high = (half, high) if _between(space, side, back, half)[1] > distance else (low, half)
+    return _between(space, side, back, high)[0]
 
 
 def _place_room_camera(space: FreeSpace) -> Camera:

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.arrays import F64, Bools, Ints
+from app.load.emission import mean_radiance
 from app.load.emission_patches import EmissiveTriangles, make_patches
 from app.load.emissive_pieces import Pieces, find_pieces
 from app.load.exact_rectangles import find_rectangles
-from app.load.images import mean_color
 from app.load.light_clusters import cluster_patches
 from app.load.light_fit import Receivers
 from app.load.light_proxies import ProxySplitter
@@ -47,9 +47,9 @@ def find_emitters(builder: SceneBuilder) -> None:
     """Add lights for the builder's static emissive surfaces and mark the surfaces as light proxies."""
     emissive = [i for i, instance in enumerate(builder.instances) if _material_of(builder, instance).emits]
     for i in emissive:
-        if builder.instances[i].motion is not None:
+        if builder.instances[i].moves:
             builder.notice(f"{builder.instances[i].name!r} moves, so it is emissive geometry and not an analytic light")
-    emitters = _collect(builder, [i for i in emissive if builder.instances[i].motion is None])
+    emitters = _collect(builder, [i for i in emissive if not builder.instances[i].moves])
     if emitters is None:
         return
     triangles, count = emitters.triangles, int(emitters.triangles.piece.max()) + 1
@@ -128,13 +128,8 @@ def _to_world(mesh: Mesh, instance: Instance, material: Material, pieces: Pieces
     turned ^= np.linalg.det(instance.transform[:3, :3]) < 0
     corners[turned] = corners[turned][:, ::-1]
     two_sided = material.double_sided & ~pieces.is_closed[pieces.label]
-    radiance = np.tile(_mean_radiance(material), (len(corners), 1))
+    radiance = np.tile(mean_radiance(material), (len(corners), 1))
     return EmissiveTriangles(corners, radiance, two_sided, first + pieces.label)
-
-
-def _mean_radiance(material: Material) -> F64:
-    emission = np.asarray(material.emission)
-    return emission if material.emission_map is None else emission * mean_color(material.emission_map.pixels)
 
 
 def _sort(triangles: EmissiveTriangles) -> Ints:

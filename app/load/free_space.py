@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from app.arrays import F64, Bools
 from app.load.geometry import face_vectors
-from app.scene import Instance, Mesh, bounds_of
+from app.scene import Instance, Mesh, bounds_of, swept_bounds_of
 
 _VOXELS = 64                # along the longest edge of the scene's box
 _STEP = 0.7                 # of ray marching, in voxels
@@ -50,6 +50,8 @@ class FreeSpace:
     """
 
     def __init__(self, meshes: Sequence[Mesh], instances: Sequence[Instance]) -> None:
+        self._static = [(meshes[i.mesh], i.transform) for i in instances if not i.moves]
+        self._moving_boxes = [swept_bounds_of(tuple(meshes), (i,)) for i in instances if i.moves]
         self.bounds = bounds_of(tuple(meshes), tuple(instances))
         size = self.bounds[1] - self.bounds[0]
         self.voxel = max(float(size.max()) / _VOXELS, 1e-30)
@@ -126,6 +128,16 @@ class FreeSpace:
     def room_points(self) -> F64:
         """Free points inside a room, openings included, shape (N, 3)."""
         return self.free_points[self.enclosure >= _MIN_ROOM_ENCLOSURE]
+
+    def farthest(self, directions: F64) -> F64:
+        """Largest dot product of each direction, shape (N, 3), with a point of the scene at any time, shape (N,).
+
+        Points are vertices, or corners of the boxes of what moves.
+        """
+        products = [(directions * np.where(directions > 0, box[1], box[0])).sum(axis=1) for box in self._moving_boxes]
+        for mesh, matrix in self._static:
+            products.append((mesh.positions @ (directions @ matrix[:3, :3]).T).max(axis=0) + directions @ matrix[:3, 3])
+        return np.asarray(np.max(products, axis=0))
 
     def around(self, points: F64) -> tuple[F64, Bools]:
         """``cast`` along all ``RAYS`` from points, shape (N, 3); both results have shape (N, rays)."""

@@ -19,8 +19,10 @@ class RawMesh:
     ----------
     positions : ndarray, float64, shape (V, 3)
     triangles : ndarray, int64, shape (T, 3)
-    normals, uvs, colors : ndarray or None
-        Shapes (V, 3), (V, 2) with v growing upwards, and (V, 4), linear.
+    normals, uvs, second_uvs, colors, tangents : ndarray or None
+        Shapes (V, 3), (V, 2) with v growing upwards, (V, 2) alike, (V, 4), linear, and (V, 4) as in ``Mesh``.
+    source : ndarray of int, shape (V,), or None
+        Of a mesh that deforms: the vertex of the file that each one was. Its triangles without an area may gain one.
     """
 
     positions: F64
@@ -28,6 +30,9 @@ class RawMesh:
     normals: F64 | None = None
     uvs: F64 | None = None
     colors: F64 | None = None
+    second_uvs: F64 | None = None
+    tangents: F64 | None = None
+    source: Ints | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +43,8 @@ class CleanMesh:
     ----------
     normals : ndarray, float64, shape (V, 3)
         Unit length, or zero where the file's are broken or missing.
+    source : ndarray of int, shape (V,), or None
+        As in ``RawMesh``.
     """
 
     positions: F64
@@ -45,8 +52,11 @@ class CleanMesh:
     normals: F64
     uvs: F64 | None
     colors: F64 | None
+    second_uvs: F64 | None
+    tangents: F64 | None
     dropped_triangles: int
     dropped_normals: int
+    source: Ints | None
 
 
 def clean(mesh: RawMesh) -> CleanMesh:
@@ -55,7 +65,8 @@ def clean(mesh: RawMesh) -> CleanMesh:
         raise ValueError("a vertex needs three coordinates")
     finite = np.asarray((np.abs(mesh.positions) < _MAX_COORDINATE).all(axis=1))
     triangles = mesh.triangles[finite[mesh.triangles].all(axis=1)]
-    triangles = triangles[face_vectors(mesh.positions, triangles).any(axis=1)]
+    if mesh.source is None:
+        triangles = triangles[face_vectors(mesh.positions, triangles).any(axis=1)]
 
     used = np.zeros(len(mesh.positions), bool)
     used[triangles] = True
@@ -65,10 +76,13 @@ def clean(mesh: RawMesh) -> CleanMesh:
         positions=mesh.positions[used],
         triangles=renumber[triangles],
         normals=normals,
-        uvs=None if mesh.uvs is None else np.nan_to_num(mesh.uvs[used], posinf=0.0, neginf=0.0),
+        uvs=_finite(mesh.uvs, used),
         colors=None if mesh.colors is None else np.clip(np.nan_to_num(mesh.colors[used]), 0.0, 1.0),
+        second_uvs=_finite(mesh.second_uvs, used),
+        tangents=None if mesh.tangents is None else _unit_tangents(mesh.tangents[used]),
         dropped_triangles=len(mesh.triangles) - len(triangles),
         dropped_normals=dropped_normals,
+        source=None if mesh.source is None else mesh.source[used],
     )
 
 
@@ -91,6 +105,16 @@ def add_alpha(colors: F64 | None) -> F64 | None:
     if colors is None or colors.shape[1] == 4:
         return colors
     return np.concatenate([colors, np.ones((len(colors), 1))], axis=1)
+
+
+def _finite(uvs: F64 | None, used: Bools) -> F64 | None:
+    return None if uvs is None else np.nan_to_num(uvs[used], posinf=0.0, neginf=0.0)
+
+
+def _unit_tangents(tangents: F64) -> F64:
+    """Unit vectors with a sign; broken ones are zero vectors, with which a normal map has no effect."""
+    unit, _ = _normalize(tangents[:, :3], len(tangents))
+    return np.column_stack([unit, np.where(tangents[:, 3] < 0, -1.0, 1.0)])
 
 
 def _normalize(normals: F64 | None, count: int) -> tuple[F64, int]:

@@ -2,23 +2,32 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from trimesh.util import triangle_strips_to_faces
 
+from app.animation.deformation import Deformation
+from app.animation.node_tree import NodePlacement
 from app.arrays import F64, Ints
 from app.load.geometry import RawMesh, add_alpha
+from app.load.gltf_animation import local_matrix, read_poses
+from app.load.gltf_deformation import DeformationReader
 from app.load.gltf_file import GltfFile, open_gltf
-from app.load.gltf_materials import DEFAULT, MaterialReader
-from app.load.scene_builder import MAX_COORDINATE, SceneBuilder, color, vector
-from app.math3d import affine_matrix, quaternion_matrices
-from app.scene import Camera, CameraPath, DirectionalLight, Light, PointLight, SpotLight
+from app.load.gltf_materials import DEFAULT, MATERIAL_EXTENSIONS, MaterialReader, read_variant
+from app.load.photometry import LUMENS_PER_WATT, are_photometric, to_radiometric
+from app.load.scene_builder import MAX_COORDINATE, MAX_INSTANCES, SceneBuilder, color, vector
+from app.load.tangents import with_tangents
+from app.math3d import quaternion_matrices
+from app.scene import Camera, CameraPath, DirectionalLight, Light, PointLight, SpotLight, bounds_of
 
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
-_SUPPORTED_EXTENSIONS = {"KHR_lights_punctual", "KHR_materials_emissive_strength", "KHR_texture_transform",
-                         "EXT_mesh_gpu_instancing", "KHR_mesh_quantization", "EXT_texture_webp"}
+_CAMERA_KEYS, _MAX_KEYS = 60, 10_000  # of an animated camera: for each second, and in all
+_SUPPORTED_EXTENSIONS = MATERIAL_EXTENSIONS | {
+    "KHR_lights_punctual", "EXT_mesh_gpu_instancing", "KHR_mesh_quantization", "KHR_draco_mesh_compression",
+    "EXT_meshopt_compression", "KHR_texture_basisu"}
 
 
 def read_gltf(path: Path, builder: SceneBuilder) -> None:
@@ -29,23 +38,41 @@ def read_gltf(path: Path, builder: SceneBuilder) -> None:
 class _Reader:
     def __init__(self, file: GltfFile, builder: SceneBuilder) -> None:
         self._file, self._builder = file, builder
-        self._uv_sets: list[int] = []
+        self._materials = MaterialReader(file, builder)
+        self._uv_sets: list[tuple[int, ...]] = []
+        self._variant: int | None = None
         self._meshes: dict[int, list[int]] = {}
+        self._is_animated = "animations" in file.json
+        self._poses = read_poses(file, builder)
+        self._deformations = DeformationReader(file, builder, self._poses)
 
     def run(self) -> None:
-        for name in sorted(set(self._file.json.get("extensionsRequired", [])) - _SUPPORTED_EXTENSIONS):
+        required = set(self._file.json.get("extensionsRequired", []))
+        for name in sorted(required - _SUPPORTED_EXTENSIONS):
             self._builder.notice(f"the file requires the extension {name}, which is not supported")
-        if "animations" in self._file.json:
-            self._builder.notice("the animations of the file are ignored")
-        materials = MaterialReader(self._file, self._builder)
+        for name in sorted(set(self._file.json.get("extensionsUsed", [])) - required - _SUPPORTED_EXTENSIONS):
+            self._builder.notice(f"the extension {name} is ignored")
+        variants = self._file.json.get("extensions", {}).get("KHR_materials_variants", {}).get("variants", [])
+        self._builder.variants = [str(v["name"]) for v in variants]
+        if self._builder.variant in self._builder.variants:
+            self._variant = self._builder.variants.index(self._builder.variant)
         for index, spec in enumerate(self._file.items("materials")):
-            material, uv_set = materials.read(spec, index)
+            material, uv_sets = self._materials.read(spec, index)
             self._builder.materials.append(material)
-            self._uv_sets.append(uv_set)
+            self._uv_sets.append(uv_sets)
         self._builder.materials.append(DEFAULT)
-        self._uv_sets.append(0)
+        self._uv_sets.append(())
         for index, world, names in self._nodes():
-            self._visit(index, world, names)
+            self._visit(index, self._poses.tree.world_at(0.0)[index] if self._is_animated else world, names)
+        self._convert_lights()
+
+    def _convert_lights(self) -> None:
+        """Take lights as candela and lux where they would burn out the scene as W/sr and W/m²."""
+        builder = self._builder
+        if are_photometric(builder.lights, bounds_of(tuple(builder.meshes), tuple(builder.instances))):
+            builder.lights = [to_radiometric(light) for light in builder.lights]
+            builder.notice(f"the file's lights are in candela and lux: {LUMENS_PER_WATT:g} of them count as 1 W/sr or "
+                           "W/m² (see --exposure)")
 
     def _nodes(self) -> Iterator[tuple[int, F64, tuple[str, ...]]]:
         """Every node of the scene with its world matrix, and its own name and those of its ancestors."""
@@ -64,7 +91,7 @@ class _Reader:
                 raise ValueError(f"node {index} has two parents or is its own ancestor")
             seen.add(index)
             node = nodes[index]
-            world = parent @ _local(node)
+            world = parent @ local_matrix(node)
             names = (node.get("name") or f"node {index}", *ancestors)
             yield index, world, names
             stack += [(c, world, names) for c in reversed(node.get("children", []))]
@@ -73,21 +100,57 @@ class _Reader:
         node = self._file.json["nodes"][index]
         extensions = node.get("extensions", {})
         if "camera" in node:
-            self._camera(self._file.json["cameras"][node["camera"]], node.get("name"), world)
+            self._camera(self._file.json["cameras"][node["camera"]], node.get("name"), index, world)
         if "KHR_lights_punctual" in extensions:
             lights = self._file.json["extensions"]["KHR_lights_punctual"]["lights"]
             self._builder.lights.append(self._light(lights[extensions["KHR_lights_punctual"]["light"]], world))
+            if self._poses.tree.moves[index]:
+                self._builder.notice("lights of animated nodes stay where they are at time 0")
         if "mesh" not in node:
             return
-        if "skin" in node:
-            self._builder.notice(f"{names[0]!r} is skinned, which is not supported: it is drawn in its rest pose")
         if "EXT_mesh_gpu_instancing" in extensions:
             local = self._instance_matrices(extensions["EXT_mesh_gpu_instancing"]["attributes"])
         else:
             local = np.eye(4)[None]
-        for mesh in self._mesh(node["mesh"]):
-            for matrix in local:
-                self._builder.add_instance(names[0], mesh, world @ matrix, names)
+        primitives = self._file.json["meshes"][node["mesh"]]["primitives"]
+        if "skin" not in node and not any("targets" in p for p in primitives):
+            for mesh in self._mesh(node["mesh"]):
+                self._place(index, mesh, world, local, names)
+            return
+        for mesh, deformation in self._deformed_meshes(index, node):
+            moving = deformation if deformation.moves else None
+            if deformation.skin is not None:  # by its joints alone, wherever its own node is
+                self._builder.add_instance(names[0], mesh, np.eye(4), names, deformation=moving)
+            else:
+                self._place(index, mesh, world, local, names, moving)
+
+    def _place(self, index: int, mesh: int, world: F64, local: F64, names: tuple[str, ...],
+               deformation: Deformation | None = None) -> None:
+        """Add an instance of a mesh at node ``index`` for each matrix of ``local``, shape (N, 4, 4)."""
+        for matrix in local:
+            placement = NodePlacement(self._poses.tree, index, matrix) if self._poses.tree.moves[index] else None
+            self._builder.add_instance(names[0], mesh, world @ matrix, names, placement, deformation)
+
+    def _deformed_meshes(self, index: int, node: dict[str, Any]) -> Iterator[tuple[int, Deformation]]:
+        """Indices into ``builder.meshes`` of a node's visible primitives in their shape at time 0."""
+        spec = self._file.json["meshes"][node["mesh"]]
+        for primitive in spec["primitives"]:
+            name = spec.get("name", f"mesh {node['mesh']}")
+            content = self._read_primitive(primitive, name)
+            if content is None:
+                continue
+            raw, material = content
+            deformation = self._deformations.read(node, index, primitive, raw)
+            has_normals = raw.normals is not None
+            raw = with_tangents(replace(raw, source=np.arange(len(raw.positions))), self._builder.materials[material])
+            assert raw.source is not None
+            deformation = deformation.select(raw.source, np.zeros(3)).with_tangents(raw.tangents)
+            vertices = deformation.vertices_at(0.0)
+            mesh = self._builder.add_mesh(name, replace(
+                raw, positions=vertices.positions, normals=vertices.normals if has_normals else None,
+                tangents=vertices.tangents, source=np.arange(len(raw.source)) if deformation.moves else None), material)
+            if mesh is not None:
+                yield mesh, deformation
 
     def _mesh(self, index: int) -> list[int]:
         """Indices into ``builder.meshes`` of a mesh's visible primitives; each mesh is read once."""
@@ -98,37 +161,52 @@ class _Reader:
         return self._meshes[index]
 
     def _primitive(self, spec: dict[str, Any], name: str) -> int | None:
+        content = self._read_primitive(spec, name)
+        return None if content is None else self._builder.add_mesh(name, *content)
+
+    def _read_primitive(self, spec: dict[str, Any], name: str) -> tuple[RawMesh, int] | None:
+        """A primitive with the index of its material; None if it can't be drawn."""
         mode, attributes = spec.get("mode", _TRIANGLES), spec.get("attributes", {})
         if mode not in (_TRIANGLES, _STRIP, _FAN):
             self._builder.notice("point clouds and lines are omitted")
             return None
-        if "KHR_draco_mesh_compression" in spec.get("extensions", {}) or "POSITION" not in attributes:
+        if "POSITION" not in attributes:
             self._builder.notice(f"{name!r}: geometry without readable positions is omitted")
             return None
         default = len(self._uv_sets) - 1  # comes after the materials of the file
-        material = spec.get("material")
+        material = read_variant(spec, self._variant)
         if material is None:
             material = default
         elif not 0 <= material < default:
             raise IndexError(f"no material {material}")
         positions = self._file.accessor(attributes["POSITION"]).astype(np.float64)
         order = self._file.accessor(spec["indices"])[:, 0] if "indices" in spec else np.arange(len(positions))
-        uvs = self._attribute(attributes, f"TEXCOORD_{self._uv_sets[material]}", len(positions))
-        raw = RawMesh(
+        first, second = (*self._uv_sets[material], None, None)[:2]
+        colors = add_alpha(self._attribute(attributes, "COLOR_0", len(positions), 3, 4))
+        if colors is not None and (colors[:, 3] < 1).any():
+            self._materials.apply_vertex_alpha(material)
+        return RawMesh(
             positions=positions,
             triangles=_triangulate(order.astype(np.int64), mode),
-            normals=self._attribute(attributes, "NORMAL", len(positions)),
-            uvs=None if uvs is None else np.stack([uvs[:, 0], 1.0 - uvs[:, 1]], axis=1),
-            colors=add_alpha(self._attribute(attributes, "COLOR_0", len(positions))),
-        )
-        return self._builder.add_mesh(name, raw, material)
+            normals=self._attribute(attributes, "NORMAL", len(positions), 3),
+            uvs=self._uvs(attributes, first, len(positions)),
+            colors=colors,
+            second_uvs=self._uvs(attributes, second, len(positions)),
+            tangents=self._attribute(attributes, "TANGENT", len(positions), 4),
+        ), material
 
-    def _attribute(self, attributes: dict[str, int], key: str, count: int) -> F64 | None:
+    def _uvs(self, attributes: dict[str, int], uv_set: int | None, count: int) -> F64 | None:
+        """Texture coordinates with v upwards."""
+        uvs = None if uv_set is None else self._attribute(attributes, f"TEXCOORD_{uv_set}", count, 2)
+        return None if uvs is None else np.stack([uvs[:, 0], 1.0 - uvs[:, 1]], axis=1)
+
+    def _attribute(self, attributes: dict[str, int], key: str, count: int, *widths: int) -> F64 | None:
+        """Values of an attribute with one of these numbers of components, shape (count, width)."""
         if key not in attributes:
             return None
         values: F64 = self._file.accessor(attributes[key]).astype(np.float64)
-        if len(values) != count:
-            raise ValueError(f"{key} has {len(values)} values for {count} vertices")
+        if len(values) != count or values.shape[1] not in widths:
+            raise ValueError(f"{key} has {len(values)} values of {values.shape[1]} components for {count} vertices")
         return values
 
     def _instance_matrices(self, attributes: dict[str, int]) -> F64:
@@ -136,6 +214,7 @@ class _Reader:
         values = {k: self._file.accessor(v).astype(np.float64) for k, v in attributes.items()
                   if k in ("TRANSLATION", "ROTATION", "SCALE")}
         count = min((len(v) for v in values.values()), default=0)
+        count = min(count, MAX_INSTANCES + 1)  # the builder refuses that one
         matrices = np.tile(np.eye(4), (count, 1, 1))
         if "ROTATION" in values:
             matrices[:, :3, :3] = quaternion_matrices(values["ROTATION"][:count])
@@ -145,19 +224,32 @@ class _Reader:
             matrices[:, :3, 3] = values["TRANSLATION"][:count]
         return matrices
 
-    def _camera(self, spec: dict[str, Any], node_name: str | None, world: F64) -> None:
+    def _camera(self, spec: dict[str, Any], node_name: str | None, index: int, world: F64) -> None:
         name = node_name or spec.get("name") or f"camera {len(self._builder.cameras)}"
-        if "perspective" not in spec:
-            self._builder.notice(f"camera {name!r} is orthographic and is ignored")
+        camera = self._lens(spec, name)
+        if camera is None:
             return
+        if not self._poses.tree.moves[index]:
+            self._builder.cameras[name] = CameraPath.still(_camera_at(camera, world))
+            return
+        times = np.linspace(0, self._poses.period, math.ceil(min(self._poses.period * _CAMERA_KEYS, _MAX_KEYS)) + 1)
+        keys = [_camera_at(camera, self._poses.tree.world_at(t)[index]) for t in times[:-1]]
+        self._builder.cameras[name] = CameraPath(tuple(times.tolist()), (*keys, keys[-1]), self._poses.period)
+
+    def _lens(self, spec: dict[str, Any], name: str) -> Camera | None:
+        """A camera of the file's projection, anywhere; None for one that can't be drawn."""
+        camera = Camera(eye=(0, 0, 0), target=(0, 0, -1))
+        if spec["type"] == "orthographic":
+            height = 2 * abs(float(spec["orthographic"]["ymag"]))
+            if not 0 < height < MAX_COORDINATE:
+                self._builder.notice(f"camera {name!r} has a height of {height:g} and is ignored")
+                return None
+            return replace(camera, orthographic_height=height)
         fov = math.degrees(float(spec["perspective"]["yfov"]))
         if not 0 < fov < 180:
             self._builder.notice(f"camera {name!r} has a field of view of {fov:g} degrees and is ignored")
-            return
-        forward, up = _direction(world, (0, 0, -1)), _direction(world, (0, 1, 0))
-        eye = _translation(world)
-        self._builder.cameras[name] = CameraPath.still(Camera(
-            eye=vector(eye), target=vector(eye + forward), up=vector(up), fov_y_deg=fov))
+            return None
+        return replace(camera, fov_y_deg=fov)
 
     def _light(self, spec: dict[str, Any], world: F64) -> Light:
         power = color(np.asarray(spec.get("color", (1, 1, 1)), np.float64) * spec.get("intensity", 1.0))
@@ -168,20 +260,18 @@ class _Reader:
             return DirectionalLight(direction, power)
         if spec["type"] == "spot":
             cone = spec.get("spot", {})
-            outer = min(max(math.degrees(cone.get("outerConeAngle", math.pi / 4)), 0.0), 90.0)
-            inner = min(max(math.degrees(cone.get("innerConeAngle", 0.0)), 0.0), outer)
+            # In this order, max gives 0 for an angle that is not a number.
+            outer = min(max(0.0, math.degrees(cone.get("outerConeAngle", math.pi / 4))), 90.0)
+            inner = min(max(0.0, math.degrees(cone.get("innerConeAngle", 0.0))), outer)
             return SpotLight(position, direction, power, inner, outer)
         if spec["type"] == "point":
             return PointLight(position, power)
         raise ValueError(f"unknown light type {spec['type']!r}")
 
 
-def _local(node: dict[str, Any]) -> F64:
-    if "matrix" in node:
-        return np.asarray(node["matrix"], np.float64).reshape(4, 4).T
-    rotation = quaternion_matrices(np.asarray([node.get("rotation", (0, 0, 0, 1))], np.float64))[0]
-    scale = np.asarray(node.get("scale", (1, 1, 1)), np.float64)
-    return affine_matrix(rotation * scale, node.get("translation", (0, 0, 0)))
+def _camera_at(camera: Camera, world: F64) -> Camera:
+    eye, forward, up = _translation(world), _direction(world, (0, 0, -1)), _direction(world, (0, 1, 0))
+    return replace(camera, eye=vector(eye), target=vector(eye + forward), up=vector(up))
 
 
 def _translation(world: F64) -> F64:

@@ -1,5 +1,7 @@
 """The container of a glTF file: its JSON, its buffers and its accessors.
 
+Compressed parts are unpacked when the file is opened, and the JSON is rewritten as if they had never been compressed.
+
 trimesh 5.2 reads common accessors only (sparse ones become zeros, normalised ones integers) and supports neither
 instancing nor a second uv set, so accessors are read here.
 """
@@ -17,20 +19,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import SceneError
+from app.load import draco, meshopt
 
 _COMPONENTS = {5120: np.int8, 5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+_TRIANGLES = 4
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
-_MAX_ZEROS = 2**28
+_UNSIGNED_INT = 5125
+_MAX_ZEROS = 2**26
+_MAX_UNPACKED_BYTES = 2**30
+_DRACO, _MESHOPT, _BASISU = "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_basisu"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class GltfFile:
-    """The JSON of a glTF file and its binary buffers."""
+    """The JSON of a glTF file and its binary buffers, followed by what was unpacked from them."""
 
     path: Path
     json: dict[str, Any]
-    buffers: tuple[bytes, ...]
+    buffers: list[bytes]
+    unpacked_bytes: int = 0
 
     def items(self, key: str) -> list[dict[str, Any]]:
         """A top-level array of the JSON, empty if missing."""
@@ -38,11 +46,13 @@ class GltfFile:
 
     def view(self, index: int) -> bytes:
         """The bytes of a buffer view."""
-        view = self.json["bufferViews"][index]
+        return self._slice(self.json["bufferViews"][index], f"buffer view {index}")
+
+    def _slice(self, view: dict[str, Any], name: str) -> bytes:
         start = view.get("byteOffset", 0)
         data: bytes = self.buffers[view["buffer"]][start:start + view["byteLength"]]
-        if len(data) != view["byteLength"]:
-            raise ValueError(f"buffer view {index} reaches past the end of its buffer")
+        if start < 0 or len(data) != view["byteLength"]:
+            raise ValueError(f"{name} reaches past the end of its buffer")
         return data
 
     def image(self, index: int) -> bytes:
@@ -75,14 +85,64 @@ class GltfFile:
                                       what.get("byteOffset", 0), values.dtype.itemsize * values.shape[1])
         return values
 
+    def unpack(self) -> None:
+        """Replace all compressed buffer views, meshes and textures by plain ones."""
+        for index, view in enumerate(self.items("bufferViews")):
+            if _MESHOPT in view.get("extensions", {}):
+                self._unpack_view(index, view["extensions"][_MESHOPT])
+        for mesh in self.items("meshes"):
+            for primitive in mesh["primitives"]:
+                if _DRACO in primitive.get("extensions", {}):
+                    self._unpack_primitive(primitive, primitive["extensions"][_DRACO])
+        for texture in self.items("textures"):
+            if _BASISU in texture.get("extensions", {}):
+                texture.setdefault("source", texture["extensions"][_BASISU]["source"])
+
+    def _unpack_view(self, index: int, spec: dict[str, Any]) -> None:
+        data = meshopt.decode(self._slice(spec, f"compressed buffer view {index}"), spec["count"], spec["byteStride"],
+                              spec["mode"], spec.get("filter", "NONE"))
+        self.json["bufferViews"][index] |= {"buffer": self._add_buffer(data), "byteOffset": 0, "byteLength": len(data)}
+
+    def _unpack_primitive(self, primitive: dict[str, Any], spec: dict[str, Any]) -> None:
+        if "bufferView" in self.json["accessors"][primitive["attributes"]["POSITION"]]:
+            return  # the file has the mesh without compression, too
+        triangles, attributes = draco.decode(self.view(spec["bufferView"]))
+        for name, unique_id in spec["attributes"].items():
+            if unique_id not in attributes:
+                raise ValueError(f"Draco data have no attribute {unique_id} for {name}")
+            accessor = self.json["accessors"][primitive["attributes"][name]]
+            values = attributes[unique_id].astype(_COMPONENTS[accessor["componentType"]])
+            primitive["attributes"][name] = self._add_accessor(accessor, values)
+        indices = {"componentType": _UNSIGNED_INT, "type": "SCALAR"}
+        primitive |= {"indices": self._add_accessor(indices, triangles.reshape(-1, 1)), "mode": _TRIANGLES}
+
+    def _add_accessor(self, like: dict[str, Any], values: NDArray[Any]) -> int:
+        """Add an accessor of the same type as another one, with these values of shape (count, width)."""
+        if values.shape[1] != _WIDTHS[like["type"]]:
+            raise ValueError(f"Draco data have {values.shape[1]} components where {like['type']} is expected")
+        view = {"buffer": self._add_buffer(values.tobytes()), "byteLength": values.nbytes}
+        self.json["bufferViews"].append(view)
+        self.json["accessors"].append(like | {"bufferView": len(self.json["bufferViews"]) - 1, "byteOffset": 0,
+                                              "count": len(values)})
+        return len(self.json["accessors"]) - 1
+
+    def _add_buffer(self, data: bytes) -> int:
+        self.buffers.append(data)
+        self.unpacked_bytes += len(data)
+        if self.unpacked_bytes > _MAX_UNPACKED_BYTES:
+            raise ValueError("it unpacks to more than 1 GiB")
+        return len(self.buffers) - 1
+
 
 def open_gltf(path: Path) -> GltfFile:
-    """Read a ``.gltf`` or ``.glb`` file and all its buffers.
+    """Read a ``.gltf`` or ``.glb`` file and all its buffers, and unpack what is compressed.
 
     Raises
     ------
     SceneError
         When a buffer's file can't be read.
+    MissingExtraError
+        When a package that unpacks it is not installed.
     ValueError, KeyError, struct.error
         When the content is not valid glTF 2.
     """
@@ -96,8 +156,18 @@ def open_gltf(path: Path) -> GltfFile:
     version = str(document["asset"].get("version", ""))
     if not version.startswith("2"):
         raise ValueError(f"glTF version {version}; only version 2 is supported")
-    buffers = tuple(_fetch(b["uri"], path) if "uri" in b else binary for b in document.get("buffers", []))
-    return GltfFile(path, document, buffers)
+    buffers = [_buffer(spec, path, binary if index == 0 else b"")
+               for index, spec in enumerate(document.get("buffers", []))]
+    file = GltfFile(path, document, buffers)
+    file.unpack()
+    return file
+
+
+def _buffer(spec: dict[str, Any], path: Path, binary: bytes) -> bytes:
+    """The bytes of a buffer; one that only describes what a compressed view becomes has none."""
+    if spec.get("extensions", {}).get(_MESHOPT, {}).get("fallback"):
+        return b""
+    return _fetch(spec["uri"], path) if "uri" in spec else binary
 
 
 def _split_glb(data: bytes) -> tuple[bytes, bytes]:

@@ -8,9 +8,11 @@ import numpy as np
 from PIL import Image
 
 from app.arrays import F32, F64, Bytes
-from app.errors import SceneError
+from app.errors import MissingExtraError, SceneError
 from app.io.image import srgb_decode
+from app.load import ktx2
 
+MAX_PIXELS = 2**27  # of a texture: 512 MB; a small file can hold more, all of one colour
 _SRGB_TO_LINEAR: F64 = srgb_decode(np.arange(256) / 255)
 
 
@@ -35,18 +37,37 @@ def decode_image(data: bytes, where: object) -> Bytes:
     Raises
     ------
     SceneError
-        When Pillow can't decode the image; it names ``where``.
+        When the image can't be decoded or has more than ``MAX_PIXELS`` pixels; it names ``where``.
+    MissingExtraError
+        When the image is a KTX2 file and the package that decodes it is not installed.
     """
     try:
+        if ktx2.is_ktx2(data):
+            _check_size(ktx2.size(data), where)
+            return ktx2.decode(data)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             image: Image.Image = Image.open(io.BytesIO(data))
+            _check_size(image.size, where)
             if image.mode.startswith("I"):
                 image = Image.fromarray((np.asarray(image, np.float64) / 257).round().clip(0, 255).astype(np.uint8))
             return np.asarray(image.convert("RGBA"))
-    except Exception as error:  # Pillow's decoders raise many kinds
+    except (SceneError, MissingExtraError):
+        raise
+    except Image.DecompressionBombError as error:
+        raise _too_large(where) from error
+    except Exception as error:  # the decoders raise many kinds
         raise SceneError("the texture is corrupt or in an unknown format", where,
-                         "expected a PNG, JPEG or other image that Pillow can decode") from error
+                         "expected a KTX2 file, or a PNG, JPEG or other image that Pillow can decode") from error
+
+
+def _check_size(size: tuple[int, int], where: object) -> None:
+    if size[0] * size[1] > MAX_PIXELS:
+        raise _too_large(where)
+
+
+def _too_large(where: object) -> SceneError:
+    return SceneError("the texture is too large", where, f"expected at most {MAX_PIXELS:,} pixels")
 
 
 def to_linear(pixels: Bytes) -> F64:

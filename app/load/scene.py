@@ -2,14 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 from importlib import resources
 from pathlib import Path
 
 import numpy as np
 
-from app.errors import SceneError, did_you_mean
+from app.arrays import F64
+from app.errors import MissingExtraError, SceneError, did_you_mean
 from app.io.checked_json import at
-from app.load.cameras import AUTO, place_camera, place_light
+from app.load.cameras import AUTO, place_camera, place_lamp
 from app.load.emitters import find_emitters
 from app.load.environment import build_environment
 from app.load.free_space import FreeSpace
@@ -19,8 +21,9 @@ from app.load.obj import read_obj
 from app.load.ply import read_ply
 from app.load.scene_builder import MAX_COORDINATE, SceneBuilder
 from app.load.sidecar import Lighting, Sidecar, read_sidecar
+from app.load.studio import STUDIO, add_ground, describe, is_dark, studio_lighting
 from app.load.suns import describe_sun, extract_suns
-from app.scene import CameraPath, Scene, bounds_of
+from app.scene import Camera, CameraPath, Scene, bounds_of
 
 READERS: dict[str, Callable[[Path, SceneBuilder], None]] = {
     ".obj": read_obj, ".gltf": read_gltf, ".glb": read_gltf, ".ply": read_ply,
@@ -40,12 +43,16 @@ class LoadedScene:
         Indices of the instances that each name in the file moves.
     sidecar : Sidecar
         The content of the scene JSON.
+    animation, variant : str or None
+        The animation, and the variant of the materials, that were asked for.
     """
 
     scene: Scene
     own_lights: int
     objects: dict[str, tuple[int, ...]]
     sidecar: Sidecar
+    animation: str | None = None
+    variant: str | None = None
 
     @property
     def lighting(self) -> Lighting | None:
@@ -53,7 +60,9 @@ class LoadedScene:
         return self.sidecar.lightings.get(self.scene.lighting)
 
 
-def load_scene(path: str | Path, *, lighting: str | None = None, scene_json: str | Path | None = None) -> Scene:
+def load_scene(path: str | Path, *, lighting: str | None = None, scene_json: str | Path | None = None,
+               variant: str | None = None, animation: str | None = None, studio: bool = True,
+               ground: bool = False) -> Scene:
     """Load a scene file for one lighting.
 
     Parameters
@@ -61,43 +70,73 @@ def load_scene(path: str | Path, *, lighting: str | None = None, scene_json: str
     path : str or Path
         An ``.obj``, ``.gltf``, ``.glb`` or ``.ply`` file.
     lighting : str, optional
-        A name under ``lightings`` in the scene JSON, whose default it is otherwise.
+        A name under ``lightings`` in the scene JSON, whose default it is otherwise, or ``studio``.
     scene_json : str or Path, optional
         The scene JSON; default is the file of the same stem beside the scene, if it exists.
+    variant : str, optional
+        A variant of a glTF file's materials (KHR_materials_variants).
+    animation : str, optional
+        The name of an animation of the file, ``all`` or ``none``; default is the first.
+    studio : bool
+        Whether a scene without light is lit: an object by the studio, a room by a lamp.
+    ground : bool
+        Whether a ground is added below the scene.
 
     Raises
     ------
     SceneError
         When a file is missing, corrupt or of an unknown kind, when it has no triangle to draw, when the scene JSON is
-        invalid, or when there is no lighting of that name.
+        invalid, or when there is no lighting, variant or animation of that name.
     """
-    return load_for_editing(path, lighting=lighting, scene_json=scene_json).scene
+    return load_for_editing(path, lighting=lighting, scene_json=scene_json, variant=variant, animation=animation,
+                            studio=studio, ground=ground).scene
 
 
-def load_for_editing(path: str | Path, *, lighting: str | None = None,
-                     scene_json: str | Path | None = None) -> LoadedScene:
+def load_for_editing(path: str | Path, *, lighting: str | None = None, scene_json: str | Path | None = None,
+                     variant: str | None = None, animation: str | None = None, studio: bool = True,
+                     ground: bool = False) -> LoadedScene:
     """Load a scene file as ``load_scene`` does, with what an editor needs besides."""
     path = Path(path)
-    builder = _read(path)
+    builder, sidecar = read_scene(path, scene_json=scene_json, variant=variant, animation=animation)
+    return finish_scene(builder, path, sidecar, lighting=lighting, studio=studio, ground=ground)
+
+
+def read_scene(path: Path, *, scene_json: str | Path | None = None, variant: str | None = None,
+               animation: str | None = None) -> tuple[SceneBuilder, Sidecar]:
+    """Read a scene file and its scene JSON, with cameras and motions, but without any lighting of the scene JSON."""
+    builder = _read(path, variant, animation)
     sidecar = _read_sidecar(path, scene_json)
     builder.cameras = sidecar.cameras | builder.cameras | sidecar.cameras
-    name = _choose(lighting, sidecar.default_lighting, list(sidecar.lightings), "lighting", sidecar.path or path)
     _add_motions(builder, sidecar)
-    if name is not None:
-        chosen = sidecar.lightings[name]
-        builder.lights = list(chosen.lights)
-        builder.scale_emission(chosen.emission)
-        if chosen.environment is not None:
-            folder = (sidecar.path or Path()).parent
-            builder.environment = build_environment(chosen.environment, folder, builder.notice)
+    return builder, sidecar
+
+
+def finish_scene(builder: SceneBuilder, path: Path, sidecar: Sidecar, *, lighting: str | None = None,
+                 studio: bool = True, ground: bool = False) -> LoadedScene:
+    """The scene of what ``builder`` holds, with a lighting, a camera, and lights for what emits.
+
+    Parameters
+    ----------
+    path : Path
+        Names the scene, also in messages.
+    """
+    _check_bounds(bounds_of(tuple(builder.meshes), tuple(builder.instances)), path)
+    space = cache(lambda: FreeSpace(builder.meshes, builder.instances))  # takes long and is seldom needed
+    camera = choose_camera(builder, path, sidecar, space)
+    view = builder.cameras[camera].at(0.0)
+    sidecar, name = apply_lighting(builder, path, sidecar, lighting, view)
+    if name is None and studio and not builder.lights and is_dark(builder):
+        sidecar, name = _light_the_dark(builder, path, sidecar, view, space())
     own_lights = len(builder.lights)
     _extract_suns(builder)
-    find_emitters(builder)
-    derived_lights = len(builder.lights) - own_lights
+    if name != STUDIO:  # there, surfaces glow without lighting others directly
+        find_emitters(builder)
     builder.drop_unused()
-    scene = _finish(builder, path, sidecar, name)
+    if ground:
+        add_ground(builder)
     objects = {group: tuple(members) for group, members in builder.groups.items()}
-    return LoadedScene(scene, len(scene.lights) - derived_lights, objects, sidecar)
+    return LoadedScene(_make_scene(builder, path, camera, name), own_lights, objects, sidecar, builder.animation,
+                       builder.variant)
 
 
 def embedded_scene(*, lighting: str | None = None) -> Scene:
@@ -112,7 +151,7 @@ def embedded_scene(*, lighting: str | None = None) -> Scene:
         return load_scene(folder / "cornell-box.obj", lighting=lighting)
 
 
-def _read(path: Path) -> SceneBuilder:
+def _read(path: Path, variant: str | None, animation: str | None) -> SceneBuilder:
     expected = f"expected one of: {', '.join(READERS)}"
     if path.is_dir():
         raise SceneError("is a folder, not a scene file", path, expected)
@@ -121,11 +160,11 @@ def _read(path: Path) -> SceneBuilder:
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise SceneError(f"unknown kind of scene file {path.suffix!r}", path, expected)
-    builder = SceneBuilder(str(path))
+    builder = SceneBuilder(str(path), variant=variant, animation=animation)
     try:
         with np.errstate(all="ignore"):
             reader(path, builder)
-    except SceneError:
+    except (SceneError, MissingExtraError):
         raise
     except MemoryError as error:
         raise SceneError("the scene does not fit into memory", path, "expected a smaller or undamaged file") from error
@@ -133,11 +172,27 @@ def _read(path: Path) -> SceneBuilder:
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:120]
         raise SceneError(f"the scene file is corrupt: {reason}", path,
                          f"expected a valid {path.suffix} file") from error
+    if variant is not None and variant not in builder.variants:
+        raise SceneError(f"no material variant {variant!r}", path, did_you_mean(variant, builder.variants))
     builder.notice_repairs()
+    if animation is not None and not builder.animations:
+        raise SceneError("the file has no animation", path,
+                         f"expected a glTF file with animations to play {animation!r}")
+    require_instances(builder, path)
+    return builder
+
+
+def require_instances(builder: SceneBuilder, path: Path) -> None:
+    """Check that there is something to draw.
+
+    Raises
+    ------
+    SceneError
+        When there is not.
+    """
     if not builder.instances:
         hints = f": {'; '.join(builder.notices)}" if builder.notices else ""
         raise SceneError(f"no triangle to draw{hints}", path, "expected at least one triangle with an area")
-    return builder
 
 
 def _read_sidecar(path: Path, scene_json: str | Path | None) -> Sidecar:
@@ -154,6 +209,55 @@ def _choose(requested: str | None, default: str | None, known: list[str], what: 
     if default is not None and default not in known:
         raise SceneError(f"no {what} {default!r}", at(where, "default", what), did_you_mean(default, known))
     return requested or default or next(iter(known), None)
+
+
+def choose_camera(builder: SceneBuilder, path: Path, sidecar: Sidecar,
+                  space: Callable[[], FreeSpace] | None = None) -> str:
+    """Name of the default camera, which is added if there is none."""
+    name = _choose(None, sidecar.default_camera, list(builder.cameras), "camera", sidecar.path or path)
+    if name is None:
+        camera, notice = place_camera(FreeSpace(builder.meshes, builder.instances) if space is None else space())
+        builder.cameras[name := AUTO] = CameraPath.still(camera)
+        builder.notice(notice)
+    return name
+
+
+def _light_the_dark(builder: SceneBuilder, path: Path, sidecar: Sidecar, camera: Camera, space: FreeSpace
+                    ) -> tuple[Sidecar, str | None]:
+    """Light what has no light, as seen by ``camera``: a room by a lamp, an object by the studio."""
+    if space.is_room:
+        lamp, notice = place_lamp(space, camera)
+        builder.lights.append(lamp)
+        builder.notice(notice)
+        return sidecar, None
+    builder.notice(describe(builder))
+    return apply_lighting(builder, path, sidecar, STUDIO, camera)
+
+
+def apply_lighting(builder: SceneBuilder, path: Path, sidecar: Sidecar, requested: str | None, camera: Camera
+                   ) -> tuple[Sidecar, str | None]:
+    """Apply a lighting of the scene JSON, or the studio around what ``camera`` sees.
+
+    Returns
+    -------
+    sidecar : Sidecar
+        With the lighting that was applied.
+    name : str or None
+        Of that lighting; None if the scene has its own lights.
+    """
+    known = sidecar.lightings
+    name = requested if requested == STUDIO and STUDIO not in known else _choose(
+        requested, sidecar.default_lighting, list(known), "lighting", sidecar.path or path)
+    if name == STUDIO and STUDIO not in known:
+        sidecar = replace(sidecar, lightings={**known, STUDIO: studio_lighting(camera)})
+    if name is not None:
+        chosen = sidecar.lightings[name]
+        builder.lights = list(chosen.lights)
+        builder.scale_emission(chosen.emission)
+        if chosen.environment is not None:
+            folder = (sidecar.path or Path()).parent
+            builder.environment = build_environment(chosen.environment, folder, builder.notice)
+    return sidecar, name
 
 
 def _extract_suns(builder: SceneBuilder) -> None:
@@ -179,28 +283,21 @@ def _add_motions(builder: SceneBuilder, sidecar: Sidecar) -> None:
             builder.instances[i] = replace(builder.instances[i], motion=motion)
 
 
-def _finish(builder: SceneBuilder, path: Path, sidecar: Sidecar, lighting: str | None) -> Scene:
+def _make_scene(builder: SceneBuilder, path: Path, camera: str, lighting: str | None) -> Scene:
     meshes, instances = tuple(builder.meshes), tuple(builder.instances)
-    bounds = bounds_of(meshes, instances)
-    if not np.abs(bounds).max() < MAX_COORDINATE:
-        raise SceneError("the scene is too large or not finite", path, f"expected coordinates below {MAX_COORDINATE:g}")
-    default = _choose(None, sidecar.default_camera, list(builder.cameras), "camera", sidecar.path or path)
-    emissive = any(m.emits for m in builder.materials)
-    is_unlit = lighting is None and not builder.lights and not emissive
-    if default is None or is_unlit:
-        space = FreeSpace(meshes, instances)
-        if default is None:
-            camera, notice = place_camera(space)
-            builder.cameras[AUTO], default = CameraPath.still(camera), AUTO
-            builder.notice(notice)
-        if is_unlit:
-            light, notice = place_light(space, builder.cameras[default].at(0.0))
-            builder.lights.append(light)
-            builder.notice(notice)
-    return Scene(
+    scene = Scene(
         name=path.stem, meshes=meshes, instances=instances, materials=tuple(builder.materials),
-        lights=tuple(builder.lights), cameras=builder.cameras, default_camera=default, bounds=bounds,
-        lighting=lighting or "", notices=tuple(builder.notices), environment=builder.environment,
+        lights=tuple(builder.lights), cameras=builder.cameras, default_camera=camera,
+        bounds=bounds_of(meshes, instances), lighting=lighting or "", notices=tuple(builder.notices),
+        environment=builder.environment, approximations=tuple(builder.approximations),
         approximate_lights=tuple(builder.approximate_lights),
         approximated_materials=tuple(builder.approximated_materials),
     )
+    if any(i.moves for i in instances):
+        _check_bounds(scene.swept_bounds, path)
+    return scene
+
+
+def _check_bounds(bounds: F64, path: Path) -> None:
+    if not np.abs(bounds).max() < MAX_COORDINATE:
+        raise SceneError("the scene is too large or not finite", path, f"expected coordinates below {MAX_COORDINATE:g}")

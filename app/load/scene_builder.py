@@ -1,16 +1,25 @@
 """The scene under construction: growing lists, and meshes that are cleaned as they are added."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from copy import copy
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from app.arrays import F64, Floats
+from app.animation.deformation import Deformation
+from app.animation.node_tree import NodePlacement
+from app.arrays import F32, F64, Floats, Ints
 from app.errors import SceneError
 from app.load.geometry import RawMesh, clean
+from app.load.tangents import with_tangents
 from app.scene import CameraPath, Environment, Instance, Light, Material, Mesh
 
 MAX_COORDINATE, MAX_RADIANCE = 1e15, 1e30  # as in scene.schema.json
+MAX_TRIANGLES = MAX_VERTICES = 2**26       # of all meshes; a small file can repeat a large mesh
+MAX_INSTANCES = 2**18
+ALL_ANIMATIONS, NO_ANIMATION = "all", "none"  # beside the names of a file's animations
 
 
 @dataclass
@@ -24,10 +33,16 @@ class SceneBuilder:
     groups : dict of str to list of int
         Indices into ``instances`` of everything that a name in the file moves: an object, or a node with all its
         descendants.
-    approximate_lights, approximated_materials : list
+    approximate_lights, approximated_materials, approximations : list
         See ``Scene``.
+    variant : str or None
+        Which of ``variants``, the file's sets of materials (KHR_materials_variants), is wanted; None: its default.
     dropped_triangles, dropped_normals : int
         How many were broken; face normals replace broken normals.
+    animation : str or None
+        The animation to play; None for the first.
+    animations : list of str
+        Names of the file's animations.
     """
 
     where: str
@@ -41,14 +56,32 @@ class SceneBuilder:
     environment: Environment | None = None
     approximate_lights: list[Light] = field(default_factory=list)
     approximated_materials: list[int] = field(default_factory=list)
+    approximations: list[str] = field(default_factory=list)
+    variant: str | None = None
+    variants: list[str] = field(default_factory=list)
     dropped_triangles: int = 0
     dropped_normals: int = 0
+    animation: str | None = None
+    animations: list[str] = field(default_factory=list)
+    _read_vertices: int = 0
+    _read_triangles: int = 0
     _offsets: dict[int, F64] = field(default_factory=dict)
+    _sources: dict[int, Ints] = field(default_factory=dict)
+
+    def fork(self) -> SceneBuilder:
+        """A builder that holds the same and grows on its own from here."""
+        copies = {f.name: copy(getattr(self, f.name)) for f in fields(self)}
+        return SceneBuilder(**{**copies, "groups": {name: [*members] for name, members in self.groups.items()}})
 
     def notice(self, text: str) -> None:
         """Add a notice for the user, once."""
         if text not in self.notices:
             self.notices.append(text)
+
+    def approximation(self, text: str) -> None:
+        """Say what is only approximated, once."""
+        if text not in self.approximations:
+            self.approximations.append(text)
 
     def add_mesh(self, name: str, raw: RawMesh, material: int) -> int | None:
         """Clean a mesh and add it; None if nothing of it is visible.
@@ -62,10 +95,11 @@ class SceneBuilder:
         if m.alpha_cutoff is not None and m.alpha < m.alpha_cutoff and m.albedo_map is None:
             self.notice(f"material {m.name!r} is more than half transparent, so its surfaces are omitted")
             return None
+        self._count(raw)
         if len(raw.triangles) and int(raw.triangles.max()) >= len(raw.positions):
             raise SceneError(f"a triangle of {name!r} refers to a missing vertex", self.where,
                              "expected indices below the vertex count")
-        cleaned = clean(raw)
+        cleaned = clean(with_tangents(raw, m))
         self.dropped_triangles += cleaned.dropped_triangles
         self.dropped_normals += cleaned.dropped_normals
         if not len(cleaned.triangles):
@@ -79,21 +113,43 @@ class SceneBuilder:
             normals=cleaned.normals.astype(np.float32),
             triangles=cleaned.triangles.astype(np.uint32),
             material=material,
-            uvs=None if cleaned.uvs is None else cleaned.uvs.astype(np.float32),
-            colors=None if cleaned.colors is None else cleaned.colors.astype(np.float32),
+            uvs=_float32(cleaned.uvs),
+            colors=_float32(cleaned.colors),
+            second_uvs=_float32(cleaned.second_uvs),
+            tangents=_float32(cleaned.tangents),
         ))
         self._offsets[index] = center
+        if cleaned.source is not None:
+            self._sources[index] = cleaned.source
         return index
 
-    def add_instance(self, name: str, mesh: int, transform: F64, groups: Sequence[str] = ()) -> None:
-        """Place a mesh in the world; ``transform`` maps the mesh coordinates of the file to world space."""
+    def add_instance(self, name: str, mesh: int, transform: F64, groups: Sequence[str] = (),
+                     placement: NodePlacement | None = None, deformation: Deformation | None = None) -> None:
+        """Place a mesh in the world; ``transform`` maps the mesh coordinates of the file to world space.
+
+        So does ``placement`` at any time, and ``deformation`` gives these coordinates of all vertices of the file's.
+        """
         if not np.isfinite(transform).all():
             raise SceneError(f"the transform of {name!r} is not finite", self.where, "expected finite numbers")
+        if len(self.instances) >= MAX_INSTANCES:
+            raise SceneError("the scene has too many objects", self.where,
+                             f"expected at most {MAX_INSTANCES:,} instances")
         centered = transform.copy()
         centered[:3, 3] += transform[:3, :3] @ self._offsets[mesh]
         for group in dict.fromkeys((name, *groups)):
             self.groups.setdefault(group, []).append(len(self.instances))
-        self.instances.append(Instance(name, mesh, centered))
+        if deformation is not None:
+            deformation = deformation.select(self._sources[mesh], self._offsets[mesh])
+        self.instances.append(Instance(
+            name, mesh, centered, deformation=deformation,
+            placement=None if placement is None else placement.shifted(self._offsets[mesh])))
+
+    def _count(self, raw: RawMesh) -> None:
+        self._read_vertices += len(raw.positions)
+        self._read_triangles += len(raw.triangles)
+        if self._read_vertices > MAX_VERTICES or self._read_triangles > MAX_TRIANGLES:
+            raise SceneError("the scene is too large", self.where,
+                             f"expected at most {MAX_TRIANGLES:,} triangles and as many vertices")
 
     def scale_emission(self, factor: float) -> None:
         """Multiply the emission of all materials."""
@@ -116,6 +172,10 @@ class SceneBuilder:
         self.materials = [self.materials[i] for i in materials]
         self.approximated_materials = [new_material[i] for i in self.approximated_materials if i in new_material]
         self.instances = [replace(i, mesh=new_mesh[i.mesh]) for i in self.instances]
+
+
+def _float32(values: F64 | None) -> F32 | None:
+    return None if values is None else values.astype(np.float32)
 
 
 def color(values: Sequence[float] | Floats) -> tuple[float, float, float]:

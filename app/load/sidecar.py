@@ -11,7 +11,7 @@ from app.errors import SceneError
 from app.io.checked_json import at, check, read_checked
 from app.load.motion import MotionKey, motion_key
 from app.load.scene_builder import vector
-from app.scene import Camera, CameraPath, DirectionalLight, Light, PointLight, RectLight, SpotLight
+from app.scene import Camera, CameraPath, DirectionalLight, Intrinsics, Light, PointLight, RectLight, SpotLight
 
 _MAX_EDGE_COSINE = 1e-3  # between the edges of a rectangle
 
@@ -84,11 +84,20 @@ def _camera_path(spec: dict[str, Any], path: Path, *keys: object) -> CameraPath:
     if "keys" not in spec:
         return CameraPath.still(_camera(spec, path, *keys))
     times = _times(spec["keys"], path, *keys)
-    return CameraPath(times, tuple(_camera(k, path, *keys, "keys", i) for i, k in enumerate(spec["keys"])))
+    cameras = tuple(_camera(k, path, *keys, "keys", i) for i, k in enumerate(spec["keys"]))
+    if len({(c.orthographic_height is None, c.intrinsics is None) for c in cameras}) > 1:
+        raise SceneError("keys have different kinds of projection", at(path, *keys, "keys"),
+                         "expected orthographic_height, or intrinsics, in every key or in none")
+    return CameraPath(times, cameras)
 
 
 def _camera(spec: dict[str, Any], path: object, *keys: object) -> Camera:
     values: dict[str, Any] = {k: vector(v) if isinstance(v, list) else v for k, v in spec.items() if k != "time"}
+    if "intrinsics" in values:
+        if "orthographic_height" in values:
+            raise SceneError("a camera has intrinsics and orthographic_height", at(path, *keys),
+                             "expected at most one of them")
+        values["intrinsics"] = Intrinsics(**values["intrinsics"])
     camera = Camera(**values)
     forward = np.subtract(camera.target, camera.eye)
     if not np.any(forward):

@@ -6,10 +6,13 @@ SCREEN, CUBE, PANORAMA, SURFELS, RAYS, GLOBALS = "screen", "cube", "panorama", "
 SEEN = (SCREEN, CUBE, PANORAMA)  # grids of texels that are drawn from the camera; only these show the sky
 BOUNCES = "bounces"
 INDIRECT, DIFFUSE, SPECULAR = "indirect.rgb", "direct.diffuse.rgb", "direct.specular.rgb"
+SURFEL_INDIRECT = "surfel.indirect.rgb"
 # A network that shades an environment writes ENVIRONMENT. It alone may read UNSHADOWED_CHANNELS, and it may not read
 # LIT, which contains its own output.
 ENVIRONMENT = (DIFFUSE, SPECULAR)
 UNSHADOWED_CHANNELS = ("unshadowed_environment.diffuse.rgb", "unshadowed_environment.specular.rgb")
+# What a network may read of light that is gathered on its own grid along rays in each frame.
+GATHERED_CHANNELS = ("gathered.rgb", "gathered.count", "gathered.distance", "interpolated.rgb")
 LIT = ("direct.rgb", "radiance.rgb", "surface_and_sky_radiance.rgb")
 
 
@@ -93,10 +96,21 @@ CHANNELS: dict[str, Channel] = {
                 "distance to the eighth-nearest surfel, the radius of the neighbourhood that it represents"),
         Channel("surfel.weight", 1, "1", (0.0, 1.0), 0.0, (SURFELS,),
                 "how well the surfel represents its neighbourhood; 0 for unused entries"),
+        Channel("surfel.clip_plane.view.xyzw", 4, "extent", (-HALF_MAX, HALF_MAX), 0.0, (SURFELS,),
+                "unit normal and offset of a wall; beyond it, where normal · position + offset > 0, the surfel has no "
+                "weight; zeros for none"),
         Channel("ray.surfel", 1, "1", (-1.0, HALF_MAX), -1.0, (RAYS,),
                 "index of the surfel that represents what a ray from this one hits; -1 for none"),
         Channel("ray.albedo.rgb", 3, "1", (0.0, 1.0), 0.0, (RAYS,),
                 "diffuse reflectance where the ray hits; 0 if it hits nothing"),
+        Channel("gathered.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, (SCREEN,),
+                "indirect radiance divided by albedo: mean over rays of the light that surfels send where they end",
+                radiance=True),
+        Channel("gathered.count", 1, "1", (0.0, HALF_MAX), 0.0, (SCREEN,), "number of these rays"),
+        Channel("gathered.distance", 1, "1", (0.0, 1.0), 0.0, (SCREEN,),
+                "mean distance of their ends, at most the median radius of the surfels, relative to it"),
+        Channel("interpolated.rgb", 3, "W/(sr m²)", _RADIANCE, 0.0, (SCREEN,),
+                "indirect radiance divided by albedo, interpolated between the surfels around", radiance=True),
         Channel("environment.sh", 75, "W/(sr m²)", (-HALF_MAX, HALF_MAX), 0.0, (GLOBALS,),
                 "the environment in real spherical harmonics to order 4, camera space: red's 25, green's, blue's",
                 radiance=True),
@@ -113,5 +127,7 @@ CHANNELS: dict[str, Channel] = {
                 output=True),
         Channel(INDIRECT, 3, "W/(sr m²)", _RADIANCE, 0.0, (SCREEN,),
                 "indirect radiance divided by albedo", radiance=True, output=True),
+        Channel(SURFEL_INDIRECT, 3, "W/(sr m²)", _RADIANCE, 0.0, (SURFELS,),
+                "the same at surfels, which reflections show", radiance=True, output=True),
     )
 }

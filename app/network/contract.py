@@ -9,7 +9,7 @@ from typing import Any
 
 from app.errors import ModelError
 from app.io.checked_json import check
-from app.network.channels import CHANNELS, CUBE, DIFFUSE, GLOBALS, PANORAMA, RAYS, SCREEN, SURFELS
+from app.network.channels import CHANNELS, CUBE, DIFFUSE, GATHERED_CHANNELS, GLOBALS, PANORAMA, RAYS, SCREEN, SURFELS
 from app.network.contract_rules import find_problems
 
 KEY = "afterglow"  # of the metadata entry that holds the contract
@@ -129,6 +129,11 @@ class ModelContract:
     def shades_environment(self) -> bool:
         """Whether the network computes the direct light of an environment; otherwise it computes indirect light."""
         return any(DIFFUSE in spec.channels for spec in self.outputs.values())
+
+    @property
+    def gathers(self) -> bool:
+        """Whether the network reads light that is gathered along rays."""
+        return any(name in GATHERED_CHANNELS for spec in self.inputs.values() for name in spec.channels)
 
     @property
     def face(self) -> int | None:

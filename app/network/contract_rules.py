@@ -12,11 +12,14 @@ from app.network.channels import (
     CHANNELS,
     CUBE,
     ENVIRONMENT,
+    GATHERED_CHANNELS,
     GLOBALS,
+    INDIRECT,
     LIT,
     PANORAMA,
     RAYS,
     SCREEN,
+    SURFEL_INDIRECT,
     SURFELS,
     UNSHADOWED_CHANNELS,
 )
@@ -92,12 +95,17 @@ def _role_problems(contract: ModelContract) -> Problems:
     written = {name for spec in contract.outputs.values() for name in spec.channels}
     if written & set(ENVIRONMENT) and written != set(ENVIRONMENT):
         yield f"outputs {', '.join(sorted(written))}", f"expected either indirect light or {' and '.join(ENVIRONMENT)}"
-    forbidden = (*LIT, BOUNCES) if contract.shades_environment else UNSHADOWED_CHANNELS
+    if SURFEL_INDIRECT in written and (INDIRECT not in written or contract.surfels is None):
+        yield f"outputs {', '.join(sorted(written))}", f"expected {INDIRECT} too, of a network that reads surfels"
+    forbidden = (*LIT, BOUNCES, *GATHERED_CHANNELS) if contract.shades_environment else UNSHADOWED_CHANNELS
     role = "shades an environment" if contract.shades_environment else "computes indirect light"
     for tensor, spec in contract.inputs.items():
         for name in spec.channels:
             if name in forbidden:
                 yield f"channel {name!r} of a network that {role}", f"expected no input among {', '.join(forbidden)}"
+        if contract.gathers and spec.grid in (SURFELS, RAYS):
+            yield (f"tensor {tensor!r} of a network that reads gathered light is on the grid {spec.grid}",
+                   "expected none there: surfels and their light are those that rays end at")
         if contract.shades_environment and spec.grid not in (SCREEN, GLOBALS):
             yield (f"tensor {tensor!r} of a network that {role} is on the grid {spec.grid}",
                    f"expected {SCREEN} or {GLOBALS}")

@@ -10,6 +10,8 @@ from app.errors import ModelError, SettingsError, did_you_mean
 AUTO = "auto"
 MAX_REASON_LENGTH = 200
 _REMOTE = ("AzureExecutionProvider",)  # sends data to a server: never a choice here
+# Products of matrices with 10 bits of mantissa (TF32) would err by 2 % of the light on the mean, 30 % at worst.
+_OPTIONS = {"CUDAExecutionProvider": {"use_tf32": "0"}}
 
 
 def list_providers() -> list[str]:
@@ -44,7 +46,8 @@ def open_session(path: Path, provider: str) -> ort.InferenceSession:
     check_provider(provider)
     known = list_providers()
     chosen = provider if provider != AUTO else "cuda" if "cuda" in known else "cpu"
-    wanted = [name for name in ort.get_available_providers() if short_name(name) in (chosen, "cpu")]
+    wanted = [(name, _OPTIONS.get(name, {})) for name in ort.get_available_providers()
+              if short_name(name) in (chosen, "cpu")]
     options = ort.SessionOptions()
     options.graph_optimization_level = ort.GraphOptimizationLevel.ORT_ENABLE_ALL
     options.intra_op_num_threads = _physical_cores()

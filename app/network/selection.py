@@ -22,13 +22,13 @@ NONE: Final = "none"                          # no model
 SSGI: Final = "ssgi"                          # the classical screen-space method
 UNSHADOWED: Final = "unshadowed_environment"  # an environment's light without shadows
 DEFAULT_MODEL = "ember"                       # world-surfel radiosity
+SURFEL_MODEL = "ember"                        # whose light at surfels gathered rays end with
 DEFAULT_COMPARISON = (NONE, "radiosity", DEFAULT_MODEL)
 HALF_SUFFIX = "-half"                         # of networks in half precision beside the same in single precision
 SEPARATOR = "+"                               # between two models that are used together
 Model = Path | Literal["ssgi", "unshadowed_environment"]
 
 _TASKS = {"indirect": "compute indirect light", "environment": "shade an environment"}
-_SKY_CHANNELS = {"emissive_irradiance.rgb", "surface_and_sky_radiance.rgb", "environment.sh"}
 
 
 @dataclass(frozen=True)
@@ -41,10 +41,13 @@ class Models:
         Computes the indirect light.
     environment : Network, ``unshadowed_environment`` or None
         Shades surfaces by the scene's environment.
+    surfels : Network or None
+        Computes the light of surfels that gathered rays end with, if ``indirect`` reads such light.
     """
 
     indirect: Network | RepeatedNetwork | Literal["ssgi"] | None = None
     environment: Network | Literal["unshadowed_environment"] | None = None
+    surfels: Network | None = None
 
     @property
     def provider(self) -> str:
@@ -134,16 +137,13 @@ def shades_environment(model: Model) -> bool:
 
 
 def environment_notices(scene: Scene, models: Sequence[Model]) -> Iterator[str]:
-    """Notes for the user when the environment lights surfaces without shadows, or not at all."""
+    """Notes for the user when the environment lights surfaces without shadows, or when there is none to shade."""
     shading = [model for model in models if shades_environment(model)]
     if scene.environment is None:
         if shading:
             yield "the scene has no environment to shade"
     elif UNSHADOWED in shading:
         yield "the environment casts no shadows: that needs a network, such as ndr-8"
-    elif not shading and not any(_reads_sky(model) for model in models):
-        yield ("the environment is visible but lights nothing: ember computes its light as indirect light, ndr-8 and "
-               f"{UNSHADOWED} shade by it")
 
 
 def load_models(models: Sequence[Model], settings: Settings, has_environment: bool) -> Models:
@@ -160,6 +160,8 @@ def load_models(models: Sequence[Model], settings: Settings, has_environment: bo
     loaded = {role: _load(model, settings) for role, model in roles.items()}
     if settings.bounces is not None:
         loaded["indirect"] = with_bounces(loaded.get("indirect"), settings.bounces)
+    if isinstance(model := roles.get("indirect"), Path) and read_contract(model).gathers:
+        loaded["surfels"] = _load_surfel_model(settings)
     return Models(**loaded)
 
 
@@ -170,6 +172,13 @@ def _load(model: Model, settings: Settings) -> Any:
 
     grid = read_contract(model).with_scale(settings.scale).screen_size(settings.size)
     return Network(model, grid, settings.provider, settings.strict_device, settings.scale)
+
+
+def _load_surfel_model(settings: Settings) -> Network:
+    """A network for a screen of one texel, which stays empty: only the light of surfels is wanted."""
+    from app.network.session import Network  # imports onnxruntime, which is slow
+
+    return Network(find_model(SURFEL_MODEL), (1, 1), settings.provider, settings.strict_device)
 
 
 def _bundled(shading: bool) -> list[str]:
@@ -187,9 +196,3 @@ def _split(text: str) -> list[str]:
         if all(name in known or Path(name).is_file() for name in names):
             return names
     return [part.strip() for part in parts]
-
-
-def _reads_sky(model: Model) -> bool:
-    """Whether a network for indirect light reads the light of the environment."""
-    specs = read_contract(model).inputs.values() if isinstance(model, Path) else ()
-    return any(_SKY_CHANNELS.intersection(spec.channels) for spec in specs)

@@ -91,7 +91,7 @@ class Network:
 
         Returns
         -------
-        dict of str to ndarray, float32, shape (C, h, w)
+        dict of str to ndarray, float32, shape (C, h, w), or (C, S) on surfels
             By output channel name, finite and inside the channel's range, top row first.
 
         Raises
@@ -114,7 +114,8 @@ class Network:
             if result.shape != expected:
                 raise ModelError(f"output {t!r} has the shape {list(result.shape)}", self.path,
                                  f"expected {list(expected)}")
-            result = clamp(result[0, :, :h, :w].astype(np.float32), *self._output_bounds[t])
+            result = result[0, :, :h, :w] if spec.grid == SCREEN else result[0]
+            result = clamp(result.astype(np.float32), *self._output_bounds[t])
             for name, rows in spec.rows():
                 if CHANNELS[name].radiance:
                     result[rows] = np.minimum(result[rows] * np.float32(exposure), CHANNELS[name].range[1])

@@ -37,7 +37,9 @@ def _make(device: Device, bound: BoundPass, environment: Environment, grid: Mapp
 
     def uniforms(frame: FrameState) -> dict[str, object]:
         texture.use(UNIT)
-        pixel = 2 / face if face else 2 * frame.view.tan_half[1] / frame.size[1]  # radians, at the centre of the view
+        # Radians, at the centre of the view; all pixels of an orthographic view show the same direction.
+        view = frame.view
+        pixel = 2 / face if face else 0.0 if view.is_orthographic else 2 * view.half_size[1] / frame.size[1]
         return {"environment": UNIT, "rotation": environment.rotation_deg / 360 % 1.0,
                 "level": math.log2(max(pixel * texels_per_radian, 1.0))}
 

@@ -9,6 +9,7 @@ from app.gl.context import Device
 from app.gl.frame_state import Execute, FrameState
 from app.gl.fullscreen import CUBE_PREFIX, cube_defines, make_fullscreen, ratio_to
 from app.gl.lights import LightSet
+from app.gl.peeling import PeeledLayer
 from app.graph import BoundPass, Pass, Resource, Tex
 from app.math3d import R2
 from app.paths import data_dir
@@ -16,7 +17,9 @@ from app.paths import data_dir
 LTC_UNIT = 15  # texture unit of the table of specular lobes, beyond those of what the pass reads
 
 
-def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] | None, has_sky: bool) -> Pass:
+def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] | None, has_sky: bool,
+            layers: tuple[str, ...], has_normal_maps: bool, layer: PeeledLayer | None = None,
+            sky_is_reflected: bool = False) -> Pass:
     """On the screen; specular light only where a material has a specular lobe.
 
     With TAA each frame samples penumbrae at other points; without it the points are fixed per texel, so that static
@@ -28,30 +31,50 @@ def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] |
         Width and height of the grid of traced shadows; None where there are none.
     has_sky : bool
         Whether the environment is direct light with traced shadows.
+    layers : tuple of str
+        Those of ``clearcoat`` and ``sheen`` that the G-buffer has.
+    has_normal_maps : bool
+        Whether shading normals can face lights that the surface does not.
+    layer : PeeledLayer or None
+        What to light, instead of the G-buffer.
+    sky_is_reflected : bool
+        Whether smooth surfaces reflect the environment elsewhere, by rays.
     """
-    writes: dict[str, Resource] = {"direct": Tex("f2", 4)}
+    prefix = "" if layer is None else layer.prefix
+    writes: dict[str, Resource] = {prefix + "direct": Tex("f2", 4)}
     if has_specular:
-        writes["specular"] = Tex("f2", 4)
-    reads = ("albedo", "normal", "depth", *lights.shadow_maps, *(("specular_roughness",) if has_specular else ()),
-             *(("shadow_ratio", "shadow_gbuffer") if shadow_grid is not None else ()),
+        writes[prefix + "specular"] = Tex("f2", 4)
+    surface = (prefix + name for name in (
+        "albedo", "normal", "depth", *(("specular_roughness",) if has_specular else ()), *layers))
+    reads = (*surface, *lights.shadow_maps, *(("shadow_ratio", "shadow_gbuffer") if shadow_grid is not None else ()),
              *(("sky_irradiance",) if has_sky else ()), *(("sky_specular",) if has_sky and has_specular else ()))
+    defines = {**lights.defines, **({"NORMAL_MAPS": 1} if has_normal_maps else {}),
+               **{f"HAS_{name.upper()}": 1 for name in layers}, **({"WIDE_SHADOW_RATIO": 1} if prefix else {}),
+               **({"SKY_IS_REFLECTED": 1} if sky_is_reflected else {})}
 
-    return Pass("direct", reads=reads, optional=("environment_diffuse", "environment_specular"), writes=writes,
-                make=lambda device, bound: _make(device, bound, lights, shadow_grid))
+    return Pass(prefix + "direct", reads=reads, optional=("environment_diffuse", "environment_specular"), writes=writes,
+                make=lambda device, bound: _make(device, bound, defines, shadow_grid, bool(layers), layer))
 
 
-def declare_cube(lights: LightSet, face: int, camera_axes: bool, is_traced: bool, has_sky: bool) -> Pass:
+def declare_cube(lights: LightSet, face: int, camera_axes: bool, is_traced: bool, has_sky: bool,
+                 has_normal_maps: bool) -> Pass:
     """On the cube around the camera; diffuse only, since networks read no specular light."""
     reads = ("cube_albedo", "cube_normal", "cube_depth", *lights.shadow_maps,
              *(("cube_shadow_ratio",) if is_traced else ()), *(("sky_irradiance",) if has_sky else ()))
-    defines = {**lights.defines, **cube_defines(face, camera_axes), **({"HAS_SHADOW_RATIO": 1} if is_traced else {})}
+    defines = {**lights.defines, **cube_defines(face, camera_axes), **({"HAS_SHADOW_RATIO": 1} if is_traced else {}),
+               **({"NORMAL_MAPS": 1} if has_normal_maps else {})}
     return Pass("cube_direct", reads=reads, writes={"cube_direct": Tex("f2", 4, size=(6 * face, face))},
                 make=make_fullscreen("direct.frag", lambda frame: {"noise_phase": frame.noise_phase % 1.0}, defines,
                                      CUBE_PREFIX))
 
 
-def _make(device: Device, bound: BoundPass, lights: LightSet, shadow_grid: tuple[int, int] | None) -> Execute:
-    has_lobes = "specular" in bound.writes and "HAS_RECT_LIGHT" in lights.defines
+def _make(device: Device, bound: BoundPass, defines: Mapping[str, object], shadow_grid: tuple[int, int] | None,
+          has_layers: bool, layer: PeeledLayer | None) -> Execute:
+    prefix = "" if layer is None else layer.prefix
+    has_specular = prefix + "specular" in bound.writes
+    has_lobes = has_specular and "HAS_RECT_LIGHT" in defines
+    if has_layers and has_specular:
+        defines = {**defines, "LAYERS": 1}
     lobes = _upload_lobes(device) if has_lobes else None
 
     def uniforms(frame: FrameState) -> Mapping[str, object]:
@@ -64,7 +87,7 @@ def _make(device: Device, bound: BoundPass, lights: LightSet, shadow_grid: tuple
             values["ltc"] = LTC_UNIT
         return values
 
-    return make_fullscreen("direct.frag", uniforms, lights.defines)(device, bound)
+    return make_fullscreen("direct.frag", uniforms, defines, prefix, layer=layer)(device, bound)
 
 
 def _upload_lobes(device: Device) -> moderngl.TextureArray:

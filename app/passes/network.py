@@ -9,7 +9,8 @@ import numpy as np
 from app.gl.context import Device
 from app.gl.frame_state import Execute, FrameState
 from app.gl.pool import Resources
-from app.graph import BoundPass, Pass, Tex
+from app.graph import BoundPass, Buf, Pass, Resource, Tex
+from app.network.channels import SURFEL_INDIRECT
 
 if TYPE_CHECKING:
     from app.network.bounces import RepeatedNetwork
@@ -25,10 +26,13 @@ def declare(name: str, network: Network | RepeatedNetwork, tensors: dict[str, st
     tensors : dict of str to str
         The graph's buffer of each input tensor.
     targets : dict of str to str
-        The texture for each output channel.
+        The texture for each output channel, or the buffer of light at surfels.
     """
-    return Pass(name, reads=tuple(tensors.values()),
-                writes={target: Tex("f2", 4, size=grid) for target in targets.values()},
+    writes: dict[str, Resource] = {target: Tex("f2", 4, size=grid) for target in targets.values()}
+    if SURFEL_INDIRECT in targets:
+        assert network.contract.surfels is not None
+        writes[targets[SURFEL_INDIRECT]] = Buf((3, network.contract.surfels[0]))
+    return Pass(name, reads=tuple(tensors.values()), writes=writes,
                 make=lambda device, bound: make(device, bound, network, tensors, grid, targets))
 
 
@@ -42,6 +46,9 @@ def make(device: Device, bound: BoundPass, network: Network | RepeatedNetwork, t
             resources.buffer(name).read_into(inputs[tensor])  # waits for the passes before
         outputs = network.run(inputs)
         for channel, target in written.items():
+            if channel == SURFEL_INDIRECT:
+                resources.buffer(target).write(np.ascontiguousarray(outputs[channel], np.float32))
+                continue
             pixels = np.ones((*outputs[channel].shape[1:], 4), np.float16)
             pixels[..., :3] = np.moveaxis(outputs[channel], 0, -1)[::-1]  # tensors are top-down, GL is bottom-up
             resources[target].write(pixels.tobytes())

@@ -22,6 +22,10 @@ SOURCES: dict[str, tuple[str, ...]] = {
     "roughness": ("specular_roughness?",),
     "solid_angle": ("depth",),
     "on_screen": (),
+    "gathered.rgb": ("gathered_light",),
+    "gathered.count": ("gathered_light",),
+    "gathered.distance": ("gathered_distance",),
+    "interpolated.rgb": ("interpolated_light",),
     "unshadowed_environment.diffuse.rgb": ("unshadowed_diffuse",),
     "unshadowed_environment.specular.rgb": ("unshadowed_specular?",),
 }

@@ -11,6 +11,7 @@ from app.gl.pool import Resources
 from app.graph import Buf, Pass
 from app.network.channels import RAYS, SURFELS
 from app.network.contract import ModelContract
+from app.surfels.light_samples import mean_light
 from app.surfels.tracked import TrackedSurfels
 from app.surfels.world import WorldSurfels
 
@@ -39,7 +40,10 @@ def make(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, str]
         nonlocal direct, direct_stamps
         world = surfels.world
         if direct_stamps != resources.read_stamps():
-            direct, direct_stamps = _mean_light(resources, world), resources.read_stamps()
+            texture = resources["surfel_light"]
+            texels = np.frombuffer(texture.read(alignment=1), np.float16).astype(np.float32)
+            direct = mean_light(texels.reshape(texture.height, texture.width, 4), world)
+            direct_stamps = resources.read_stamps()
         for tensor, spec in contract.inputs.items():
             if spec.grid == SURFELS:
                 irradiance = direct + world.sky_irradiance
@@ -55,18 +59,6 @@ def make(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, str]
             resources.set_current(surfels.version, names[tensor])
 
     return execute
-
-
-def _mean_light(resources: Resources, world: WorldSurfels) -> F32:
-    """Irradiance / π of each surfel, shape (S, 3): the mean over its light samples."""
-    texture = resources["surfel_light"]
-    texels = np.frombuffer(texture.read(alignment=1), np.float16).astype(np.float32)
-    texels = texels.reshape(texture.height, texture.width, 4)
-    quads = (texels[::2, ::2] + texels[::2, 1::2] + texels[1::2, ::2] + texels[1::2, 1::2]) / 4
-    samples = quads.reshape(-1, 4)[:len(world.light_sample_surfel)]
-    count = np.maximum(np.bincount(world.light_sample_surfel, minlength=world.count), 1)
-    return np.stack([np.bincount(world.light_sample_surfel, samples[:, c], world.count) / count for c in range(3)],
-                    axis=1).astype(np.float32)
 
 
 def _on_surfels(name: str, world: WorldSurfels, frame: FrameState, extent: float,
@@ -85,6 +77,10 @@ def _on_surfels(name: str, world: WorldSurfels, frame: FrameState, extent: float
             return world.emissive_irradiance.T
         case "surfel.radius":
             return world.radius[None] * np.float32(extent)
+        case "surfel.clip_plane.view.xyzw":
+            normal, offset = world.clip_plane[:, :3], world.clip_plane[:, 3:]
+            offset = (offset + normal @ (frame.view.eye - world.origin)[:, None]) * extent
+            return np.concatenate([normal @ frame.view.rotation.T, offset], axis=1).T
         case "surfel.weight":
             return world.weight[None]
     raise AssertionError(name)

@@ -4,35 +4,40 @@ import moderngl
 
 from app.gl.context import Device
 from app.gl.frame_state import Execute, FrameState
-from app.gl.fullscreen import write_defines
 from app.gl.geometry import Drawable
-from app.gl.lights import LightSet, ShadowFace
+from app.gl.lights import TRANSMITTANCE_MAPS, LightSet, ShadowFace
 from app.gl.pool import Resources
 from app.gl.shader import Program
 from app.graph import BoundPass, Pass, Tex
 
 TILE = 8      # texels along the edge of one texel of the nearest map, as in shadow_tile.glsl
 EMPTY = 1e30  # distance where nothing casts a shadow
-MASK_FEATURES = ("ALPHA_MASK", "ALBEDO_MAP", "VERTEX_COLOR")
+MASK_FEATURES = ("ALPHA_MASK", "ALBEDO_MAP", "UV", "SECOND_UV", "VERTEX_COLOR", "BLENDED")
+TRANSMITTANCE_FEATURES = (*MASK_FEATURES, "METALLIC", "METALLIC_ROUGHNESS_MAP", "TRANSMISSION_MAP")
 
 
 def declare(lights: LightSet) -> Pass:
     """The pass for the atlas that ``lights`` laid out; it keeps its texels while nothing moves.
 
     ``shadow`` holds distances, ``shadow_slope`` how surfaces lie in the map, for hard shadows, and ``shadow_nearest``
-    the smallest distance in each tile, for soft ones.
+    the smallest distance in each tile, for soft ones. ``shadow_transmittance`` holds the share of light that passes all
+    blended and transmissive surfaces before the opaque one, ``shadow_transmittance_depth`` the distance of the nearest.
     """
     width, height = lights.atlas_size
     return Pass("shadow", writes={
         "shadow": Tex("f4", 1, size=(width, height)),
         "shadow_slope": Tex("f2", 2, size=(width, height)),
         "shadow_nearest": Tex("f4", 1, size=(max(1, width // TILE), max(1, height // TILE))),
+        TRANSMITTANCE_MAPS[0]: Tex("f1", 4, size=(width, height)),
+        TRANSMITTANCE_MAPS[1]: Tex("f4", 1, size=(width, height)),
     }, make=make)
 
 
 def make(device: Device, bound: BoundPass) -> Execute:
     nearest = device.fullscreen("shadow_nearest.frag") if "shadow_nearest" in bound.writes else None
-    maps = tuple(w for w in bound.writes if w != "shadow_nearest")
+    maps = tuple(w for w in bound.writes if w in ("shadow", "shadow_slope"))
+
+    is_tinted = TRANSMITTANCE_MAPS[0] in bound.writes
 
     def execute(frame: FrameState, resources: Resources) -> None:
         if resources.is_current(frame.lighting):
@@ -44,7 +49,9 @@ def make(device: Device, bound: BoundPass) -> Execute:
         device.ctx.depth_func = "<"
         for face in frame.lights.faces():
             target.viewport = face.rect
-            _draw_face(device, frame, face, write_defines(bound))
+            _draw_face(device, frame, face, {"WRITE_" + name.upper(): i for i, name in enumerate(maps)})
+        if is_tinted:
+            _draw_transmittance(device, frame, resources)
         if nearest is not None:
             resources.target("shadow_nearest")
             device.ctx.enable_only(moderngl.NOTHING)
@@ -56,14 +63,38 @@ def make(device: Device, bound: BoundPass) -> Execute:
     return execute
 
 
+def _draw_transmittance(device: Device, frame: FrameState, resources: Resources) -> None:
+    """Multiply what blended and transmissive surfaces leave of the light before what is opaque, then find the nearest.
+
+    Both are drawn against the depth buffer of the opaque surfaces.
+    """
+    for name, empty, defines in ((TRANSMITTANCE_MAPS[0], 1.0, {"WRITE_SHADOW_TRANSMITTANCE": 0}),
+                                 (TRANSMITTANCE_MAPS[1], EMPTY, {"WRITE_SHADOW": 0})):
+        target = resources.target(name, with_depth=True)
+        target.viewport = (0, 0, *target.size)
+        target.depth_mask = False
+        target.clear(empty, empty, empty, empty)
+        target.depth_mask = multiplies = "WRITE_SHADOW" in defines
+        device.ctx.enable_only(moderngl.DEPTH_TEST if multiplies else moderngl.DEPTH_TEST | moderngl.BLEND)
+        device.ctx.blend_func = moderngl.DST_COLOR, moderngl.ZERO
+        for face in frame.lights.faces():
+            target.viewport = face.rect
+            _draw_face(device, frame, face, {**defines, "SEE_THROUGH": 1})
+
+
 def _draw_face(device: Device, frame: FrameState, face: ShadowFace, writes: dict[str, object]) -> None:
+    is_see_through = "SEE_THROUGH" in writes
+    features = TRANSMITTANCE_FEATURES if "WRITE_SHADOW_TRANSMITTANCE" in writes else MASK_FEATURES
+
     def program_of(d: Drawable) -> Program:
-        defines = {**writes, **{f: 1 for f in d.features if f in MASK_FEATURES and d.masked}}
+        used = features if d.masked or is_see_through else ()
+        defines = {**writes, **{f: 1 for f in d.features if f in used}}
         if face.axis is not None:
             defines["PARALLEL"] = 1
         program = device.program("shadow.vert", "shadow.frag", defines=defines)
         program.set(clip_from_relative=face.clip, frame=face.frame)
         return program
 
-    casters = frame.geometry.visible(face.clip, face.origin, lambda d: not d.material.is_light_proxy)
+    casters = frame.geometry.visible(face.clip, face.origin, lambda d: (
+        not d.material.is_light_proxy and d.material.is_see_through == is_see_through))
     frame.geometry.draw(casters, program_of, face.origin)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from app.gl.context import Device
 from app.gl.frame_state import Execute, FrameState, MotionKind
-from app.gl.fullscreen import CUBE_PREFIX, cube_defines, make_fullscreen, ratio_to, read_defines
+from app.gl.fullscreen import CUBE_PREFIX, cube_defines, make_fullscreen, ratio_to, read_defines, reduced_grid
 from app.gl.lights import LightSet
 from app.gl.pool import Resources
 from app.gl.shadow_rays import RayScene, ShadowRays, share_of
@@ -29,11 +29,8 @@ SUMS = ("shadow_visible", "shadow_unshadowed")
 
 
 def grid(size: tuple[int, int]) -> tuple[int, int]:
-    """Width and height of the screen's grid: the image's, divided by the smallest whole number that is enough."""
-    divisor = 1
-    while math.prod(smaller := (-(-size[0] // divisor), -(-size[1] // divisor))) > MAX_RECEIVERS:
-        divisor += 1
-    return smaller
+    """Width and height of the screen's grid."""
+    return reduced_grid(size, MAX_RECEIVERS)
 
 
 def declare(lights: LightSet, has_sky: bool, scene: Callable[[], RayScene], size: tuple[int, int],
@@ -80,7 +77,7 @@ def _make_rays(device: Device, bound: BoundPass, lights: LightSet, scene: RaySce
     first = min(MAX_FIRST_SAMPLES, max(1, FIRST_RAYS // math.prod(size)))
 
     def execute(frame: FrameState, resources: Resources) -> None:
-        key = _view_and_lighting(frame)
+        key = frame.view_and_lighting
         if not has_history and resources.is_current(key):
             return
         budget = CHANGED_FRAME_RAYS if frame.motion is MotionKind.OBJECTS else FRAME_RAYS
@@ -94,11 +91,6 @@ def _make_rays(device: Device, bound: BoundPass, lights: LightSet, scene: RaySce
         resources.set_current(key)
 
     return execute
-
-
-def _view_and_lighting(frame: FrameState) -> tuple[object, ...]:
-    """What rays without history depend on."""
-    return frame.view.eye.tobytes(), frame.view.rotation.tobytes(), frame.view.tan_half, frame.lighting
 
 
 def declare_cube(lights: LightSet, has_sky: bool, scene: Callable[[], RayScene], face: int, camera_axes: bool) -> Pass:
@@ -115,7 +107,7 @@ def _make_cube_rays(device: Device, bound: BoundPass, scene: RayScene, size: tup
     rays = ShadowRays(device, size, {**defines, **read_defines(bound)}, scene)
 
     def execute(frame: FrameState, resources: Resources) -> None:
-        key = _view_and_lighting(frame)
+        key = frame.view_and_lighting
         if resources.is_current(key):
             return
         resources.bind(rays.program, CUBE_PREFIX)

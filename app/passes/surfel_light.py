@@ -42,7 +42,7 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
             if lights.has_traced else None)
 
     def execute(frame: FrameState, resources: Resources) -> None:
-        surfels.update(frame.view, frame.geometry.time)
+        surfels.update(frame.view, frame.geometry.time, frame.viewpoints)
         key = surfels.version, frame.lighting, resources.read_stamps()
         if resources.is_current(key):
             return

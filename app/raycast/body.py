@@ -10,10 +10,15 @@ from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from app.arrays import F32, F64, Bools, Ints
-from app.math3d import normal_matrix
+from app.math3d import normal_matrix, unit_rows
 from app.network.channels import HALF_MAX
 from app.raycast.prefiltered_textures import PrefilteredTextures, sample_nearest
-from app.scene import Instance, Material, Mesh, Scene, Texture
+from app.scene import Instance, Material, Scene, Texture
+from app.specular_albedo import specular_albedo
+
+# Those that rays see, beside that of transmission.
+_MAPS = ("albedo_map", "emission_map", "metallic_roughness_map", "specular_map")
+MAX_PASSED = 16  # surfaces with holes, culled backs and light proxies that a ray can pass
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,8 +29,10 @@ class SurfaceInteraction:
     ----------
     normal : ndarray, float32, shape (N, 3)
         Unit shading normal in the body's space, on the side of the ray's origin.
-    albedo, emission : ndarray, float32, shape (N, 3)
-        Emission in W/(sr m²); 0 on light proxies, whose emission is an analytic light.
+    albedo : ndarray, float32, shape (N, 3)
+        Share of light from everywhere that goes back along the ray, by diffuse and specular reflection.
+    emission : ndarray, float32, shape (N, 3)
+        In W/(sr m²); 0 on light proxies, whose emission is an analytic light.
     """
 
     normal: F32
@@ -40,40 +47,48 @@ class Body:
     ----------
     placed : iterable of (Instance, ndarray)
         Each instance with its matrix from object space to the body's space.
+    time : float
+        Seconds, of the shape of instances that deform.
     textures : PrefilteredTextures
         Shared by all bodies of a scene.
 
     Attributes
     ----------
-    has_alpha_tested : bool
-        Whether rays can pass through some triangles; ``is_occluded`` leaves those out.
+    part : ndarray of int, shape (T,)
+        Which of ``placed`` each triangle belongs to.
     """
 
-    def __init__(self, scene: Scene, placed: Iterable[tuple[Instance, F64]], textures: PrefilteredTextures) -> None:
+    def __init__(self, scene: Scene, placed: Iterable[tuple[Instance, F64]], textures: PrefilteredTextures,
+                 time: float = 0.0) -> None:
         self._textures = textures
-        parts = [_transform_instance(scene, instance, matrix) for instance, matrix in placed]
+        parts = [_transform_instance(scene, instance, matrix, time) for instance, matrix in placed]
         self._materials = list({id(p.material): p.material for p in parts}.values())
         number = {id(m): k for k, m in enumerate(self._materials)}
         start = np.cumsum([0, *(len(p.positions) for p in parts)])
         self.triangles = _concatenate([p.triangles + s for p, s in zip(parts, start, strict=False)], (0, 3), np.int64)
         self.positions = _concatenate([p.positions for p in parts], (0, 3), np.float32)
         self._normals = _concatenate([p.normals for p in parts], (0, 3), np.float32)
-        self._uvs = _concatenate([p.uvs for p in parts], (0, 2), np.float32)
+        # Vertex values of the uv sets; few scenes have a second one.
+        sets = 2 if any(t.uv_set for m in self._materials for t in m.maps.values()) else 1
+        self._uvs = [_concatenate([p.uvs[number] for p in parts], (0, 2), np.float32) for number in range(sets)]
         self._colors = _concatenate([p.colors for p in parts], (0, 4), np.float32)
         self._material = _concatenate([np.full(len(p.triangles), number[id(p.material)]) for p in parts], (0,),
                                       np.int64)
+        self.part = np.repeat(np.arange(len(parts)), [len(p.triangles) for p in parts])
         self._mirrored = _concatenate([np.full(len(p.triangles), p.mirrored) for p in parts], (0,), np.bool_)
         self._scene = _embree_scene(self.positions, self.triangles)
         corners = self.positions if len(self.positions) else np.zeros((1, 3), np.float32)
         low, high = corners.min(axis=0).astype(np.float64), corners.max(axis=0).astype(np.float64)
         self.center, self.radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
-        self._alpha_tested = np.array([m.alpha_cutoff is not None for m in self._materials], bool)
+        self._alpha_tested = np.array([m.alpha_cutoff is not None or m.is_see_through for m in self._materials], bool)
+        self._one_sided = np.array([m.is_one_sided for m in self._materials], bool)
         self._light_proxies = np.array([m.is_light_proxy for m in self._materials], bool)
-        opaque, proxy = ~self._alpha_tested[self._material], self._light_proxies[self._material]
+        opaque = ~(self._alpha_tested | self._one_sided)[self._material]
+        proxy = self._light_proxies[self._material]
         blocks = opaque & ~proxy
         self._opaque = self._scene if blocks.all() else _embree_scene(self.positions, self.triangles[blocks])
         self._opaque_proxies = _embree_scene(self.positions, self.triangles[opaque & proxy])
-        self.has_alpha_tested = bool((~opaque).any())
+        self._has_passable = bool((~opaque).any())
 
     def cast(self, origins: F32, directions: F32, t_max: F32) -> tuple[F32, Ints, F32, F32]:
         """Find the nearest triangle along each ray.
@@ -112,13 +127,15 @@ class Body:
         face[hit] = np.where(away[:, None], -normal, normal)
         return distance, triangle, uv, face
 
-    def is_occluded(self, origins: F32, vectors: F32, proxies_block: bool) -> Bools:
-        """Whether an opaque triangle lies between each origin and the end of its vector, shape (N,).
+    def is_occluded(self, origins: F32, vectors: F32, steps: F32, proxies_block: bool) -> Bools:
+        """Whether a surface blocks light from the end of each vector to its origin, shape (N,).
 
         Parameters
         ----------
         origins, vectors : ndarray, float32, shape (N, 3)
             In the body's space.
+        steps : ndarray, float32, shape (N,)
+            How far rays go on behind what they pass, in lengths of their vectors.
         proxies_block : bool
             Whether light proxies count.
         """
@@ -126,24 +143,71 @@ class Body:
         if proxies_block and self._opaque_proxies is not None:
             left = np.flatnonzero(~occluded)
             occluded[left] = _meets(self._opaque_proxies, origins[left], vectors[left])
+        rows = np.flatnonzero(~occluded) if self._has_passable else np.zeros(0, np.int64)
+        passed = np.zeros(len(rows), np.float32)
+        for _ in range(MAX_PASSED):
+            if not len(rows):
+                break
+            start = origins[rows] + passed[:, None] * vectors[rows]
+            distance, triangle, uv, _ = self.cast(start, vectors[rows], 1 - passed)
+            met = triangle >= 0
+            passes = met & self.is_passed(triangle, uv, -vectors[rows])  # light comes from the other end
+            if not proxies_block:
+                passes |= met & self.is_light_proxy(triangle)
+            occluded[rows[met & ~passes]] = True
+            passed = passed + distance + steps[rows]
+            passes &= passed < 1
+            rows, passed = rows[passes], passed[passes]
         return occluded
 
     def surface_corners(self) -> F32:
         """Corners of all triangles but those of light proxies, shape (T, 3, 3), in the body's space."""
         return self.positions[self.triangles[~self.is_light_proxy(np.arange(len(self.triangles)))]]
 
-    def is_cut_out(self, triangle: Ints, uv: F32) -> Bools:
-        """Whether the alpha test removes the surface at each hit, shape (N,)."""
-        cut_out: Bools = np.zeros(len(triangle), np.bool_)
+    def frames(self, triangle: Ints, uv: F32) -> tuple[F32, F32]:
+        """Where points on triangles are, shape (N, 3), and axes that turn with the triangles, shape (N, 3, 3)."""
+        origin = self._interpolate(self.positions, triangle, uv)
+        a, b, c = (self.positions[self.triangles[triangle, i]].astype(np.float64) for i in range(3))
+        normal = unit_rows(np.cross(b - a, c - a))
+        along = unit_rows(b - a)
+        return origin, np.stack([along, np.cross(normal, along), normal], axis=2).astype(np.float32)
+
+    def is_passed(self, triangle: Ints, uv: F32, directions: F32) -> Bools:
+        """Whether what moves along ``directions`` goes through the surface there, shape (N,).
+
+        It passes culled backs, and holes of masks; blended and transmissive surfaces are tested against a hash of the
+        hit (Wyman and McGuire 2017).
+        """
+        passed: Bools = np.zeros(len(triangle), np.bool_)
         met = np.flatnonzero(triangle >= 0)
-        for index, rows in self._by_material(met[self._alpha_tested[self._material[triangle[met]]]], triangle):
+        material = self._material[triangle[met]]
+        backs = met[self._one_sided[material]]
+        passed[backs] = ~self._is_front(triangle[backs], directions[backs])
+        for index, rows in self._by_material(met[self._alpha_tested[material]], triangle):
             m = self._materials[index]
-            alpha = np.full(len(rows), m.alpha, np.float32)
-            alpha = alpha * self._interpolate(self._colors, triangle[rows], uv[rows])[:, 3]
+            at = triangle[rows], uv[rows]
+            alpha = np.full(len(rows), m.alpha, np.float32) * self._interpolate(self._colors, *at)[:, 3]
             if m.albedo_map is not None:
-                alpha *= sample_nearest(m.albedo_map, self._interpolate(self._uvs, triangle[rows], uv[rows]))[:, 3]
-            cut_out[rows] = ~(alpha >= (m.alpha_cutoff or 0.0))
-        return cut_out
+                alpha *= sample_nearest(m.albedo_map, self._interpolate(self._uvs[0], *at))[:, 3]
+            if m.is_see_through:  # some rays pass, as much light as does
+                opacity = (alpha if m.is_blended else 1.0) * (1 - self._passing(m, *at))
+                passed[rows] |= ~(opacity > _hash(uv[rows]))
+            if m.alpha_cutoff is not None:
+                passed[rows] |= ~(alpha >= m.alpha_cutoff)
+        return passed
+
+    def _passing(self, m: Material, triangle: Ints, uv: F32) -> F32:
+        """Mean share of light that passes what is covered of a see-through material, shape (N,)."""
+        share = np.tile(np.asarray(m.passing, np.float32), (len(triangle), 1))
+        if m.transmission is None:
+            return share[:, 0]
+        at = [self._interpolate(uvs, triangle, uv) for uvs in self._uvs]
+        share *= self._interpolate(self._colors, triangle, uv)[:, :3]
+        share *= self._textured((1.0, 1.0, 1.0), m.albedo_map, at, m.alpha_cutoff is not None)
+        share *= self._textured((1.0, 1.0, 1.0), m.transmission.factor_map, at, False)[:, :1]
+        share *= 1 - self._textured((m.metallic,) * 3, m.metallic_roughness_map, at, False)[:, 2:]
+        mean: F32 = (share.clip(0, 1) ** (0.5 if m.is_volume else 1.0)).mean(axis=1)
+        return mean
 
     def is_light_proxy(self, triangle: Ints) -> Bools:
         """Whether each triangle stands for an analytic light, shape (N,)."""
@@ -158,14 +222,28 @@ class Body:
         albedo = self._interpolate(self._colors, triangle, uv)[:, :3]
         emission = np.zeros_like(albedo)
         front = self._is_front(triangle, directions)
+        n_v = np.abs((normal * directions).sum(axis=1)) / np.linalg.norm(directions, axis=1)
         for index, rows in self._by_material(np.arange(len(triangle)), triangle):
             m = self._materials[index]
-            at, alpha_tested = self._interpolate(self._uvs, triangle[rows], uv[rows]), m.alpha_cutoff is not None
-            albedo[rows] *= self._textured(m.albedo, m.albedo_map, at, alpha_tested)
+            if m.is_unlit:
+                albedo[rows] = 0.0
+                continue
+            at = [self._interpolate(uvs, triangle[rows], uv[rows]) for uvs in self._uvs]
+            albedo[rows] *= self._textured(m.albedo, m.albedo_map, at, m.alpha_cutoff is not None)
+            if m.has_specular:
+                albedo[rows] = self._reflectance(m, np.clip(albedo[rows], 0, 1), at, n_v[rows, None])
             if m.emits and not m.is_light_proxy:
                 emits = front[rows, None] | m.double_sided
                 emission[rows] = np.where(emits, self._textured(m.emission, m.emission_map, at, False), 0.0)
         return SurfaceInteraction(normal.astype(np.float32), np.clip(albedo, 0.0, 1.0), np.maximum(emission, 0.0))
+
+    def _reflectance(self, m: Material, base: F32, uvs: Sequence[F32], n_v: F32) -> F32:
+        """Diffuse and specular albedo of surfaces of a base colour, at most 1, shape (N, 3)."""
+        _, roughness, metallic = np.split(
+            self._textured((1.0, m.roughness, m.metallic), m.metallic_roughness_map, uvs, False), 3, axis=1)
+        dielectric = self._textured(m.specular, m.specular_map, uvs, False)
+        specular = specular_albedo(dielectric + metallic * (base - dielectric), roughness, n_v)
+        return np.asarray(specular + np.minimum(base * (1 - metallic), 1 - specular))
 
     def _is_front(self, triangle: Ints, directions: F32) -> Bools:
         a, b, c = (self.positions[self.triangles[triangle, i]] for i in range(3))
@@ -178,10 +256,11 @@ class Body:
         interpolated: F32 = (1 - u - v) * a + u * b + v * c
         return interpolated
 
-    def _textured(self, factor: tuple[float, float, float], texture: Texture | None, uv: F32,
+    def _textured(self, factor: tuple[float, float, float], texture: Texture | None, uvs: Sequence[F32],
                   alpha_tested: bool) -> F32:
-        color = np.broadcast_to(np.asarray(factor, np.float32), (len(uv), 3))
-        return color if texture is None else color * self._textures.sample(texture, uv, alpha_tested)
+        """A factor times its texture, at the coordinates of each uv set."""
+        color = np.broadcast_to(np.asarray(factor, np.float32), (len(uvs[0]), 3))
+        return color if texture is None else color * self._textures.sample(texture, uvs[texture.uv_set], alpha_tested)
 
     def _by_material(self, rows: Ints, triangle: Ints) -> Iterable[tuple[int, Ints]]:
         """Pairs of a material's index and those of ``rows`` whose triangle has it."""
@@ -189,6 +268,13 @@ class Body:
         order = np.argsort(material, kind="stable")
         indices, start = np.unique(material[order], return_index=True)
         return zip(indices.tolist(), np.split(rows[order], start[1:]), strict=True) if len(rows) else ()
+
+
+def _hash(uv: F32) -> F32:
+    """Numbers in [0, 1) that differ from hit to hit, shape (N,)."""
+    bits = np.ascontiguousarray(uv, np.float32).view(np.uint32).astype(np.uint64)
+    mixed = (bits[:, 0] * np.uint64(0x9E3779B1) ^ bits[:, 1] * np.uint64(0x85EBCA77)) * np.uint64(0xC2B2AE3D27D4EB4F)
+    return ((mixed >> np.uint64(40)).astype(np.float32) / np.float32(2**24)).astype(np.float32)
 
 
 def _embree_scene(positions: F32, triangles: Ints) -> Any:
@@ -213,16 +299,16 @@ def _meets(scene: Any, origins: F32, vectors: F32) -> Bools:
 class _Part:
     positions: F32
     normals: F32
-    uvs: F32
+    uvs: tuple[F32, F32]
     colors: F32
     triangles: Ints
     material: Material
     mirrored: bool
 
 
-def _transform_instance(scene: Scene, instance: Instance, matrix: F64) -> _Part:
+def _transform_instance(scene: Scene, instance: Instance, matrix: F64, time: float) -> _Part:
     """One instance's mesh in the body's space, without triangles that have a non-finite corner."""
-    mesh: Mesh = scene.meshes[instance.mesh]
+    mesh = instance.mesh_at(scene.meshes, time)
     count = len(mesh.positions)
     finite = np.asarray(np.isfinite(mesh.positions).all(axis=1))
     triangles = mesh.triangles[finite[mesh.triangles].all(axis=1)].astype(np.int64)
@@ -231,12 +317,19 @@ def _transform_instance(scene: Scene, instance: Instance, matrix: F64) -> _Part:
         normals = np.nan_to_num(mesh.normals, nan=0.0, posinf=0.0, neginf=0.0) @ normal_matrix(matrix).T
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = normals / np.maximum(length, 1e-30)
-    uvs = np.zeros((count, 2), np.float32) if mesh.uvs is None else _clamp(mesh.uvs, -HALF_MAX)
+    none = np.zeros((count, 2), np.float32)
+    first, second = (none if uvs is None else _clamp(uvs, -HALF_MAX) for uvs in (mesh.uvs, mesh.second_uvs))
     colors = np.ones((count, 4), np.float32) if mesh.colors is None else _clamp(mesh.colors, 0.0)
     material = scene.materials[mesh.material]
-    if mesh.uvs is None and (material.albedo_map or material.emission_map):
-        material = replace(material, albedo_map=None, emission_map=None)
-    return _Part(positions.astype(np.float32), normals.astype(np.float32), uvs, colors, triangles, material,
+    uv_sets = mesh.uvs, mesh.second_uvs
+    without_uvs: dict[str, Any] = {name: None for name in _MAPS if (texture := material.maps.get(name)) is not None
+                                   and uv_sets[texture.uv_set] is None}
+    transmission = material.transmission
+    if transmission and transmission.factor_map and uv_sets[transmission.factor_map.uv_set] is None:
+        without_uvs["transmission"] = replace(transmission, factor_map=None)
+    if without_uvs:
+        material = replace(material, **without_uvs)
+    return _Part(positions.astype(np.float32), normals.astype(np.float32), (first, second), colors, triangles, material,
                  bool(np.linalg.det(matrix[:3, :3]) < 0))
 
 

@@ -1,24 +1,25 @@
-"""Rays through a scene at one time: all static instances form one Embree scene, each moving instance its own.
+"""Rays through a scene at one time.
 
-Points can be attached to these bodies.
+All static instances form one body with an Embree scene, each rigid one with a motion of its own forms another, and all
+that an animation moves or deforms a last one, which is built anew when it changes. Points can be attached to bodies.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.arrays import F32, F64, Bools, Ints
 from app.math3d import affine_inverse, normal_matrix, translation
-from app.raycast.body import Body
+from app.raycast.body import MAX_PASSED, Body
 from app.raycast.prefiltered_textures import PrefilteredTextures
-from app.scene import Scene
+from app.scene import Instance, Scene
 
 STATIC = 0            # index of the body of all instances that never move
-MAX_CUT_OUTS = 16     # alpha-tested surfaces that a ray can pass through
-PAST_HIT = 1.0001     # lengths of a ray by which it goes on behind what it passes
 RAY_EPSILON = 1e-4    # offset of ray origins from their surface, relative to the scene's longest edge
 
 
@@ -37,6 +38,10 @@ class Hits:
         Index into ``Caster.bodies``; -1 for the sky.
     is_light_proxy : ndarray of bool, shape (N,)
         Whether the surface is the mesh of an analytic light.
+    triangle : ndarray of int, shape (N,)
+        Index into the body's triangles; -1 for the sky.
+    uv : ndarray, float32, shape (N, 2)
+        Barycentric coordinates of the triangle's second and third corner.
     """
 
     position: F32
@@ -46,6 +51,13 @@ class Hits:
     distance: F32
     body: Ints
     is_light_proxy: Bools
+    triangle: Ints
+    uv: F32
+
+    @property
+    def anchors(self) -> Anchors:
+        """Where on the bodies the hits are."""
+        return Anchors(self.body, self.triangle, self.uv)
 
     def select(self, rows: Bools | Ints) -> Hits:
         """The hits at an index or mask."""
@@ -65,11 +77,15 @@ class Caster:
     origin : ndarray, float64, shape (3,)
         Local space's origin in world space.
     bodies : list of Body
-        The static body, then one for each moving instance.
+        The static body, one for each instance with a motion, and one for all animated instances if there are any.
     matrices : list of ndarray, float64, shape (4, 4)
         From each body's space to local space.
-    dynamic_instances : tuple of int
-        The scene's instance that each body but the first stands for.
+    members : list of list of int
+        The scene's instances in each body.
+    animated : int or None
+        Index of the body of all animated instances, which is in local space.
+    revision : int
+        Changes whenever a body moves or deforms.
     extent : float
         Longest edge of the scene, scene units.
     """
@@ -79,17 +95,66 @@ class Caster:
         self.extent = scene.longest_edge
         self.ray_epsilon = np.float32(RAY_EPSILON * scene.longest_edge)
         to_local, textures = translation(-self.origin), PrefilteredTextures()
-        self._instances = scene.instances
-        self.dynamic_instances = tuple(k for k, i in enumerate(scene.instances) if i.motion is not None)
-        static = Body(scene, [(i, to_local @ i.transform) for i in scene.instances if i.motion is None], textures)
+        self._scene, self._textures = scene, textures
+        moving = [k for k, i in enumerate(scene.instances) if i.moves]
+        animated = [k for k in moving if scene.instances[k].is_animated]
+        self.members: list[list[int]] = [[k for k, i in enumerate(scene.instances) if not i.moves],
+                                         *([k] for k in moving if k not in animated)]
+        static = Body(scene, [(scene.instances[k], to_local @ scene.instances[k].transform)
+                              for k in self.members[STATIC]], textures)
         self.bodies = [static, *(Body(scene, [(scene.instances[k], np.eye(4))], textures)
-                                 for k in self.dynamic_instances)]
+                                 for k, in self.members[1:])]
+        self._rigid = [scene.instances[k] for k, in self.members[1:]]
+        self.animated: int | None = None
+        if animated:
+            self.animated = len(self.bodies)
+            self.members.append(animated)
+            self.bodies.append(self._pose_body(0.0))
+        self._pose = self._pose_at(0.0)
+        self.matrices: list[F64] = []
+        self.revision = 0
         self.move_to(0.0)
 
     def move_to(self, time: float) -> None:
         """Move the bodies to where they are at ``time`` seconds."""
         to_local = translation(-self.origin)
-        self.matrices = [np.eye(4), *(to_local @ self._instances[k].transform_at(time) for k in self.dynamic_instances)]
+        matrices = [np.eye(4), *(to_local @ i.transform_at(time) for i in self._rigid)]
+        matrices += [np.eye(4)] * (self.animated is not None)
+        if not np.array_equal(matrices, self.matrices):
+            self.matrices = matrices
+            self.revision += 1
+        if self.animated is None:
+            return
+        pose, previous = self._pose_at(time), self._pose
+        if not all(map(np.array_equal, pose, previous)):
+            self._pose = pose
+            self.bodies[self.animated] = self._pose_body(time)
+            self.revision += 1
+
+    def instance_of(self, hits: Hits) -> Ints:
+        """The scene's instance that each hit is on, shape (N,); -1 for the sky."""
+        instance = np.full(len(hits.body), -1, np.int64)
+        for index, (body, members) in enumerate(zip(self.bodies, self.members, strict=True)):
+            rows = hits.body == index
+            if rows.any():
+                instance[rows] = np.asarray(members)[body.part[hits.triangle[rows]]]
+        return instance
+
+    def _pose_body(self, time: float) -> Body:
+        """The body of all animated instances, in local space."""
+        to_local = translation(-self.origin)
+        return Body(self._scene, [(i, to_local @ i.transform_at(time)) for i in self._animated_instances()],
+                    self._textures, time)
+
+    def _pose_at(self, time: float) -> list[NDArray[Any]]:
+        """What the body of all animated instances depends on."""
+        instances = self._animated_instances()
+        shapes = [i.deformation.at(time) for i in instances if i.deformation is not None]
+        return [*(i.transform_at(time) for i in instances),
+                *(values for shape in shapes for values in (shape.positions, shape.normals))]
+
+    def _animated_instances(self) -> list[Instance]:
+        return [] if self.animated is None else [self._scene.instances[k] for k in self.members[self.animated]]
 
     def cast(self, origins: F32, directions: F32, bodies: Sequence[int] | None = None,
              t_max: F32 | None = None) -> Hits:
@@ -107,7 +172,7 @@ class Caster:
         position, normal, albedo, emission = np.zeros((4, count, 3), np.float32)
         distance = np.full(count, np.inf, np.float32) if t_max is None else t_max.copy()
         hits = Hits(position, normal, albedo, emission, distance, np.full(count, -1, np.int64),
-                    np.zeros(count, np.bool_))
+                    np.zeros(count, np.bool_), np.full(count, -1, np.int64), np.zeros((count, 2), np.float32))
         for index in range(len(self.bodies)) if bodies is None else bodies:
             self._cast_at(index, origins, directions, hits)
         met = hits.body >= 0
@@ -116,7 +181,7 @@ class Caster:
         return hits
 
     def is_occluded(self, origins: F32, vectors: F32, proxies_block: bool) -> Bools:
-        """Whether a surface lies between each origin and the end of its vector, shape (N,).
+        """Whether a surface blocks light from the end of each vector to its origin, shape (N,).
 
         Parameters
         ----------
@@ -126,6 +191,7 @@ class Caster:
             Whether the meshes of analytic lights count.
         """
         occluded = np.zeros(len(origins), np.bool_)
+        steps = self.ray_epsilon / np.maximum(np.linalg.norm(vectors, axis=1), np.float32(1e-30))
         for index, (body, matrix) in enumerate(zip(self.bodies, self.matrices, strict=True)):
             inverse = affine_inverse(matrix)
             if inverse is None:
@@ -138,15 +204,7 @@ class Caster:
                                           np.ones(len(rows), np.float32))]
                 start = (origins[rows] @ inverse[:3, :3].T + inverse[:3, 3]).astype(np.float32)
                 along = (vectors[rows] @ inverse[:3, :3].T).astype(np.float32)
-            occluded[rows] = body.is_occluded(start, along, proxies_block)
-            rows = np.flatnonzero(~occluded) if body.has_alpha_tested else rows[:0]
-            start, along = origins[rows], vectors[rows]
-            while len(rows):  # past light proxies, if these don't block
-                hits = self.cast(start, along, (index,), np.ones(len(rows), np.float32))
-                passes = hits.is_light_proxy & (not proxies_block)
-                occluded[rows[(hits.body >= 0) & ~passes]] = True
-                share = np.minimum(hits.distance[passes] * PAST_HIT, 1)[:, None]
-                rows, start, along = rows[passes], start[passes] + share * along[passes], (1 - share) * along[passes]
+            occluded[rows] = body.is_occluded(start, along, steps[rows], proxies_block)
         return occluded
 
     def random_points(self, count: int, rng: np.random.Generator) -> F32:
@@ -184,49 +242,81 @@ class Caster:
             along = (along @ inverse[:3, :3].T).astype(np.float32)
         passed = np.zeros(len(rows), np.float32)
         step = self.ray_epsilon / np.maximum(np.linalg.norm(directions[rows], axis=1), 1e-30)
-        for _ in range(MAX_CUT_OUTS):
+        for _ in range(MAX_PASSED):
             distance, triangle, uv, face = body.cast(start + along * passed[:, None], along,
                                                      hits.distance[rows] - passed)
-            cut_out = body.is_cut_out(triangle, uv)
-            met = (triangle >= 0) & ~cut_out
+            goes_on = body.is_passed(triangle, uv, along)
+            met = (triangle >= 0) & ~goes_on
             surface = body.interact(triangle[met], uv[met], face[met], along[met])
             to = rows[met]
             hits.normal[to] = transform_normals(surface.normal, matrix) if index != STATIC else surface.normal
             hits.albedo[to], hits.emission[to], hits.body[to] = surface.albedo, surface.emission, index
             hits.distance[to] = passed[met] + distance[met]
             hits.is_light_proxy[to] = body.is_light_proxy(triangle[met])
-            if not cut_out.any():
+            hits.triangle[to], hits.uv[to] = triangle[met], uv[met]
+            if not goes_on.any():
                 return
-            passed = (passed + distance + step)[cut_out]
-            rows, start, along, step = rows[cut_out], start[cut_out], along[cut_out], step[cut_out]
+            passed = (passed + distance + step)[goes_on]
+            rows, start, along, step = rows[goes_on], start[goes_on], along[goes_on], step[goes_on]
+
+
+@dataclass(frozen=True, eq=False)
+class Anchors:
+    """What points are attached to: see ``Hits``. Triangle and uv count only on the animated body."""
+
+    body: Ints
+    triangle: Ints
+    uv: F32
+
+    def select(self, rows: Bools | Ints) -> Anchors:
+        """The anchors at an index or mask."""
+        return Anchors(self.body[rows], self.triangle[rows], self.uv[rows])
 
 
 class AttachedPoints:
-    """Points stored in the space of their body.
+    """Points stored in the space of their body or, on the animated one, in the frame of their triangle.
 
     Parameters
     ----------
     position, normal : ndarray, float32, shape (N, 3)
-        In local space, for the bodies' current matrices in ``caster``.
-    body : ndarray of int, shape (N,)
+        In local space, for the current bodies of ``caster``.
     """
 
-    def __init__(self, caster: Caster, position: F32, normal: F32, body: Ints) -> None:
-        self._caster, self.body = caster, body
-        self._stored = self._transform(position, normal, [affine_inverse(m) for m in caster.matrices])
+    def __init__(self, caster: Caster, position: F32, normal: F32, anchors: Anchors) -> None:
+        self._caster, self.anchors = caster, anchors
+        position, normal = self._transform(position, normal, [affine_inverse(m) for m in caster.matrices])
+        for rows, origin, axes in self._frames():
+            position[rows], normal[rows] = _turn(position[rows] - origin, normal[rows], axes.transpose(0, 2, 1))
+        self._stored = position, normal
 
     def current(self) -> tuple[F32, F32]:
-        """Positions and normals in local space, for the bodies' current matrices."""
-        return self._transform(*self._stored, self._caster.matrices)
+        """Positions and normals in local space, for the current bodies."""
+        position, normal = (values.copy() for values in self._stored)
+        for rows, origin, axes in self._frames():
+            position[rows], normal[rows] = _turn(position[rows], normal[rows], axes)
+            position[rows] += origin
+        return self._transform(position, normal, self._caster.matrices)
+
+    def _frames(self) -> Iterator[tuple[Ints, F32, F32]]:
+        """The points on the animated body, and where their triangles are, if there is one."""
+        if self._caster.animated is not None:
+            rows = np.flatnonzero(self.anchors.body == self._caster.animated)
+            body = self._caster.bodies[self._caster.animated]
+            yield rows, *body.frames(self.anchors.triangle[rows], self.anchors.uv[rows])
 
     def _transform(self, position: F32, normal: F32, matrices: Sequence[F64 | None]) -> tuple[F32, F32]:
         position, normal = position.copy(), normal.copy()
         for index, matrix in enumerate(matrices):
-            rows = self.body == index
+            rows = self.anchors.body == index
             if index != STATIC and matrix is not None and rows.any():
                 position[rows] = position[rows] @ matrix[:3, :3].T + matrix[:3, 3]
                 normal[rows] = transform_normals(normal[rows], matrix)
         return position, normal
+
+
+def _turn(position: F32, normal: F32, axes: F32) -> tuple[F32, F32]:
+    """Both vectors of each point, shape (N, 3), times its matrix, shape (N, 3, 3)."""
+    return (axes @ position[:, :, None])[..., 0], (axes @ normal[:, :, None])[..., 0]
 
 
 def transform_normals(normals: F32, matrix: F64) -> F32:

@@ -23,25 +23,24 @@ class PrefilteredTextures:
     """Blurred copies of textures, each made when it is first sampled."""
 
     def __init__(self) -> None:
-        self._copies: dict[tuple[int, bool], F32] = {}
+        self._copies: dict[tuple[int, bool, bool], F32] = {}
 
     def sample(self, texture: Texture, uv: F32, alpha_tested: bool = False) -> F32:
         """Linear colour, shape (N, 3), at mesh coordinates ``uv``, shape (N, 2).
 
         When ``alpha_tested``, texels count by their alpha, so that cut-out ones do not bleed into the mean.
         """
-        key = id(texture.pixels), alpha_tested  # the scene keeps the pixels, so the id stays theirs
+        key = id(texture.pixels), alpha_tested, texture.is_color  # the scene keeps the pixels, so the id stays theirs
         if key not in self._copies:
-            self._copies[key] = _blur(texture.pixels, alpha_tested)
+            self._copies[key] = _blur(texture, alpha_tested)
         color: F32 = _nearest(self._copies[key], texture, uv)
         return color
 
 
-def _blur(pixels: Bytes | F32, alpha_tested: bool) -> F32:
+def _blur(texture: Texture, alpha_tested: bool) -> F32:
     """Linear means over blocks, at most ``MAX_SIDE`` a side; weighted by alpha when ``alpha_tested``."""
-    color = pixels[..., :3]
-    linear = srgb_decode(color.astype(np.float32) / np.float32(255)) if pixels.dtype == np.uint8 else np.nan_to_num(
-        color, posinf=HALF_MAX, neginf=0).clip(0, HALF_MAX)
+    pixels = texture.pixels
+    linear = _linear(pixels[..., :3], texture.is_color)
     weight = np.nan_to_num(pixels[..., 3:].astype(np.float64)).clip(1e-6, 255) if alpha_tested else np.ones((1, 1, 1))
     weighted = np.concatenate([linear * weight, np.broadcast_to(weight, (*linear.shape[:2], 1))], axis=-1)
     for axis in (0, 1):
@@ -49,6 +48,13 @@ def _blur(pixels: Bytes | F32, alpha_tested: bool) -> F32:
         weighted = np.add.reduceat(weighted, edges[:-1], axis=axis)
     mean: F32 = (weighted[..., :3] / weighted[..., 3:]).astype(np.float32)
     return mean
+
+
+def _linear(color: Bytes | F32, is_color: bool) -> F32:
+    if color.dtype != np.uint8:
+        return np.asarray(np.nan_to_num(color, posinf=HALF_MAX, neginf=0).clip(0, HALF_MAX))
+    share = color.astype(np.float32) / np.float32(255)
+    return np.asarray(srgb_decode(share)) if is_color else share
 
 
 def _nearest(pixels: NDArray[Any], texture: Texture, uv: F32) -> NDArray[Any]:

@@ -6,6 +6,8 @@ would instead put most of a furnished room's surfels into closed cupboards and b
 for the same number of surfels).
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from app.arrays import F32, F64
@@ -15,22 +17,26 @@ from app.raycast.caster import Caster, Hits, concatenate
 BOUNCES = 7
 MAX_ROUNDS = 4           # of walks, while they have too few hits
 MIN_WALKS = 64           # of a round
-BODY_SHARE = 1 / 16      # rays cast at each moving body, relative to all hits
+MIN_WALKS_OF_VIEW = 8    # of several views that share them
+BODY_SHARE = 1 / 16      # rays cast at each moving instance, relative to all hits; at most 1 for those of one body
 SPHERE_SCALE = 1.1       # those rays start on the body's bounding sphere times this
 
 
-def trace_walks(caster: Caster, view: View, count: int, rng: np.random.Generator) -> Hits:
-    """About ``count`` hits of walks from the view's eye, and further ones on every moving body.
+def trace_walks(caster: Caster, views: Sequence[View], count: int, rng: np.random.Generator) -> Hits:
+    """About ``count`` hits of walks from the views' eyes, and further ones on every moving body.
 
-    Half of the walks start through the picture, half in any direction.
+    Half of the walks start through the pictures, half in any direction.
     """
     rounds: list[Hits] = []
     for _ in range(MAX_ROUNDS):
         missing = count - sum(len(hits.body) for hits in rounds)
         if missing <= 0:
             break
-        rounds += _trace_round(caster, view, max(missing // (BOUNCES + 1), MIN_WALKS), rng)
-    rounds += [_sample_body(caster, body, int(count * BODY_SHARE), rng) for body in range(1, len(caster.bodies))]
+        walks = max(missing // (BOUNCES + 1), MIN_WALKS)
+        for view in views:
+            rounds += _trace_round(caster, view, max(walks // len(views), MIN_WALKS_OF_VIEW), rng)
+    rounds += [_sample_body(caster, body, int(count * min(BODY_SHARE * len(caster.members[body]), 1.0)), rng)
+               for body in range(1, len(caster.bodies))]
     return concatenate(rounds)
 
 
@@ -64,10 +70,10 @@ def sample_cosine_hemisphere(normal: F32, u: F64) -> F32:
 
 def _trace_round(caster: Caster, view: View, walks: int, rng: np.random.Generator) -> list[Hits]:
     """Hits of ``walks`` walks, by bounce."""
-    image = (2 * rng.random((walks // 2, 2)) - 1) * view.tan_half
-    through_image = np.concatenate([image, -np.ones((len(image), 1))], axis=1) @ view.rotation
+    offsets, through_image = view.rays(2 * rng.random((walks // 2, 2)) - 1)
     directions = np.concatenate([through_image.astype(np.float32), sample_sphere(rng, walks - len(through_image))])
-    origins = np.broadcast_to((view.eye - caster.origin).astype(np.float32), directions.shape)
+    origins = np.tile((view.eye - caster.origin).astype(np.float32), (walks, 1))
+    origins[:len(offsets)] += offsets.astype(np.float32)
     bounces, alive = [], np.arange(walks)
     for _ in range(BOUNCES + 1):
         hits = caster.cast(origins, directions)

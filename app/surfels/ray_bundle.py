@@ -1,7 +1,7 @@
 """The rays of all surfels: traced once through the static body, and in each frame only where bodies move."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -57,11 +57,14 @@ class RayBundle:
         position, normal = surfels.current()
         origins = position + normal * caster.ray_epsilon
         self.static = caster.cast(np.repeat(origins, rays, axis=0), directions.reshape(-1, 3), (STATIC,))
-        self._static, self._dynamic = np.flatnonzero(surfels.body == STATIC), np.flatnonzero(surfels.body != STATIC)
+        is_static = surfels.anchors.body == STATIC
+        self._static, self._dynamic = np.flatnonzero(is_static), np.flatnonzero(~is_static)
         self._origins, self._directions = origins[self._static], directions[self._static]
         dynamic = directions[self._dynamic, :self._traced].reshape(-1, 3)
-        body = surfels.body[self._dynamic] if rotate_with_body else np.full(len(self._dynamic), STATIC)
-        self._dynamic_rays = AttachedPoints(caster, np.zeros_like(dynamic), dynamic, np.repeat(body, self._traced))
+        anchors = surfels.anchors.select(np.repeat(self._dynamic, self._traced))
+        if not rotate_with_body:
+            anchors = replace(anchors, body=np.full(len(dynamic), STATIC))
+        self._dynamic_rays = AttachedPoints(caster, np.zeros_like(dynamic), dynamic, anchors)
 
     def trace_changes(self) -> ChangedRays:
         """Trace the rays whose ends depend on moving bodies, for the bodies' current matrices."""

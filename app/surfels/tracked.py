@@ -1,12 +1,17 @@
-"""The surfels of a renderer: placed at the first frame, and again when the camera leaves the surfaces they cover."""
+"""The surfels of a renderer, which follow its camera or belong to given viewpoints.
 
-from collections.abc import Callable
+They are placed at the first frame. Those that follow the camera are placed again when it leaves the surfaces that they
+cover; those of viewpoints depend on these and the time alone, not on what was drawn before.
+"""
+
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from app.math3d import View
 from app.raycast.caster import Caster
 from app.scene import Scene
+from app.surfels.lookup import SurfelLookup
 from app.surfels.world import WorldSurfels
 
 
@@ -32,22 +37,37 @@ class TrackedSurfels:
         self._scene, self._caster, self.count, self.rays = scene, caster, count, rays
         self._placed_from, self._eye = np.zeros(3), np.zeros(3)
         self._covers_own_eye = False
+        self._viewpoints: tuple[Sequence[View], float] | None = None  # of which the surfels are, and the time
         self.version = 0
+        self._lookup: tuple[int, SurfelLookup] | None = None
 
     @property
     def caster(self) -> Caster:
         """Casts rays at the scene; shared, so anyone may move it."""
         return self._caster()
 
-    def update(self, view: View, time: float) -> None:
-        """Have surfels for what ``view`` sees at ``time`` seconds."""
+    @property
+    def lookup(self) -> SurfelLookup:
+        """Interpolates between the surfels of ``world``."""
+        if self._lookup is None or self._lookup[0] != self.version:
+            self._lookup = self.version, SurfelLookup(self.world)
+        return self._lookup[1]
+
+    def update(self, view: View, time: float, viewpoints: Sequence[View] = ()) -> None:
+        """Have surfels for what ``viewpoints`` see at ``time`` seconds, or without any, for what ``view`` sees."""
+        if viewpoints:
+            if self._viewpoints != (viewpoints, time):
+                self._place(viewpoints, time)
+                self._viewpoints = viewpoints, time
+            return
+        self._viewpoints = None
         if self.version == 0:
-            self._place(view, time)
+            self._place([view], time)
             return
         moved = self.world.move_to(time)
         self.version += moved
         if (moved or not np.array_equal(view.eye, self._eye)) and self._needs_others(view):
-            self._place(view, time)
+            self._place([view], time)
         self._eye = view.eye
 
     def _needs_others(self, view: View) -> bool:
@@ -56,8 +76,8 @@ class TrackedSurfels:
         far = float(np.linalg.norm(view.eye - self._placed_from)) > float(np.median(self.world.radius))
         return (far or self._covers_own_eye) and not self.world.covers(view.eye)
 
-    def _place(self, view: View, time: float) -> None:
-        self.world = WorldSurfels(self._scene, self.caster, view, self.count, self.rays, time)
-        self._placed_from = self._eye = view.eye
-        self._covers_own_eye = self.world.covers(view.eye)
+    def _place(self, views: Sequence[View], time: float) -> None:
+        self.world = WorldSurfels(self._scene, self.caster, views, self.count, self.rays, time)
+        self._placed_from = self._eye = views[0].eye
+        self._covers_own_eye = self.world.covers(views[0].eye)
         self.version += 1

@@ -1,5 +1,6 @@
 """The surfels of a scene: where they are, what their rays meet, and where direct light is sampled on them."""
 
+from collections.abc import Sequence
 from itertools import product
 from typing import Any
 
@@ -9,9 +10,10 @@ from numpy.typing import NDArray
 from app.arrays import F32, F64, Ints
 from app.environment import sky_light
 from app.math3d import View
-from app.raycast.caster import AttachedPoints, Caster, Hits
+from app.raycast.caster import STATIC, AttachedPoints, Caster, Hits
 from app.scene import Scene
 from app.surfels import kernel
+from app.surfels.clip_planes import find_clip_planes
 from app.surfels.farthest_points import neighbour_distance, sample_farthest
 from app.surfels.random_walks import sample_sphere, trace_walks
 from app.surfels.ray_bundle import RayBundle, trace_cosine_rays
@@ -34,8 +36,8 @@ class WorldSurfels:
     ----------
     caster : Caster
         Of the scene; may be shared, and is moved to the time of each call.
-    view : View
-        Where the walks over the surfaces start; surfels are densest in what it sees.
+    views : sequence of View
+        Where the walks over the surfaces start; surfels are densest in what they see.
     count, rays : int
         Number of surfels, S, and of rays of each, K.
     time : float
@@ -51,6 +53,8 @@ class WorldSurfels:
         Local space; zeros in unused rows.
     radius, weight : ndarray, float32, shape (S,)
         See ``kernel``. The weight is at most 1, less in tight corners, 0 in unused rows.
+    clip_plane : ndarray, float32, shape (S, 4)
+        See ``clip_planes``.
     index : ndarray, float32, shape (S, K)
         The surfel that each ray meets; -1 for none.
     albedo : ndarray, float32, shape (S, K, 3)
@@ -62,28 +66,30 @@ class WorldSurfels:
     light_sample_surfel : ndarray of int, shape (P,)
     """
 
-    def __init__(self, scene: Scene, caster: Caster, view: View, count: int, rays: int, time: float = 0.0) -> None:
+    def __init__(self, scene: Scene, caster: Caster, views: Sequence[View], count: int, rays: int,
+                 time: float = 0.0) -> None:
         rng = np.random.default_rng(0)
         self._caster = caster
         caster.move_to(time)
-        self._matrices, self.origin = caster.matrices, caster.origin
+        self._revision, self.origin = caster.revision, caster.origin
         self.count, self.rays = count, rays
-        candidates = trace_walks(self._caster, view, CANDIDATES * count, rng)
+        candidates = trace_walks(self._caster, views, CANDIDATES * count, rng)
         spacing = _estimate_spacing(candidates.position, count, scene.longest_edge)
         features = np.concatenate([candidates.position, NORMAL_SPACING * spacing * candidates.normal], axis=1)
         chosen = sample_farthest(features, count)
         self.used = len(chosen)
         surfels = candidates.select(chosen)
-        self._surfels = AttachedPoints(self._caster, surfels.position, surfels.normal, surfels.body)
+        self._surfels = AttachedPoints(self._caster, surfels.position, surfels.normal, surfels.anchors)
         self._is_light_proxy = surfels.is_light_proxy
         self._update_positions()
         radius = neighbour_distance(features[chosen], RADIUS_NEIGHBOUR)
         self.radius = self._pad(np.minimum(radius, scene.longest_edge), spacing)
-        self._assign_light_samples(candidates, chosen)
         self._rays = trace_cosine_rays(self._caster, self._surfels, rays, rng)
-        self._static_index = self._nearest(self._rays.static)
         median = np.median(self._rays.static.distance.reshape(self.used, rays), axis=1)
         self.weight = self._pad(np.minimum(median / self.radius[:self.used], 1.0))
+        self.clip_plane = self._find_clip_planes(median)
+        self._static_index = self._nearest(self._rays.static)
+        self._assign_light_samples(candidates, chosen)
         emissive = any(m.emits and not m.is_light_proxy for m in scene.materials)
         self._emission_rays = trace_cosine_rays(self._caster, self._surfels, EMISSION_RAYS, rng) if emissive else None
         self._sky = None
@@ -96,9 +102,9 @@ class WorldSurfels:
     def move_to(self, time: float) -> bool:
         """Move bodies and surfels to ``time`` seconds and trace the rays that this changes; False if nothing moved."""
         self._caster.move_to(time)
-        if np.array_equal(self._matrices, self._caster.matrices):
+        if self._revision == self._caster.revision:
             return False
-        self._matrices = self._caster.matrices
+        self._revision = self._caster.revision
         self._update_positions()
         self.light_sample_position, self.light_sample_normal = self._light_samples.current()
         self._trace()
@@ -114,6 +120,11 @@ class WorldSurfels:
         other_side = (hits.normal * self.normal[surfel]).sum(axis=1) < 0  # of a wall between two rooms
         uncovered = (surfel < 0) | (distance > MAX_COVERED_RADII * self.radius[surfel]) | other_side
         return not uncovered.any() or float(uncovered.mean()) < MAX_UNCOVERED
+
+    @property
+    def median_radius(self) -> np.float32:
+        """Median radius of the surfels in scene units."""
+        return np.float32(np.median(self.radius[:max(self.used, 1)]))
 
     def _update_positions(self) -> None:
         position, normal = self._surfels.current()
@@ -132,8 +143,16 @@ class WorldSurfels:
         samples = order[rank < MAX_LIGHT_SAMPLES]
         self.light_sample_surfel = surfel[samples]
         hits = candidates.select(samples)
-        self._light_samples = AttachedPoints(self._caster, hits.position, hits.normal, hits.body)
+        self._light_samples = AttachedPoints(self._caster, hits.position, hits.normal, hits.anchors)
         self.light_sample_position, self.light_sample_normal = self._light_samples.current()
+
+    def _find_clip_planes(self, height: F32) -> F32:
+        """Clip planes of the surfels on static surfaces; ``height`` is how far each surfel sees, shape (used,)."""
+        static = np.flatnonzero(self._surfels.anchors.body == STATIC)
+        planes = np.zeros((self.count, 4), np.float32)
+        planes[static] = find_clip_planes(self._caster, self.position[static], self.normal[static],
+                                          self.radius[static], height[static])
+        return planes
 
     def _trace(self) -> None:
         changed = self._rays.trace_changes()
@@ -171,13 +190,16 @@ class WorldSurfels:
         nearest = np.full(len(hits.body), -1, np.int64)
         center = self.position[:max(self.used, 1)].mean(axis=0)  # for precision where the scene is much larger
         for body, proxy in product(range(len(self._caster.bodies)), (False, True)):
-            surfels = np.flatnonzero((self._surfels.body == body) & (self._is_light_proxy == proxy))
+            surfels = np.flatnonzero((self._surfels.anchors.body == body) & (self._is_light_proxy == proxy))
             rows = np.flatnonzero((hits.body == body) & (hits.is_light_proxy == proxy))
             if len(surfels) == 0 and not proxy:  # the body is too small, or was absent when surfels were placed
                 surfels = np.flatnonzero(~self._is_light_proxy)
             if len(surfels) and len(rows):
                 key = kernel.keys(self.position[surfels] - center, self.normal[surfels], self.radius[surfels])
-                nearest[rows] = surfels[kernel.nearest(key, hits.position[rows] - center, hits.normal[rows])]
+                plane = self.clip_plane[surfels].copy()
+                plane[:, 3] += plane[:, :3] @ center
+                clip = kernel.clip_keys(plane, self.radius[surfels])
+                nearest[rows] = surfels[kernel.nearest(key, clip, hits.position[rows] - center, hits.normal[rows])]
         return nearest
 
     def _pad(self, rows: NDArray[Any], fill: float = 0.0) -> F32:

@@ -18,7 +18,7 @@ class EditedScene:
     loaded : LoadedScene
         The scene as its files describe it.
     time : float
-        Seconds; increases by ``TIME_STEP`` whenever an object has moved.
+        Seconds to be added to the state's; increases by ``TIME_STEP`` whenever an object has moved.
     """
 
     def __init__(self, file: Path, loaded: LoadedScene, folder: Path) -> None:
@@ -39,7 +39,7 @@ class EditedScene:
         names = tuple(name for name, _ in state.object_offsets)
         if names != self._moved:
             write_scene_json(self._json, state, self.loaded)
-            self._edited = load_for_editing(self._file, scene_json=self._json) if names else self.loaded
+            self._edited = self._reload() if names else self.loaded
             self._moved, self._offsets = names, state.object_offsets
         if state.object_offsets != self._offsets:
             self._write_offsets(state)
@@ -50,6 +50,10 @@ class EditedScene:
     def moved_objects(self) -> tuple[str, ...]:
         """Names of the objects that can move without reloading the scene."""
         return self._moved
+
+    def _reload(self) -> LoadedScene:
+        return load_for_editing(self._file, scene_json=self._json, variant=self.loaded.variant,
+                                animation=self.loaded.animation)
 
     def _write_offsets(self, state: State) -> None:
         """Write the offsets into the motions that renderers hold."""

@@ -10,7 +10,8 @@ from PIL import Image
 
 from app.arrays import Bytes
 from app.evaluation.reference import Reference
-from app.io.image import srgb_encode, to_8bit
+from app.io.aov_preview import preview
+from app.io.tone_maps import automatic_exposure, tone_map
 from app.view.state import FINAL, REFERENCE, Json, State
 
 QUALITY = 90
@@ -31,8 +32,12 @@ def encode_jpeg(pixels: Bytes) -> bytes:
 def encode_reference(reference: Reference, state: State) -> bytes:
     """Encode the layer of ``reference`` that matches the AOV shown in ``state`` as a binary message."""
     layer = state.aov if state.aov in REFERENCE_LAYERS else FINAL
-    exposure = 1.0 if layer == "albedo" else state.exposure
-    pixels = to_8bit(srgb_encode(reference.layers[layer] * exposure))
+    values = reference.layers[layer]
+    if layer == FINAL:
+        exposure = state.exposure * (automatic_exposure(values) if state.auto_exposure else 1.0)
+        pixels = tone_map(values, exposure, state.tonemap)
+    else:
+        pixels = preview(layer, values, state.exposure)
     return pack_message({"kind": REFERENCE, "spp": reference.about["spp"]}, [encode_jpeg(pixels)])
 
 

@@ -36,15 +36,18 @@ class ModelRenderer:
             When scene, model and device don't fit together.
         """
         scene = self._edited_scene.apply(state)
-        key = (model, state.scale, state.precision, state.size, state.aov, state.taa, self._edited_scene.moved_objects)
+        key = (model, state.scale, state.precision, state.size, state.aov, state.taa, state.reflections,
+               state.tonemap, state.auto_exposure, self._edited_scene.moved_objects)
         if self._renderer is None or key != self._renderer_key or not self._renderer.relight(scene.lights):
             self.close()
-            settings = Settings(state.size, (state.aov,), taa=state.taa, bounces=bounces_for(state, model),
-                                scale=state.scale or None, provider=self._provider, timing=True)
+            settings = Settings(state.size, (state.aov,), taa=state.taa, reflections=state.reflections,
+                                tonemap=state.tonemap, auto_exposure=state.auto_exposure,
+                                bounces=bounces_for(state, model), scale=state.scale or None,
+                                provider=self._provider, timing=True)
             self._renderer = Renderer(scene, settings, _model_files(state, model))
             self._renderer_key = key
         self._renderer.set_exposure(state.exposure)
-        return self._renderer.advance(state.camera, self._edited_scene.time, should_continue)
+        return self._renderer.advance(state.camera, state.time + self._edited_scene.time, should_continue)
 
     def read_display(self, state: State) -> Bytes:
         """Return the last frame, drawn of ``state``, as displayed; shape (H, W, 3), or (H, W, 4) with unused alpha."""

@@ -4,11 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from app.arrays import F64
 from app.load import LoadedScene
 from app.math3d import View, translation
 from app.raycast.caster import Caster
-from app.scene import Motion, Scene
+from app.scene import Scene
 from app.view.state import State, Vec
 
 
@@ -21,26 +20,27 @@ class PickHit:
 
 
 class Picker:
-    """Casts rays into the scene of the latest state; rebuilds its bodies when an object has moved."""
+    """Casts rays into the scene of the latest state; rebuilds its bodies when an object or the time has changed."""
 
     def __init__(self, loaded: LoadedScene) -> None:
         self._loaded = loaded
         self._caster: Caster | None = None
-        self._offsets: object = None
+        self._moved: object = None
 
     def pick(self, state: State, position: tuple[float, float]) -> PickHit | None:
         """Return what is visible at ``position``, from (0, 0) upper left to (1, 1) lower right; None for the sky."""
-        if self._caster is None or state.object_offsets != self._offsets:
-            self._caster, self._offsets = Caster(_separate_instances(self._loaded, state)), state.object_offsets
+        moved = state.object_offsets, state.time
+        if self._caster is None or moved != self._moved:
+            self._caster, self._moved = Caster(_move_objects(self._loaded, state)), moved
+            self._caster.move_to(state.time)
         view = View.of(state.camera, state.size, 1.0)
-        x, y = (2 * position[0] - 1) * view.tan_half[0], (1 - 2 * position[1]) * view.tan_half[1]
-        direction = np.array([x, y, -1.0]) @ view.rotation
-        origin = (view.eye - self._caster.origin).astype(np.float32)
-        hits = self._caster.cast(origin[None], direction[None].astype(np.float32))
+        offsets, directions = view.rays(np.array([[2 * position[0] - 1, 1 - 2 * position[1]]]))
+        origins = view.eye - self._caster.origin + offsets
+        hits = self._caster.cast(origins.astype(np.float32), directions.astype(np.float32))
         if hits.body[0] < 0:
             return None
         x, y, z = (hits.position[0] + self._caster.origin).tolist()
-        return PickHit((x, y, z), self._object_of(self._caster.dynamic_instances[int(hits.body[0]) - 1]))
+        return PickHit((x, y, z), self._object_of(int(self._caster.instance_of(hits)[0])))
 
     def _object_of(self, instance: int) -> str:
         """Return the smallest object that contains the instance."""
@@ -48,15 +48,11 @@ class Picker:
         return min(objects)[1] if objects else ""
 
 
-def _separate_instances(loaded: LoadedScene, state: State) -> Scene:
-    """Give every instance a motion that holds its current transform, so that each becomes a body of its own."""
+def _move_objects(loaded: LoadedScene, state: State) -> Scene:
+    """The scene with all instances where they are at the state's time; shapes are still those of any time."""
     offsets = {i: offset for name, offset in state.object_offsets for i in loaded.objects[name]}
-    transforms = (translation(np.asarray(offsets.get(i, (0.0, 0.0, 0.0)))) @ _first_key(instance.motion)
+    transforms = (translation(np.asarray(offsets.get(i, (0.0, 0.0, 0.0)))) @ instance.transform_at(state.time)
                   for i, instance in enumerate(loaded.scene.instances))
     return replace(loaded.scene, instances=tuple(
-        replace(instance, motion=Motion(np.zeros(1), transform[None]))
+        replace(instance, transform=transform, placement=None, motion=None)
         for instance, transform in zip(loaded.scene.instances, transforms, strict=True)))
-
-
-def _first_key(motion: Motion | None) -> F64:
-    return np.eye(4) if motion is None else motion.transforms[0]

@@ -17,7 +17,8 @@ from app.io.atomic_files import write_text
 from app.io.child_process import run_module_async
 from app.io.image import write_exr
 from app.load import LoadedScene
-from app.view.scene_file import VIEW_NAME, write_scene_json
+from app.paths import TRAINING
+from app.view.scene_file import VIEW_NAME, content_arguments, write_scene_json
 from app.view.state import FINAL, REFERENCE, State
 
 SAMPLES = (8, 24, 96, 384)  # per pixel, added by each refinement
@@ -103,10 +104,11 @@ class ReferenceTracer:
         exporter_version(self._loaded.scene)  # raises if an optional package is missing
         file = folder / "scene.json"
         write_scene_json(file, state, self._loaded)
-        await run_module_async("export", [
+        await run_module_async(TRAINING, [
             "reference", str(self._file), "--scene-json", str(file), "--camera", VIEW_NAME, "--lighting", VIEW_NAME,
             "--size", f"{state.size[0]}x{state.size[1]}", "--spp", str(SAMPLES[index]), "--seed", str(index),
-            "--out", str(folder)], nice=True)
+            "--out", str(folder),
+            *content_arguments(state, self._loaded.animation, self._loaded.variant)], nice=True)
 
     def _store(self, key: str, refinements: int, folder: Path) -> None:
         """Cache the reference in ``folder`` in place of a coarser one; evict the oldest beyond ``MAX_CACHED``."""

@@ -33,6 +33,7 @@ class Choices:
 
     models: tuple[str, ...]
     aovs: tuple[str, ...]
+    tonemaps: tuple[str, ...]
     objects: Mapping[str, Collection[int]]
 
 
@@ -42,9 +43,10 @@ def describe_scene(file: Path, loaded: LoadedScene, choices: Choices) -> Json:
     centers = {name: bounds_of(scene.meshes, tuple(scene.instances[i] for i in members)).mean(axis=0).tolist()
                for name, members in choices.objects.items()}
     return {"file": file.name, "triangles": scene.triangles, "models": choices.models, "aovs": choices.aovs,
+            "tonemaps": choices.tonemaps,
             "object_centers": centers, "emitters": len(scene.lights) - loaded.own_lights,
             "cameras": {name: camera_to_json(path.at(0.0)) for name, path in scene.cameras.items()},
-            "bounds": scene.bounds.tolist(), "settle": SETTLE_FRAMES}
+            "bounds": scene.bounds.tolist(), "duration": scene.key_times[-1], "settle": SETTLE_FRAMES}
 
 
 def read_message(text: str) -> Json:
@@ -108,7 +110,8 @@ def _parse_size(values: list[float]) -> tuple[int, int]:
 
 def _change_settings(state: State, message: Json, choices: Choices) -> State:
     values: dict[str, Any] = {key: value for key, value in message.items() if key not in ("type", "input")}
-    for key, known in (("model", choices.models), ("split", ("", REFERENCE, *choices.models)), ("aov", choices.aovs)):
+    for key, known in (("model", choices.models), ("split", ("", REFERENCE, *choices.models)), ("aov", choices.aovs),
+                       ("tonemap", choices.tonemaps)):
         if key in values and values[key] not in known:
             raise _unknown(key, values[key], known, key)
     return replace(state, **values)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from app.io.child_process import run_module_async
 from app.load import LoadedScene
+from app.paths import PROGRAM
 from app.settings import SETTLE_FRAMES
 from app.view.model_renderer import VIEWABLE_OUTPUTS
 from app.view.scene_file import render_arguments, write_scene_json
@@ -66,9 +67,10 @@ class Saver:
         formats = "exr,png" if kind == "json" else kind
 
         def arguments(scene_json: Path | str) -> list[str]:
-            return render_arguments(state, self._scene, scene_json, settle, aovs, formats, self._provider)
+            return render_arguments(state, self._scene, scene_json, settle, aovs, formats, self._provider,
+                                    self._loaded.animation, self._loaded.variant)
 
         if kind != "json":
-            await run_module_async("app", [*arguments(folder / SCENE_JSON), "--out", str(folder)])
+            await run_module_async(PROGRAM, [*arguments(folder / SCENE_JSON), "--out", str(folder)])
         path = folder / (SCENE_JSON if kind == "json" else f"0000.{kind}")
-        return SavedFile(self._count, path, shlex.join(["python", "-m", "app", *arguments(SCENE_JSON)]))
+        return SavedFile(self._count, path, shlex.join(["python", "-m", PROGRAM, *arguments(SCENE_JSON)]))

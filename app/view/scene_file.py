@@ -7,6 +7,7 @@ from app.evaluation.configurations import PRECISIONS
 from app.io.atomic_files import write_text
 from app.load import LoadedScene
 from app.network.selection import HALF_SUFFIX, NONE, SSGI, UNSHADOWED
+from app.settings import TONE_MAPS
 from app.view.state import Json, State, camera_to_json, light_to_json
 
 CLASSICAL_MODELS = (NONE, SSGI, UNSHADOWED)  # without a network
@@ -33,11 +34,15 @@ def write_scene_json(path: Path, state: State, loaded: LoadedScene) -> None:
 
 
 def render_arguments(state: State, scene: Path, scene_json: Path | str, settle: int, aovs: tuple[str, ...],
-                     formats: str, provider: str) -> list[str]:
+                     formats: str, provider: str, animation: str | None = None,
+                     variant: str | None = None) -> list[str]:
     """Return the arguments with which ``python -m app`` renders ``state`` from its scene JSON."""
     arguments = [str(scene), "--scene-json", str(scene_json), "--size", f"{state.size[0]}x{state.size[1]}",
                  "--settle", str(settle), "--exposure", repr(state.exposure), "--model", precise_model(state),
                  "--aov", ",".join(aovs), "--format", formats, "--provider", provider]
+    arguments += ["--tonemap", state.tonemap] if state.tonemap != TONE_MAPS[0] else []
+    arguments += ["--auto-exposure"] if state.auto_exposure else []
+    arguments += content_arguments(state, animation, variant)
     if state.environment:
         arguments += ["--model", state.environment]
     if state.scale and not {state.model, state.environment} <= {*CLASSICAL_MODELS, ""}:
@@ -45,7 +50,15 @@ def render_arguments(state: State, scene: Path, scene_json: Path | str, settle: 
     bounces = bounces_for(state, state.model)
     if bounces is not None:
         arguments += ["--bounces", str(bounces)]
-    return arguments if state.taa else [*arguments, "--no-taa"]
+    switched_off = [("--no-reflections", state.reflections), ("--no-taa", state.taa)]
+    return [*arguments, *(option for option, is_on in switched_off if not is_on)]
+
+
+def content_arguments(state: State, animation: str | None, variant: str | None) -> list[str]:
+    """Return the arguments for what a file contains, for ``python -m app`` and ``python -m export reference``."""
+    return [*(["--variant", variant] if variant is not None else []),
+            *(["--animation", animation] if animation is not None else []),
+            *(["--time", repr(state.time)] if state.time else [])]
 
 
 def bounces_for(state: State, model: str) -> int | None:

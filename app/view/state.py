@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from app.scene import Camera, DirectionalLight, Light, PointLight, RectLight, SpotLight
+from app.settings import TONE_MAPS
 
 Vec = tuple[float, float, float]
 Json = dict[str, Any]
@@ -41,6 +42,10 @@ class State:
         The model that shades surfaces by the scene's environment, independent of ``model``; may be empty.
     bounces : int or None
         Number of bounces of indirect light; None for the model's own.
+    tonemap : str
+        As in ``Settings``.
+    time : float
+        Seconds; places what moves.
     """
 
     size: tuple[int, int]
@@ -50,13 +55,17 @@ class State:
     object_offsets: tuple[tuple[str, Vec], ...] = ()
     bookmarks: tuple[tuple[str, Camera], ...] = ()
     exposure: float = 1.0
+    auto_exposure: bool = False
+    tonemap: str = TONE_MAPS[0]
     taa: bool = True
+    reflections: bool = True
     scale: float = 0.0
     precision: str = ""
     aov: str = FINAL
     split: str = ""
     environment: str = ""
     bounces: int | None = None
+    time: float = 0.0
 
     @property
     def models(self) -> tuple[str, ...]:
@@ -66,12 +75,12 @@ class State:
     @property
     def reference_key(self) -> tuple[object, ...]:
         """A key that is equal for equal references."""
-        return self.size, self.camera, self.lights, self.object_offsets
+        return self.size, self.camera, self.lights, self.object_offsets, self.time
 
 
 def camera_to_json(camera: Camera) -> Json:
     """Return a camera in the format of the scene JSON."""
-    return asdict(camera)
+    return {key: value for key, value in asdict(camera).items() if value is not None}
 
 
 def light_to_json(light: Light) -> Json:
@@ -86,6 +95,7 @@ def state_to_json(state: State) -> Json:
         "lights": [light_to_json(light) for light in state.lights],
         "object_offsets": dict(state.object_offsets),
         "bookmarks": {name: camera_to_json(camera) for name, camera in state.bookmarks},
-        "model": state.model, "exposure": state.exposure, "taa": state.taa, "scale": state.scale,
-        "precision": state.precision, "aov": state.aov, "split": state.split,
+        "model": state.model, "exposure": state.exposure, "auto_exposure": state.auto_exposure,
+        "tonemap": state.tonemap, "taa": state.taa, "reflections": state.reflections, "scale": state.scale,
+        "precision": state.precision, "aov": state.aov, "split": state.split, "time": state.time,
     }

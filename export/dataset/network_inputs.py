@@ -152,7 +152,12 @@ def was_visible(previous_depth: F32, expected_depth: F32, motion: F32) -> Bools:
 
 
 def black_network(contract: ModelContract) -> bytes:
-    """An ONNX network of this contract that outputs zeros, so that the renderer prepares the inputs of a real one."""
+    """An ONNX network with these inputs that outputs zeros, so that the renderer prepares the inputs of a real one.
+
+    It has the contract's outputs on the screen only.
+    """
+    outputs = {t: spec for t, spec in contract.outputs.items() if spec.grid == SCREEN}
+    contract = replace(contract, outputs=outputs, static_input=None)  # nothing is cached
     screen = next(t for t, spec in contract.inputs.items() if spec.grid == SCREEN)
     nodes, constants = [], []
     for t, spec in contract.outputs.items():
@@ -160,7 +165,7 @@ def black_network(contract: ModelContract) -> bytes:
         zeros = [0.0] * (shape[0] * shape[1])
         constants.append(helper.make_tensor(f"{t}_zero", TENSOR_TYPES[contract.dtype], shape, zeros))
         nodes.append(helper.make_node("Conv", [screen, f"{t}_zero"], [t]))
-    return make_model(replace(contract, static_input=None), nodes, constants).SerializeToString()  # nothing is cached
+    return make_model(contract, nodes, constants).SerializeToString()
 
 
 def make_model(contract: ModelContract, nodes: Sequence[onnx.NodeProto],

@@ -1,12 +1,12 @@
 """A key for the content of a scene that is the same on every machine."""
 
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import is_dataclass
 from typing import Any
 
 import numpy as np
 
-from app.evaluation.hashing import content_key
+from app.evaluation.hashing import changed_fields, content_key
 from app.scene import Scene
 
 DECIMALS = 5  # processors differ in the last digits of sines and powers
@@ -27,7 +27,7 @@ def _rounded(value: Any) -> Any:
     if isinstance(value, float):
         return round(value, DECIMALS) + 0.0  # no negative zero
     if is_dataclass(value):
-        return (type(value).__name__, *(_rounded(getattr(value, f.name)) for f in fields(value)))
+        return (type(value).__name__, *((name, _rounded(inner)) for name, inner in changed_fields(value)))
     if isinstance(value, Mapping):
         return {key: _rounded(inner) for key, inner in value.items()}
     if isinstance(value, tuple | list):

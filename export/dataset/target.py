@@ -13,8 +13,8 @@ from export.reference.path_tracer import PathTracer, average_samples
 from export.reference.still import Still
 
 # Raise these when targets change, so that existing ones are made again.
-VERSION = 2
-ENVIRONMENT_VERSION = "sky 4"  # part of the keys of pairs under environments
+VERSION = 3
+ENVIRONMENT_VERSION = "sky 5"  # part of the keys of pairs under environments
 # Layers of targets, and the names of these samples.
 INDIRECT_LAYERS = {"indirect": "multi", "indirect_single": "single"}
 ENVIRONMENT_LAYERS = {name: name for name in ("diffuse", "specular", "albedo", "reflectance")}

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from app.network.channels import GLOBALS, RAYS, SURFELS
 from app.network.contract import ModelContract, TensorSpec
-from app.surfels.kernel import DISTANCE_WEIGHT, NORMAL_WEIGHT, PLANE_WEIGHT
+from app.surfels.kernel import CLIP_MARGIN, CLIP_WEIGHT, DISTANCE_WEIGHT, NORMAL_WEIGHT, PLANE_WEIGHT
 from export.models.network import EXTENT, Network, geometric_tail, sanitize
 
 SURFEL_COUNT, RAYS_PER_SURFEL = 2048, 144
@@ -37,33 +37,38 @@ class Ember(Network):
             name="ember", paper="world surfels with traced transport, interpolated by attention; docs/ember.md",
             inputs={"screen": TensorSpec(("position.view.xyz", "normal.view.xyz")),
                     "surfels": TensorSpec(("position.view.xyz", "normal.view.xyz", "irradiance.rgb",
-                                           "emissive_irradiance.rgb", "surfel.radius", "surfel.weight"),
+                                           "emissive_irradiance.rgb", "surfel.radius", "surfel.weight",
+                                           "surfel.clip_plane.view.xyzw"),
                                           SURFELS, surfels),
                     "rays": TensorSpec(("ray.surfel", "ray.albedo.rgb"), RAYS, surfels, rays),
                     "bounces": TensorSpec(("bounces",), GLOBALS)},
-            outputs={"indirect": TensorSpec(("indirect.rgb",))},
+            outputs={"indirect": TensorSpec(("indirect.rgb",)),
+                     "surfel_indirect": TensorSpec(("surfel.indirect.rgb",), SURFELS, surfels)},
             scale=1 / 16, exposure="mean-radiance", bounces="multi", scene_extent=EXTENT,
             trained_on="nothing", licence="MIT")
 
-    def forward(self, screen: Tensor, surfels: Tensor, rays: Tensor, bounces: Tensor) -> Tensor:
-        """Light the surface points on the screen.
+    def forward(self, screen: Tensor, surfels: Tensor, rays: Tensor, bounces: Tensor) -> tuple[Tensor, Tensor]:
+        """Light the surface points on the screen, and the surfels.
 
         Parameters
         ----------
         screen : Tensor, float32, shape (1, 6, h, w)
-        surfels : Tensor, float32, shape (1, 14, S)
+        surfels : Tensor, float32, shape (1, 18, S)
         rays : Tensor, float32, shape (1, 4, S, K)
         bounces : Tensor, float32, shape (1, 1)
 
         Returns
         -------
-        Tensor, float32, shape (1, 3, h, w)
+        screen : Tensor, float32, shape (1, 3, h, w)
             Indirect radiance / albedo; 0 in the sky.
+        surfels : Tensor, float32, shape (1, 3, S)
+            The same at the surfels.
         """
         specs = self.contract.inputs
         screen, surfels = sanitize(screen, specs["screen"]), sanitize(surfels, specs["surfels"])
         between = sanitize(bounces, specs["bounces"]) - 1  # the last bounce uses all rays
-        position, normal, irradiance, emissive, radius, weight = surfels[0].t().tensor_split((3, 6, 9, 12, 13), dim=1)
+        position, normal, irradiance, emissive, radius, weight, plane = surfels[0].t().tensor_split(
+            (3, 6, 9, 12, 13, 14), dim=1)
         # ``bounce`` replaces NaN in its result: there are so many rays that a pass over them shows in the frame time.
         index, albedo = rays[0, 0].long().clamp(0, len(position) - 1), rays[0, 1:].clamp(0, 1).permute(1, 2, 0)
         few = index.shape[1] // RAY_SHARE
@@ -73,9 +78,10 @@ class Ember(Network):
         used = (weight > 0).to(weight)
         center = (position * used).sum(dim=0) / used.sum().clamp(min=1)  # squares of large coordinates would cancel
         pixel_position, position = pixel_position - center, position - center
-        light = interpolate(indirect, pixel_position, pixel_normal, position, normal, radius, weight)
+        plane = torch.cat([plane[:, :3], plane[:, 3:] + (plane[:, :3] * center).sum(dim=1, keepdim=True)], dim=1)
+        light = interpolate(indirect, pixel_position, pixel_normal, position, normal, radius, weight, plane)
         light = light * (pixel_normal.square().sum(dim=1, keepdim=True) > 0).to(screen)
-        return light.t().reshape(1, 3, *screen.shape[2:])
+        return light.t().reshape(1, 3, *screen.shape[2:]), indirect.t().reshape(1, 3, len(position))
 
 
 def neumann_series(irradiance: Tensor, emissive: Tensor, index: Tensor, albedo: Tensor, bounces: Tensor) -> Tensor:
@@ -115,11 +121,12 @@ def bounce(light: Tensor, index: Tensor, albedo: Tensor) -> Tensor:
 
 
 def interpolate(light: Tensor, pixel_position: Tensor, pixel_normal: Tensor, position: Tensor, normal: Tensor,
-                radius: Tensor, weight: Tensor) -> Tensor:
+                radius: Tensor, weight: Tensor, plane: Tensor) -> Tensor:
     """Weighted mean of the surfels' light at points, shape (N, C): attention with geometric weights.
 
     The exponent is minus the squared distance, 1 - cosine of the normals and squared distance from the point's plane,
-    in radii of the surfel (``app.surfels.kernel``), written as one product of queries and keys.
+    in radii of the surfel (``app.surfels.kernel``), written as one product of queries and keys; a second product is the
+    distance beyond the surfel's clip plane.
 
     Parameters
     ----------
@@ -127,8 +134,10 @@ def interpolate(light: Tensor, pixel_position: Tensor, pixel_normal: Tensor, pos
     pixel_position, pixel_normal : Tensor, shape (N, 3)
     position, normal : Tensor, shape (S, 3)
     radius, weight : Tensor, shape (S, 1)
+    plane : Tensor, shape (S, 4)
     """
-    scale = 1 / radius.clamp(min=1e-6).square()
+    reach = radius.clamp(min=1e-6)
+    scale = 1 / reach.square()
     x, y, z = position.tensor_split(3, dim=1)
     a, b, c = pixel_normal.tensor_split(3, dim=1)
     offset = (pixel_position * pixel_normal).sum(dim=1, keepdim=True)
@@ -147,8 +156,11 @@ def interpolate(light: Tensor, pixel_position: Tensor, pixel_normal: Tensor, pos
     pivot = (queries @ keys[:-1, :PIVOT_SURFELS]).amax(dim=1, keepdim=True).clamp(-MAX_EXPONENT, 0.0)
     queries = torch.cat([queries, -pivot], dim=1)
     light = torch.cat([light, torch.ones_like(weight)], dim=1)
+    clip = CLIP_WEIGHT * torch.cat([-plane[:, :3] / reach, CLIP_MARGIN - plane[:, 3:] / reach], dim=1).t()
+    points = torch.cat([pixel_position, torch.ones_like(norm)], dim=1)
     sums = torch.zeros_like(light[:1])
     for block in range(0, len(light), BLOCK):
-        exponent = queries @ keys[:, block:block + BLOCK]
-        sums = sums + exponent.clamp(MIN_EXPONENT, MAX_EXPONENT).exp() @ light[block:block + BLOCK]
+        rows = slice(block, block + BLOCK)
+        exponent = queries @ keys[:, rows] + (points @ clip[:, rows]).clamp(max=0.0)
+        sums = sums + exponent.clamp(MIN_EXPONENT, MAX_EXPONENT).exp() @ light[rows]
     return sums[:, :-1] / sums[:, -1:]

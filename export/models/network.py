@@ -20,7 +20,8 @@ class Network(nn.Module):
     """A torch module with the contract of its tensors.
 
     It is called with the contract's inputs, each [B, C, h, w] or [B, C, 6, n, n], in the contract's order or by name,
-    and returns radiance / albedo [B, 3, h, w] in the unit of the input radiance.
+    and returns radiance / albedo [B, 3, h, w] in the unit of the input radiance. One with several outputs returns them
+    in the contract's order, that one first.
 
     Attributes
     ----------
@@ -59,6 +60,11 @@ class StaticSplit(Protocol):
 
     def finish(self, cached: Sequence[Tensor], *others: Tensor) -> Tensor:
         """The output, from the precomputed tensors and the other inputs in the contract's order."""
+
+
+def outputs_of(result: Tensor | tuple[Tensor, ...]) -> tuple[Tensor, ...]:
+    """What a network returned, as a tuple in the order of its contract."""
+    return result if isinstance(result, tuple) else (result,)
 
 
 def sanitize(x: Tensor, spec: TensorSpec) -> Tensor:

@@ -1,6 +1,7 @@
 """Exports torch modules with their contracts to ``.onnx`` files, which are written only if they agree with torch."""
 
 import copy
+import pickle
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +18,8 @@ from app.network.contract_json import contract_to_json
 from app.network.selection import HALF_SUFFIX
 from app.network.static_cache import StaticCache
 from export.models import UNTRAINED, Network, bcnn, make_network
+from export.models.final_gather import FinalGather
+from export.models.network import outputs_of
 from export.models.radiosity import Radiosity
 from export.onnx.card import card, summary
 from export.onnx.graphs import trace_network
@@ -63,6 +66,26 @@ def export_checkpoint(checkpoint: Checkpoint, folder: Path,
         path, differences[path] = write_network(variant, folder, inputs, tolerance, network)
     write_text(folder / f"{network.contract.name}.md", card(checkpoint, network.contract, differences))
     return list(differences)
+
+
+def export_final_gather(weights: Path, trained_on: str, folder: Path) -> Path:
+    """Write ``final-gather.onnx`` with the weights of ``python -m export gather train``.
+
+    Raises
+    ------
+    ModelError
+        When the weights are those of another network, or onnxruntime disagrees with torch.
+    """
+    network = FinalGather()
+    try:
+        network.load_state_dict(torch.load(weights, weights_only=True))
+    except (OSError, RuntimeError, pickle.UnpicklingError) as error:
+        raise ModelError(f"can't read the weights ({type(error).__name__})", weights,
+                         "expected a file of python -m export gather train") from None
+    network.contract = replace(network.contract, trained_on=trained_on)
+    inputs = list(sample_inputs(network.contract))
+    tolerance = {label: TRAINED_TOLERANCE["float32"] for label, _ in inputs}
+    return write_network(network.eval(), folder, inputs, tolerance)[0]
 
 
 def export_scaling_networks(folder: Path) -> list[Path]:
@@ -163,17 +186,20 @@ def compare(reference: Network, model: bytes, contract: ModelContract, inputs: I
         with np.errstate(over="ignore"):
             feeds = {t: x.astype(contract.dtype) for t, x in tensors.items()}
         with torch.no_grad():
-            expected = reference(*_to_torch(feeds, reference.contract)).numpy()
-        output = session.run(list(contract.outputs), {**feeds, **cache})[0].astype(np.float32)
-        if not (np.isfinite(output).all() and np.isfinite(expected).all()):
-            raise ModelError(f"the output for inputs {label!r} is not finite", contract.name, "expected finite numbers")
-        if label not in tolerance:
-            continue
-        difference = float(np.abs(output - expected).max() / max(np.abs(expected).max(), 1e-6))
-        largest = max(largest, difference)
-        if difference > tolerance[label]:
-            raise ModelError(f"onnxruntime differs from torch by {difference:.2g} for inputs {label!r}", contract.name,
-                             f"expected at most {tolerance[label]}")
+            expected = outputs_of(reference(*_to_torch(feeds, reference.contract)))
+        outputs = session.run(list(contract.outputs), {**feeds, **cache})
+        for torch_output, output in zip((x.numpy() for x in expected), outputs, strict=True):
+            if not (np.isfinite(output).all() and np.isfinite(torch_output).all()):
+                raise ModelError(f"the output for inputs {label!r} is not finite", contract.name,
+                                 "expected finite numbers")
+            if label not in tolerance:
+                continue
+            scale = max(np.abs(torch_output).max(), 1e-6)
+            difference = float(np.abs(output.astype(np.float32) - torch_output).max() / scale)
+            largest = max(largest, difference)
+            if difference > tolerance[label]:
+                raise ModelError(f"onnxruntime differs from torch by {difference:.2g} for inputs {label!r}",
+                                 contract.name, f"expected at most {tolerance[label]}")
     return largest
 
 

@@ -26,6 +26,7 @@ from app.network.contract import ModelContract
 from app.scene import Scene
 from export.models import UNTRAINED, ember, radiosity
 from export.models.disks import form_factors
+from export.models.network import outputs_of
 from export.onnx.sample_inputs import Arrays, change_light, rendered_inputs, sample_inputs
 
 SIZE = (512, 384)  # of the rendered frames
@@ -106,9 +107,10 @@ def measure(name: str, network: nn.Module, label: str, inputs: Arrays, variant: 
     tensors = [torch.from_numpy(x) for x in inputs.values()]
     mode = Rounding(active=variant == HALF)
     with torch.no_grad():
-        reference = network(*tensors).numpy()
+        reference = outputs_of(network(*tensors))[0].numpy()
         with _geometry_in_single(network, mode) if variant == LIGHT_ONLY else nullcontext(), mode:
-            output = network(*(mode.round(x) if mode.active else x for x in tensors)).numpy()
+            rounded = (mode.round(x) if mode.active else x for x in tensors)
+            output = outputs_of(network(*rounded))[0].numpy()
     finite = np.isfinite(output)
     compared = finite & (reference > 0)
     light, errors = reference[compared], {}

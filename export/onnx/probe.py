@@ -1,5 +1,7 @@
 """Probe networks that read every channel on every grid, so that golden images cover them all.
 
+Channels of gathered light, which come with surfels of their own, are covered by the case of ``final-gather``.
+
 The output of ``probe.onnx`` is the mean of a texel's screen channels plus the mean of each other tensor. Surfels and
 rays have no weight in it, since surfel positions depend on rounding; a separate golden case covers these tensors.
 ``probe_environment.onnx`` reads the channels of networks that shade an environment, and returns half of the unshadowed
@@ -16,6 +18,7 @@ from app.network.channels import (
     CHANNELS,
     CUBE,
     DIFFUSE,
+    GATHERED_CHANNELS,
     GLOBALS,
     LIT,
     PANORAMA,
@@ -36,7 +39,7 @@ def probe_contract() -> ModelContract:
     """All channels that a network for indirect light can read, on every grid; the cube is aligned with the camera."""
     def channels(grid: str) -> tuple[str, ...]:
         return tuple(name for name, c in CHANNELS.items()
-                     if grid in c.grids and not c.output and name not in UNSHADOWED_CHANNELS)
+                     if grid in c.grids and not c.output and name not in (*UNSHADOWED_CHANNELS, *GATHERED_CHANNELS))
 
     return ModelContract(
         name="probe", inputs={"screen": TensorSpec(channels(SCREEN)), "cube": TensorSpec(channels(CUBE), CUBE, FACE),
@@ -51,7 +54,8 @@ def probe_contract() -> ModelContract:
 def environment_contract() -> ModelContract:
     """All screen and global channels that a network that shades an environment can read."""
     screen = (name for name, c in CHANNELS.items()
-              if SCREEN in c.grids and not c.output and name not in (*LIT, *UNSHADOWED_CHANNELS))
+              if SCREEN in c.grids and not c.output
+              and name not in (*LIT, *UNSHADOWED_CHANNELS, *GATHERED_CHANNELS))
     return ModelContract(
         name="probe_environment",
         inputs={"unshadowed": TensorSpec(UNSHADOWED_CHANNELS), "screen": TensorSpec(tuple(screen)),

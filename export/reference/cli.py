@@ -8,10 +8,10 @@ import typer
 from app.errors import SettingsError
 from app.io.atomic_files import prepare_folders
 from app.io.terminal import transient_progress
-from app.load import embedded_scene, load_scene
+from app.load import embedded_scene, lighting_of, load_scene
 from app.settings import Settings, parse_size
 
-MAX_SPP = 2**15
+MAX_SPP, MAX_SECONDS = 2**15, 1e6
 SCENE = typer.Argument(metavar="[SCENE]", help="Scene file; by default the embedded Cornell box.")
 
 
@@ -19,6 +19,12 @@ def reference(scene: Annotated[Path | None, SCENE] = None,
               camera: Annotated[str | None, typer.Option(help="A camera of the scene.")] = None,
               lighting: Annotated[str | None, typer.Option(help="A lighting of the scene's JSON file.")] = None,
               scene_json: Annotated[Path | None, typer.Option(help="JSON file of cameras, lightings, motion.")] = None,
+              studio: Annotated[bool | None, typer.Option(
+                  "--studio/--no-studio", help="As for `python -m app render`.", show_default=False)] = None,
+              ground: Annotated[bool, typer.Option("--ground", help="Add a ground below the scene.")] = False,
+              animation: Annotated[str | None, typer.Option(help="An animation of the file, all, or none.")] = None,
+              variant: Annotated[str | None, typer.Option(help="A variant of the file's materials.")] = None,
+              time: Annotated[float, typer.Option(help="Seconds.", min=0, max=MAX_SECONDS)] = 0.0,
               size: Annotated[str, typer.Option(help="Width and height in pixels.", metavar="WxH")] = "256x192",
               spp: Annotated[int, typer.Option(help="Paths per pixel.", min=1)] = 256,
               max_bounces: Annotated[int, typer.Option(help="Of indirect light.", min=1, max=1000)] = 16,
@@ -28,19 +34,23 @@ def reference(scene: Annotated[Path | None, SCENE] = None,
               seed: Annotated[int, typer.Option(min=0, max=31)] = 0,  # baselines derive 32-bit seeds from it
               out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("reference")) -> None:
     """Path-trace a scene: reference.exr with direct, indirect and final light, reference.json with its noise."""
-    if scene is None and scene_json is not None:
-        raise SettingsError("needs a scene", "--scene-json", "expected a SCENE too")
+    for option, given in (("--scene-json", scene_json), ("--animation", animation), ("--variant", variant),
+                          ("--studio", studio or None), ("--ground", ground or None)):
+        if scene is None and given is not None:
+            raise SettingsError("needs a scene", option, "expected a SCENE too")
     from export.reference.mitsuba_module import load_mitsuba
 
     load_mitsuba()  # fails here, before the scene is read, when something is missing
     from export.reference.still import Still
     from export.reference.trace import write_baselines, write_reference
 
-    loaded = embedded_scene(lighting=lighting) if scene is None else load_scene(scene, lighting=lighting,
-                                                                                scene_json=scene_json)
+    loaded = embedded_scene(lighting=lighting) if scene is None else load_scene(
+        scene, lighting=lighting_of(lighting, studio), scene_json=scene_json, variant=variant, animation=animation,
+        studio=studio is not False, ground=ground)
     if camera is not None and camera not in loaded.cameras:
         raise SettingsError(f"no camera {camera!r}", "--camera", f"expected one of: {', '.join(loaded.cameras)}")
-    still = Still(loaded, loaded.cameras[camera or loaded.default_camera].at(0.0), Settings(parse_size(size)).size)
+    path = loaded.cameras[camera or loaded.default_camera]
+    still = Still(loaded, path.at(time), Settings(parse_size(size)).size, time)
     prepare_folders(out)
     if baselines:
         write_baselines(out, still, _parse_counts(baselines), seed, max_bounces)

@@ -8,7 +8,9 @@ from app.arrays import F32, F64
 from app.math3d import View
 from app.scene import Scene
 from export.reference.ggx import GgxLobe
-from export.reference.path_tracer import PathTracer, albedo, evaluate, shading_normal, specular_of
+from export.reference.lambert import LambertLobe
+from export.reference.layers import Layers
+from export.reference.path_tracer import PathTracer, evaluate
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +26,7 @@ class EnvironmentSamples:
     specular_with_fresnel : ndarray, float32, shape (N, 3)
         The same with Schlick's approximation of the Fresnel factor.
     reflectance : ndarray, float32, shape (N, 3)
-        What the renderer multiplies ``specular`` by, as in shaders/include/ggx.glsl.
+        What the renderer multiplies ``specular`` by, as in shaders/include/specular_albedo.glsl.
     albedo, normal, depth : ndarray
         As in ``Samples``.
     """
@@ -54,22 +56,21 @@ class EnvironmentTracer(PathTracer):
         """One sample through each point of the image, shape (N, 2) in [0, 1], x to the right, y down."""
         mi, scene = self._mi, self.scene
         sampler, ray = self._camera_rays(view, pixels, seed)
-        si = self._intersect(scene.meshes, ray)
-        hit = si.is_valid()
-        normal, v = shading_normal(si), -dr.normalize(ray.d)
+        seen, _ = self._intersect(scene.meshes, ray, True, sampler, self._passes_to_opaque)
+        hit, si = seen.is_valid(), seen.si
+        surface = scene.surfaces.at(seen, hit)
+        normal, v = surface.normal, -dr.normalize(ray.d)
         sources = [] if self._sky is None else [self._sky]
-        diffuse = self._unbounced(sources, si, normal, sampler, hit)
-        f0, roughness = specular_of(si, hit)
-        has_specular = dr.max(f0) > 0  # an F0 of 0 means no specular reflection, not even at grazing angles
-        lobe, specular, with_fresnel = GgxLobe(mi, normal, v, f0, roughness), mi.Color3f(0.0), mi.Color3f(0.0)
+        diffuse = self._unbounced(sources, si, LambertLobe(mi, normal), sampler, hit)
+        has_specular = dr.max(surface.f0) > 0  # an F0 of 0 means no specular reflection, not even at grazing angles
+        lobe = GgxLobe(mi, normal, v, surface.f0, surface.roughness)
+        specular, with_fresnel = mi.Color3f(0.0), mi.Color3f(0.0)
         for source in sources:
             for l, light in self._lobe_samples(source, si, lobe, sampler, hit):  # noqa: E741
                 reflected = dr.select(light > 0, light * lobe.eval(l), 0.0)
                 specular += reflected
-                with_fresnel += dr.select(has_specular, reflected * lobe.fresnel(l), 0.0)
-        grazing = dr.maximum(1 - roughness, f0) - f0
-        rim = dr.power(1 - dr.maximum(dr.dot(normal, v), 0), 5)
-        reflectance = dr.select(has_specular, f0 + grazing * rim, 0.0)
+                with_fresnel += dr.select(has_specular, reflected * lobe.tint(l), 0.0)
+        albedo = Layers(mi, scene.surfaces, surface, v).albedo
         depth = si.t / dr.opaque(mi.Float, scene.scale)
-        return EnvironmentSamples(*evaluate(hit, diffuse, specular, with_fresnel, albedo(si, hit), reflectance, normal,
-                                            depth))
+        return EnvironmentSamples(*evaluate(hit, diffuse, specular, with_fresnel, albedo, lobe.reflectance(),
+                                            normal, depth))

@@ -1,15 +1,16 @@
-"""The renderer's reflections on a rough surface, for the path tracer: shaders/include/ggx_lobe.glsl and ggx.glsl."""
+"""The renderer's reflections on a rough surface, for the path tracer: shaders/include/ggx.glsl and what it includes."""
 
 from typing import Any
 
 import drjit as dr
 
-MIN_ALPHA = 2e-3   # as in shaders/include/ggx_lobe.glsl
-MIN_COSINE = 1e-3  # between normal and view, as in shaders/include/ggx.glsl
+from app.specular_albedo import MIN_ALPHA, MIN_COSINE, lobe_albedo, lobe_fresnel, multiple_scattering
 
 
 class GgxLobe:
     """Trowbridge-Reitz microfacets with height-correlated Smith shadowing (Heitz 2014) and Schlick's Fresnel factor.
+
+    Light that microfacets scatter more than once is added in proportion to what they scatter once (Turquin 2019).
 
     All directions are unit vectors in world space that point away from the surface.
 
@@ -30,6 +31,8 @@ class GgxLobe:
         self._alpha = dr.maximum(roughness * roughness, MIN_ALPHA)
         v = self._frame.to_local(v)
         self._v = dr.normalize(mi.Vector3f(v.x, v.y, dr.maximum(v.z, MIN_COSINE)))
+        self.roughness, self._once = roughness, lobe_albedo(self._alpha, self._v.z)
+        self._compensation = multiple_scattering(f0, self._once)
 
     def sample(self, u: Any) -> Any:
         """``v`` reflected at a visible microfacet (Heitz 2018, "Sampling the GGX Distribution of Visible Normals")."""
@@ -59,10 +62,19 @@ class GgxLobe:
         lobe = self._distribution(self._half(l)) * 0.5 / dr.maximum(smith, 1e-6)
         return dr.select(n_l > 0, lobe * n_l, 0)
 
-    def fresnel(self, l: Any) -> Any:  # noqa: E741
-        """Schlick's approximation."""
+    def tint(self, l: Any) -> Any:  # noqa: E741
+        """The Fresnel factor by Schlick's approximation, with light that is scattered more than once."""
         cosine = dr.clip(dr.dot(self._half(l), self._v), 0, 1)
-        return self._f0 + (1 - self._f0) * dr.power(1 - cosine, 5)
+        return self._compensation * (self._f0 + (1 - self._f0) * dr.power(1 - cosine, 5))
+
+    def reflectance(self) -> Any:
+        """Mean of ``tint`` over what the lobe without it reflects; nothing where F0 is 0."""
+        fresnel = dr.clip(lobe_fresnel(self.roughness, self._alpha, self._v.z), 0, 1)
+        return dr.select(dr.max(self._f0) > 0, self._compensation * (self._f0 + (1 - self._f0) * fresnel), 0)
+
+    def albedo(self) -> Any:
+        """Share of light from everywhere that is reflected, by the fit of ``app.specular_albedo``."""
+        return self._once * self.reflectance()
 
     def _half(self, l: Any) -> Any:  # noqa: E741
         return dr.normalize(self._frame.to_local(l) + self._v)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
@@ -23,9 +24,8 @@ def make_integrator_timer(scene: MitsubaScene, view: View, size: tuple[int, int]
     mi = load_mitsuba()
     origin = (view.eye - scene.origin) * scene.scale
     sensor = mi.load_dict({
-        "type": "perspective", "fov": math.degrees(2 * math.atan(view.tan_half[1])), "fov_axis": "y",
-        "to_world": mi.ScalarTransform4f().look_at(origin=origin.tolist(), up=view.rotation[1].tolist(),
-                                                   target=(origin - view.rotation[2]).tolist()),
+        **_projection(view, scene.scale, mi.ScalarTransform4f().look_at(
+            origin=origin.tolist(), up=view.rotation[1].tolist(), target=(origin - view.rotation[2]).tolist())),
         "film": {"type": "hdrfilm", "width": size[0], "height": size[1], "rfilter": {"type": "box"}}})
     integrator = mi.load_dict({"type": "path", "max_depth": max_bounces + 2, "rr_depth": ROULETTE_DEPTH})
     combined = mi.load_dict(scene.combined)
@@ -42,3 +42,13 @@ def make_integrator_timer(scene: MitsubaScene, view: View, size: tuple[int, int]
     for spp in (1, 2):  # one sample per pixel and several compile to different kernels
         render(spp)
     return measure
+
+
+def _projection(view: View, scale: float, to_world: Any) -> dict[str, Any]:
+    """A sensor's projection; Mitsuba's pixels are square."""
+    if view.is_orthographic:
+        width = view.half_size[0] * scale
+        return {"type": "orthographic", "to_world": to_world @ type(to_world)().scale([width, width, 1.0])}
+    return {"type": "perspective", "fov": math.degrees(2 * math.atan(view.half_size[1])), "fov_axis": "y",
+            "principal_point_offset_x": view.center[0] / 2, "principal_point_offset_y": -view.center[1] / 2,
+            "to_world": to_world}

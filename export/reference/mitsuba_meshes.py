@@ -1,14 +1,14 @@
-"""Instances of meshes, their materials and textures as Mitsuba meshes."""
+"""Instances of meshes as Mitsuba meshes, whose materials only Mitsuba's own integrators use."""
 
 from typing import Any
 
 import numpy as np
 
 from app.arrays import F32, F64
-from app.io.image import srgb_decode
 from app.math3d import normal_matrix
-from app.scene import Instance, Material, Mesh, Scene, Texture
+from app.scene import Instance, Material, Scene, Texture
 from export.reference.mitsuba_lights import SIDE_GAP
+from export.reference.textures import linear_pixels
 
 MIN_SAMPLING_WEIGHT = 1e-9  # of an emitter
 
@@ -23,7 +23,7 @@ class MeshConverter:
 
     def convert(self, instance: Instance, side: int = 0) -> Any:
         """The instance as a reflecting mesh (``side`` 0), or as an emitter to its front (1) or back (-1)."""
-        mi, mesh = self._mi, self._scene.meshes[instance.mesh]
+        mi, mesh = self._mi, instance.mesh_at(self._scene.meshes, self._time)
         material = self._scene.materials[mesh.material]
         transform = instance.transform_at(self._time)
         corners = mesh.triangles.ravel()  # unshared vertices, so that a triangle can have its face normal
@@ -35,36 +35,35 @@ class MeshConverter:
             facing = _face_normals(points)
             facing *= (-side if mirrored else side) / np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-300)
             points, normals = points + SIDE_GAP * facing, facing
+        texture = material.emission_map if side else material.albedo_map
+        uvs = mesh.second_uvs if texture is not None and texture.uv_set == 1 else mesh.uvs
         properties = mi.Properties()
         if side:
             properties["emitter"] = mi.load_dict({
-                "type": "area", "radiance": self._texture(material.emission, material.emission_map),
+                "type": "area", "radiance": self._texture(material.emission, None if uvs is None else texture),
                 "sampling_weight": max(_mean_emission(material) * _area(points), MIN_SAMPLING_WEIGHT)})
         by_vertex = mesh.colors is not None and material.albedo_map is None
         if (mesh.material, by_vertex) not in self._bsdfs:
             self._bsdfs[mesh.material, by_vertex] = self._bsdf(material, by_vertex)
         properties["bsdf"] = self._bsdfs[mesh.material, by_vertex]
-        self._note_differences(mesh, material)
         # Shading normals decide to which side an area light emits, the winding which side is the front.
         flip = bool(side) and (mirrored != (side < 0))
         faces = np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)[:, ::-1 if flip else 1]
         converted = mi.Mesh(instance.name, len(corners), len(faces), has_vertex_normals=True,
-                            has_vertex_texcoords=mesh.uvs is not None, props=properties)
+                            has_vertex_texcoords=uvs is not None, props=properties)
         if mesh.colors is not None:
             colors = mesh.colors[corners].astype(np.float32)
             albedo = colors[:, :3] * np.asarray(material.albedo, np.float32)
             converted.add_attribute("vertex_albedo", 3, albedo.ravel())
             converted.add_attribute("vertex_opacity", 1, _opacity_of(colors[:, 3] * material.alpha, material))
-        if not side:
-            converted.add_attribute("face_f0", 3, np.tile(np.asarray(material.specular, np.float32), len(faces)))
-            converted.add_attribute("face_roughness", 1, np.full(len(faces), material.roughness, np.float32))
         buffers = mi.traverse(converted)
         buffers["vertex_positions"] = points.astype(np.float32).ravel()
         buffers["vertex_normals"] = normals.astype(np.float32).ravel()
         buffers["faces"] = np.ascontiguousarray(faces).ravel()
-        if mesh.uvs is not None:
-            texture = material.emission_map if side else material.albedo_map
-            buffers["vertex_texcoords"] = _texcoords(mesh.uvs[corners], texture).astype(np.float32).ravel()
+        if uvs is not None:
+            buffers["vertex_texcoords"] = _texcoords(uvs[corners], texture).astype(np.float32).ravel()
+            if side and texture is not None:
+                self._note_difference(uvs, texture)
         buffers.update()
         return converted
 
@@ -80,34 +79,29 @@ class MeshConverter:
     def _texture(self, factor: tuple[float, float, float], texture: Texture | None) -> dict[str, Any]:
         if texture is None:
             return {"type": "rgb", "value": list(factor)}
-        return self._bitmap(_linear_pixels(texture)[..., :3] * np.asarray(factor, np.float32), texture)
+        return self._bitmap(linear_pixels(texture)[..., :3] * np.asarray(factor, np.float32), texture)
 
     def _opacity(self, material: Material) -> dict[str, Any]:
         if material.albedo_map is None:
             return {"type": "rgb", "value": float(_opacity_of(np.array([material.alpha], np.float32), material)[0])}
-        alpha = _linear_pixels(material.albedo_map)[..., 3:] * np.float32(material.alpha)
+        alpha = linear_pixels(material.albedo_map)[..., 3:] * np.float32(material.alpha)
         return self._bitmap(_opacity_of(alpha, material), material.albedo_map, "nearest")
 
     def _bitmap(self, pixels: F32, texture: Texture, filter_type: str = "bilinear") -> dict[str, Any]:
         return {"type": "bitmap", "bitmap": self._mi.Bitmap(np.ascontiguousarray(pixels)), "raw": True,
                 "filter_type": filter_type, "wrap_mode": "repeat" if any(texture.repeat) else "clamp"}
 
-    def _note_differences(self, mesh: Mesh, material: Material) -> None:
-        texture = material.albedo_map
-        if texture is None:
-            return
-        if mesh.colors is not None and (mesh.colors != 1).any():
-            self.notices.append(f"{mesh.name!r}: the path tracer ignores the vertex colours of a textured mesh")
-        if mesh.uvs is not None and any(texture.repeat) and not all(texture.repeat):
-            clamped = _texcoords(mesh.uvs, texture)[:, texture.repeat.index(False)]
+    def _note_difference(self, uvs: F32, texture: Texture) -> None:
+        if any(texture.repeat) and not all(texture.repeat):
+            clamped = _texcoords(uvs, texture)[:, texture.repeat.index(False)]
             if clamped.min() < 0 or clamped.max() > 1:
-                self.notices.append(f"{mesh.name!r}: the path tracer repeats a texture clamped in one direction")
+                self.notices.append("the path tracer's light repeats an emission texture clamped in one direction")
 
 
 def _mean_emission(material: Material) -> float:
     """Over all channels and the whole texture."""
     texture = material.emission_map
-    pixels = np.ones(3, np.float32) if texture is None else _linear_pixels(texture)[..., :3]
+    pixels = np.ones(3, np.float32) if texture is None else linear_pixels(texture)[..., :3]
     return float((pixels * np.asarray(material.emission, np.float32)).mean())
 
 
@@ -138,11 +132,3 @@ def _texcoords(uvs: F32, texture: Texture | None) -> F64:
 def _opacity_of(alpha: F32, material: Material) -> F32:
     """Alpha scaled so that the material's cutoff becomes 1/2, the path tracer's threshold."""
     return np.clip(alpha / np.float32(2 * max(material.alpha_cutoff or 0, 1e-6)), 0, 1)
-
-
-def _linear_pixels(texture: Texture) -> F32:
-    """Linear float32 [H, W, 4]."""
-    if texture.pixels.dtype != np.uint8:
-        return texture.pixels.astype(np.float32)
-    pixels = texture.pixels.astype(np.float32) / 255
-    return np.concatenate([srgb_decode(pixels[..., :3]), pixels[..., 3:]], axis=-1)

@@ -14,6 +14,7 @@ from app.scene import Scene
 from export.reference.mitsuba_lights import SUN_DISTANCE, convert_environment, convert_light
 from export.reference.mitsuba_meshes import MeshConverter
 from export.reference.mitsuba_module import load_mitsuba
+from export.reference.surfaces import SurfaceTable
 
 EXTENT = 40.0  # longest edge of the scaled scene
 
@@ -25,28 +26,26 @@ class MitsubaScene:
     Attributes
     ----------
     meshes : mitsuba.Scene
-        All meshes, with the attributes ``face_f0`` and ``face_roughness``.
+        All meshes.
+    surfaces : SurfaceTable
+        What is at each point of them.
     shadow_casters : mitsuba.Scene or None
         All meshes but those that are exactly analytic lights.
-    visible_emitters, approximated, emissive, environment : mitsuba.Scene or None
-        All emissive meshes; those that the renderer's lights only approximate; those that are no light proxies; the
-        environment.
+    approximated, emissive, environment : mitsuba.Scene or None
+        Emissive meshes that the renderer's lights only approximate; those that are no light proxies; the environment.
     combined : dict
         All of it and the exact analytic lights as one scene for Mitsuba's own integrators, in which lights have bodies.
-    masked : bool
-        Whether a material has an alpha mask.
     notices : tuple of str
         What the path tracer renders differently from the renderer.
     """
 
     meshes: Any
+    surfaces: SurfaceTable
     shadow_casters: Any
-    visible_emitters: Any
     approximated: Any
     emissive: Any
     environment: Any
     combined: dict[str, Any]
-    masked: bool
     origin: F64
     scale: float
     notices: tuple[str, ...]
@@ -65,7 +64,6 @@ def convert_scene(scene: Scene, time: float = 0.0) -> MitsubaScene:
     converter = MeshConverter(mi, scene, time, origin, scale)
     meshes: dict[str, Any] = {f"mesh{i}": converter.convert(instance) for i, instance in enumerate(scene.instances)}
     shadow_casters: dict[str, Any] = {}
-    visible_emitters: dict[str, Any] = {}
     approximated: dict[str, Any] = {}
     emissive: dict[str, Any] = {}
     for (key, mesh), instance in zip(meshes.items(), scene.instances, strict=True):
@@ -75,7 +73,6 @@ def convert_scene(scene: Scene, time: float = 0.0) -> MitsubaScene:
         if material.emits:
             emitters = {f"{key}side{side}": converter.convert(instance, side)
                         for side in ((1, -1) if material.double_sided else (1,))}
-        visible_emitters |= emitters
         if is_approximated:
             approximated |= emitters
         elif not material.is_light_proxy:
@@ -94,7 +91,7 @@ def convert_scene(scene: Scene, time: float = 0.0) -> MitsubaScene:
         return mi.load_dict({"type": "scene"} | part | extra, parallel=False, optimize=False) if part else None
 
     return MitsubaScene(
-        load(meshes), load(shadow_casters), load(visible_emitters), load(approximated), load(emissive),
-        load(environment, bounds=bounds), {"type": "scene"} | meshes | lights | approximated | emissive | environment,
-        any(m.alpha_cutoff is not None for m in scene.materials), origin, scale,
+        load(meshes), SurfaceTable(mi, scene, list(meshes.values()), time, scale), load(shadow_casters),
+        load(approximated), load(emissive), load(environment, bounds=bounds),
+        {"type": "scene"} | meshes | lights | approximated | emissive | environment, origin, scale,
         tuple(dict.fromkeys(converter.notices)))

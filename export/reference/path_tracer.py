@@ -1,9 +1,10 @@
 """A path tracer: Mitsuba's intersections and textures in a loop over bounces.
 
 Diffuse light is demodulated by construction: the primary surface reflects with an albedo of 1, so radiance / albedo
-needs no division by a dark albedo. The surface that the camera sees also reflects unbounced light by its GGX lobe. All
-other reflections are diffuse, as in the renderer's model: indirect light has no highlights, and highlights show no
-surface that does not emit.
+needs no division by a dark albedo. All surfaces reflect by all of their lobes. After a rough reflection, what a path
+meets is at least as rough, up to ``MIN_BOUNCED_ROUGHNESS``: else the few paths that a smooth surface sends to a small
+light, which are its caustics, would be as bright as they are rare (Kaplanyan and Dachsbacher 2013, "Path Space
+Regularization for Holistic and Robust Light Transport").
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -17,17 +18,19 @@ from app.arrays import F32, F64
 from app.math3d import View
 from app.scene import Scene
 from export.reference.analytic_lights import AnalyticLights
-from export.reference.ggx import GgxLobe
 from export.reference.lambert import LambertLobe
+from export.reference.layers import ChosenLobe, Layers
 from export.reference.light_sources import EmissiveMeshes, LightSource, Sky, power_heuristic
 from export.reference.mitsuba_module import load_mitsuba
 from export.reference.mitsuba_scene import EXTENT, convert_scene
 from export.reference.still import Still
+from export.reference.surfaces import Hit, Surface, face_normal
 
 MAX_BOUNCES = 16
 MAX_RAYS = 2**20        # traced at once, which bounds the memory
-MAX_MASKED_LAYERS = 16  # masked surfaces that a ray can pass
+MAX_LAYERS = 16         # surfaces that a ray can pass
 ROULETTE_DEPTH = 4      # bounces before Russian roulette begins
+MIN_BOUNCED_ROUGHNESS = 0.3  # of what is met after a reflection that is rougher
 SHADOW_EPSILON = 1e-3   # of the distance to a light: what lies closer to the light does not block it
 
 
@@ -41,6 +44,7 @@ class Samples:
         Radiance / albedo in W/(sr m²): unbounced, by one bounce, and by all bounces. For unbounced light from emissive
         meshes other than light proxies see ``PathTracer``.
     albedo : ndarray, float32, shape (N, 3)
+        Below a clearcoat and a sheen.
     normal : ndarray, float32, shape (N, 3)
         World-space shading normal on the camera's side of the surface.
     depth : ndarray, float32, shape (N,)
@@ -64,8 +68,10 @@ class RadianceSamples:
     emitted : ndarray
         Emission of the visible surface; the environment where no surface is visible. W/(sr m²), as is ``reflected``.
     reflected : ndarray
-        Diffuse light of all bounces, and highlights.
-    albedo, normal : ndarray
+        Diffuse and glossy light of all bounces.
+    albedo : ndarray
+        Of the first surface, with its reflectance at normal incidence, so that a denoiser sees what metals reflect.
+    normal : ndarray
         As in ``Samples``.
     """
 
@@ -120,7 +126,6 @@ class PathTracer:
         mi = self._mi = load_mitsuba()
         converted = self.scene = convert_scene(scene, time)
         self.max_bounces = max_bounces
-        self._has_specular = any(material.has_specular for material in scene.materials)
         self.notices = converted.notices
         occluders, analytic = converted.shadow_casters, scene.exact_lights
         lights = (AnalyticLights(mi, analytic, converted.origin, converted.scale, EXTENT, occluders) if analytic
@@ -133,7 +138,7 @@ class PathTracer:
         self._indirect: list[LightSource] = [] if emission_is_direct or emissive is None else [emissive]
 
     def trace(self, view: View, pixels: F64, seed: int) -> Samples:
-        """Trace one path of diffuse light through each point of the image.
+        """Trace one path of diffuse light through each point of the image, to the first opaque surface.
 
         Parameters
         ----------
@@ -141,28 +146,64 @@ class PathTracer:
             Image positions in [0, 1], x to the right, y down.
         """
         sampler, ray = self._camera_rays(view, pixels, seed)
-        si = self._intersect(self.scene.meshes, ray)
-        hit = si.is_valid()
-        normal = shading_normal(si)
-        direct, single, multi = self._diffuse(si, normal, sampler, hit)
+        hit, _ = self._intersect(self.scene.meshes, ray, True, sampler, self._passes_to_opaque)
+        active = hit.is_valid()
+        surface = self.scene.surfaces.at(hit, active)
+        direct, single, multi = self._diffuse(hit.si, surface.normal, sampler, active)
         # The rays' z is -1 in camera space, so t is the depth.
-        depth = si.t / dr.opaque(self._mi.Float, self.scene.scale)
-        return Samples(*evaluate(hit, direct, single, multi, albedo(si, hit), normal, depth))
+        depth = hit.si.t / dr.opaque(self._mi.Float, self.scene.scale)
+        single, multi = surface.occlusion * single, surface.occlusion * multi
+        albedo = Layers(self._mi, self.scene.surfaces, surface, -dr.normalize(ray.d)).albedo
+        return Samples(*evaluate(active, direct, single, multi, albedo, surface.normal, depth))
 
     def trace_radiance(self, view: View, pixels: F64, seed: int) -> RadianceSamples:
         """Trace one path of all light through each point of the image, given as for ``trace``."""
-        mi = self._mi
         sampler, ray = self._camera_rays(view, pixels, seed)
-        si = self._intersect(self.scene.meshes, ray)
-        hit = si.is_valid()
-        normal = shading_normal(si)
-        direct, _, multi = self._diffuse(si, normal, sampler, hit)
-        reflected = albedo(si, hit) * (direct + multi)
-        if self._has_specular:
-            reflected += self._specular(si, normal, -dr.normalize(ray.d), sampler, hit)
-        on_surface = (dr.select(hit, x, 0.0) for x in (reflected, albedo(si, hit), normal))
-        everywhere = dr.full(mi.Bool, True, len(pixels))
-        return RadianceSamples(*evaluate(everywhere, self._emission(ray, si), *on_surface))
+        ray.d = dr.normalize(ray.d)
+        everywhere = dr.full(self._mi.Bool, True, len(pixels))
+        return RadianceSamples(*evaluate(everywhere, *self._seen(ray, sampler, everywhere)))
+
+    @dr.syntax
+    def _seen(self, ray: Any, sampler: Any, active: Any) -> Any:
+        """Emitted and reflected light along the rays, albedo and normal of the first surface.
+
+        Rays go on where light passes a surface: spread by its roughness into a volume and through a thin wall, without
+        that out of a volume. How far the ray went through a volume is known where it leaves.
+        """
+        mi, surfaces = self._mi, self.scene.surfaces
+        sky: Any = self._sky
+        emitted, reflected, throughput = mi.Color3f(0.0), mi.Color3f(0.0), mi.Color3f(1.0)
+        first_albedo, first_normal = mi.Color3f(0.0), mi.Normal3f(0.0)
+        layer = mi.UInt32(0)
+        while active:
+            hit, _ = self._intersect(self.scene.meshes, ray, active, sampler, self._passes_uncovered)
+            if dr.hint(sky is not None, mode="scalar"):
+                emitted += dr.select(active & ~hit.is_valid(), throughput * sky.radiance(ray.d), 0.0)
+            active &= hit.is_valid()
+            surface = surfaces.at(hit, active)
+            layers = Layers(mi, surfaces, surface, -ray.d)
+            reflectance = dr.minimum(layers.albedo + layers.base_share * surface.f0, 1.0)
+            first_albedo = dr.select(active & (layer == 0), reflectance, first_albedo)
+            first_normal = dr.select(active & (layer == 0), surface.normal, first_normal)
+            leaves, passes = mi.Bool(False), mi.Bool(False)
+            if dr.hint(surfaces.has_transmission, mode="scalar"):
+                leaves = active & surface.is_thick & ~surface.is_front & (surface.transmission > 0)
+                throughput *= dr.select(leaves, dr.exp(-surface.extinction * hit.si.t), 1.0)
+                passes = active & (leaves | (sampler.next_1d() < surface.transmission))
+            shown = active & ~leaves
+            emitted += dr.select(shown, throughput * layers.coat_share * surface.emission, 0.0)
+            direct, _, multi = self._diffuse(hit.si, surface.normal, sampler, shown & ~passes)
+            diffuse = layers.albedo * (direct + surface.occlusion * multi)
+            reflected += dr.select(shown & ~passes, throughput * diffuse, 0.0)
+            reflected += dr.select(shown, throughput * self._glossy(layers, hit.si, sampler, shown), 0.0)
+            active = mi.Bool(False)
+            if dr.hint(surfaces.has_transmission, mode="scalar"):
+                d, weight = layers.transmitted(leaves, sampler.next_2d())
+                throughput *= dr.select(passes, weight, 1.0)
+                ray = hit.si.spawn_ray(dr.select(passes, d, ray.d))
+                layer += 1
+                active = passes & (layer < MAX_LAYERS)
+        return emitted, reflected, first_albedo, first_normal
 
     def _camera_rays(self, view: View, pixels: F64, seed: int) -> tuple[Any, Any]:
         """A sampler, and rays through points of the image, whose z is -1 in camera space."""
@@ -170,70 +211,87 @@ class PathTracer:
         sampler = mi.load_dict({"type": "independent"})
         # Opaque values and one buffer: other literals or alignments would compile the kernel again.
         sampler.seed(dr.opaque(mi.UInt32, seed), len(pixels))
-        image = (2 * pixels - 1) * (1, -1) * view.tan_half
-        towards = np.concatenate([image, np.full((len(pixels), 1), -1.0)], axis=1) @ view.rotation
-        origin = [dr.opaque(mi.Float, x) for x in ((view.eye - scene.origin) * scene.scale).tolist()]
-        return sampler, mi.Ray3f(mi.Point3f(*origin),
-                                 dr.unravel(mi.Vector3f, mi.Float(towards.astype(np.float32).ravel())))
+        offsets, towards = view.rays((2 * pixels - 1) * (1, -1))
+        eye = (view.eye - scene.origin) * scene.scale
+        if view.is_orthographic:
+            origin = dr.unravel(mi.Point3f, mi.Float((eye + offsets * scene.scale).astype(np.float32).ravel()))
+        else:
+            origin = mi.Point3f(*(dr.opaque(mi.Float, x) for x in eye.tolist()))
+        return sampler, mi.Ray3f(origin, dr.unravel(mi.Vector3f, mi.Float(towards.astype(np.float32).ravel())))
 
-    def _emission(self, ray: Any, si: Any) -> Any:
-        """Emission towards the camera of the surface ``si``; the environment where there is none."""
-        mi, emitters = self._mi, self.scene.visible_emitters
-        hit, radiance = si.is_valid(), mi.Color3f(0.0)
-        if emitters is not None:
-            up_to_surface = mi.Ray3f(ray)
-            up_to_surface.maxt = dr.select(hit, si.t, 0)
-            emitter = self._intersect(emitters, up_to_surface, hit)  # slightly above its mesh
-            seen = emitter.is_valid()
-            radiance = dr.select(seen, emitter.emitter(emitters, seen).eval(emitter, seen), 0.0)
-        return radiance if self._sky is None else dr.select(hit, radiance, self._sky.radiance(dr.normalize(ray.d)))
-
-    def _specular(self, si: Any, normal: Any, v: Any, sampler: Any, active: Any) -> Any:
-        """Unbounced light that the GGX lobe reflects along ``v``."""
-        mi = self._mi
-        f0, roughness = specular_of(si, active)
-        active = active & (dr.max(f0) > 0)  # an F0 of 0 means no specular reflection, not even at grazing angles
-        lobe, radiance = GgxLobe(mi, normal, v, f0, roughness), mi.Color3f(0.0)
-        for source in (*self._direct, *self._indirect):
-            for l, light in self._lobe_samples(source, si, lobe, sampler, active):  # noqa: E741
-                radiance += dr.select(light > 0, light * lobe.eval(l) * lobe.fresnel(l), 0.0)
+    def _glossy(self, layers: Layers, si: Any, sampler: Any, active: Any) -> Any:
+        """Light that the surface's glossy layers reflect towards the viewer."""
+        radiance = self._mi.Color3f(0.0)
+        for lobe, share, is_there in layers.glossy:
+            here = active & is_there
+            unbounced = self._unbounced((*self._direct, *self._indirect), si, lobe, sampler, here)
+            radiance += dr.select(here, share * unbounced, 0.0)
+        if layers.glossy and self.max_bounces > 0:
+            lobe = ChosenLobe(self._mi, layers.glossy, sampler.next_1d())
+            radiance += self._bounced(lobe, si, sampler, active)[1]
         return radiance
 
-    @dr.syntax
     def _diffuse(self, si: Any, normal: Any, sampler: Any, active: Any) -> Any:
         """Light that reaches a white diffuse surface unbounced, by one bounce, and by all bounces."""
-        mi = self._mi
-        direct = self._unbounced(self._direct, si, normal, sampler, active)
-        single, multi = mi.Color3f(0.0), mi.Color3f(0.0)
-        if dr.hint(self.max_bounces > 0, mode="scalar"):
-            single += self._unbounced(self._indirect, si, normal, sampler, active)
-            multi += single
-            throughput, bounce = mi.Color3f(1.0), mi.UInt32(0)
-            si, normal, active = type(si)(si), mi.Normal3f(normal), mi.Bool(active)
-            while active:
-                ray = si.spawn_ray(LambertLobe(mi, normal).sample(sampler.next_2d()))
-                si = self._intersect(self.scene.meshes, ray)
-                active &= si.is_valid()
-                normal = shading_normal(si)
-                throughput *= albedo(si, active)
-                light = throughput * self._unbounced(self._direct, si, normal, sampler, active)
-                emitted = throughput * self._unbounced(self._indirect, si, normal, sampler, active)
-                multi += dr.select(active, light + emitted, 0.0)
-                single += dr.select(active & (bounce == 0), light, 0.0)
-                bounce += 1
-                survival = dr.select(bounce < ROULETTE_DEPTH, 1.0, dr.minimum(dr.max(throughput), 0.95))
-                active &= (bounce < self.max_bounces) & (sampler.next_1d() < survival)
-                throughput /= dr.maximum(survival, 1e-6)
-        return direct, single, multi
+        lobe = LambertLobe(self._mi, normal)
+        direct = self._unbounced(self._direct, si, lobe, sampler, active)
+        if self.max_bounces == 0:
+            return direct, self._mi.Color3f(0.0), self._mi.Color3f(0.0)
+        emitted = self._unbounced(self._indirect, si, lobe, sampler, active)
+        single, multi = self._bounced(lobe, si, sampler, active)
+        return direct, emitted + single, emitted + multi
 
-    def _unbounced(self, sources: Sequence[LightSource], si: Any, normal: Any, sampler: Any, active: Any) -> Any:
-        """Light of ``sources`` that a white diffuse surface reflects without further bounces."""
-        lobe, radiance = LambertLobe(self._mi, normal), self._mi.Color3f(0.0)
+    @dr.syntax
+    def _bounced(self, lobe: Any, si: Any, sampler: Any, active: Any) -> Any:
+        """Light that the lobe of a surface reflects after one bounce, and after one or more."""
+        mi, surfaces = self._mi, self.scene.surfaces
+        single, multi, bounce = mi.Color3f(0.0), mi.Color3f(0.0), mi.UInt32(0)
+        d, throughput = self._scatter(lobe, sampler)
+        roughness = mi.Float(dr.minimum(lobe.roughness, MIN_BOUNCED_ROUGHNESS))
+        si, active = type(si)(si), mi.Bool(active)
+        while active:
+            active &= (dr.dot(face_normal(si), d) > 0) & (dr.max(throughput) > 0)
+            hit, tint = self._intersect(self.scene.meshes, si.spawn_ray(d), active, sampler, self._passes_straight)
+            active &= hit.is_valid()
+            surface, si = surfaces.at(hit, active), hit.si
+            surface.roughness = dr.maximum(surface.roughness, roughness)
+            surface.coat_roughness = dr.maximum(surface.coat_roughness, roughness)
+            chosen = self._choose_lobe(Layers(mi, surfaces, surface, -d), sampler)
+            throughput *= tint
+            light = throughput * self._unbounced(self._direct, si, chosen, sampler, active)
+            emitted = throughput * self._unbounced(self._indirect, si, chosen, sampler, active)
+            multi += dr.select(active, light + emitted, 0.0)
+            single += dr.select(active & (bounce == 0), light, 0.0)
+            d, weight = self._scatter(chosen, sampler)
+            throughput *= weight
+            roughness = dr.maximum(roughness, dr.minimum(chosen.roughness, MIN_BOUNCED_ROUGHNESS))
+            bounce += 1
+            survival = dr.select(bounce < ROULETTE_DEPTH, 1.0, dr.minimum(dr.max(throughput), 0.95))
+            active &= (bounce < self.max_bounces) & (sampler.next_1d() < survival)
+            throughput /= dr.maximum(survival, 1e-6)
+        return single, multi
+
+    def _choose_lobe(self, layers: Layers, sampler: Any) -> Any:
+        """One of the surface's lobes, which stands for all."""
+        if not layers.glossy:
+            return layers.lobes[0][0]
+        return ChosenLobe(self._mi, layers.lobes, sampler.next_1d())
+
+    def _scatter(self, lobe: Any, sampler: Any) -> tuple[Any, Any]:
+        """A direction that the lobe reflects light from, and value · cosine / density."""
+        d = lobe.sample(sampler.next_2d())
+        pdf = lobe.pdf(d)
+        return d, self._mi.Color3f(dr.select(pdf > 0, lobe.eval(d) * lobe.tint(d) / pdf, 0.0))
+
+    def _unbounced(self, sources: Sequence[LightSource], si: Any, lobe: Any, sampler: Any, active: Any) -> Any:
+        """Light of ``sources`` that the lobe reflects without further bounces."""
+        radiance = self._mi.Color3f(0.0)
         for source in sources:
-            samples = ([self._light_sample(source, si, sampler, active)] if source.bounded
+            samples = ([self._light_sample(source, si, sampler, active)]
+                       if source.bounded and isinstance(lobe, LambertLobe)
                        else self._lobe_samples(source, si, lobe, sampler, active))
             for l, light in samples:  # noqa: E741
-                radiance += dr.select(light > 0, light * lobe.eval(l), 0.0)
+                radiance += dr.select(light > 0, light * lobe.eval(l) * lobe.tint(l), 0.0)
         return radiance
 
     def _lobe_samples(self, source: LightSource, si: Any, lobe: Any, sampler: Any,
@@ -243,11 +301,11 @@ class PathTracer:
         l = lobe.sample(sampler.next_2d(active))  # noqa: E741
         pdf = lobe.pdf(l)
         active = active & (pdf > 0) & (dr.dot(face_normal(si), l) > 0)
-        distance = self._mi.Float(dr.inf)
+        distance, tint = self._mi.Float(dr.inf), self._mi.Color3f(1.0)
         if source.occluders is not None:
-            occluder = self._intersect(source.occluders, si.spawn_ray(l), active)
-            distance = dr.select(occluder.is_valid(), occluder.t * (1 + SHADOW_EPSILON), dr.inf)
-        yield l, dr.select(active, source.along(si, l, distance, pdf, active) / pdf, 0.0)
+            hit, tint = self._intersect(source.occluders, si.spawn_ray(l), active, sampler, self._passes_to_light)
+            distance = dr.select(hit.is_valid(), hit.si.t * (1 + SHADOW_EPSILON), dr.inf)
+        yield l, dr.select(active, tint * source.along(si, l, distance, pdf, active) / pdf, 0.0)
 
     def _light_sample(self, source: LightSource, si: Any, sampler: Any, active: Any,
                       lobe: Any = None) -> tuple[Any, Any]:
@@ -259,34 +317,107 @@ class PathTracer:
         active = active & (dr.dot(face_normal(si), sample.d) > 0) & (dr.max(weight) > 0)
         ray = si.spawn_ray(sample.d)
         ray.maxt = sample.distance * (1 - SHADOW_EPSILON)
-        active &= ~self._is_occluded(ray, active, source.occluders)
-        return sample.d, dr.select(active, weight, 0.0)
+        return sample.d, dr.select(active, weight * self._visible(ray, active, source.occluders), 0.0)
 
-    def _is_occluded(self, ray: Any, active: Any, meshes: Any) -> Any:
+    def _visible(self, ray: Any, active: Any, meshes: Any) -> Any:
+        """What arrives of light along the rays, straight through surfaces that transmit it."""
+        mi, surfaces = self._mi, self.scene.surfaces
         if meshes is None:
-            return self._mi.Bool(False)
-        return self._intersect(meshes, ray, active).is_valid() if self.scene.masked else meshes.ray_test(ray, active)
+            return mi.Color3f(1.0)
+        if not (surfaces.has_holes or surfaces.has_blend or surfaces.has_transmission):
+            return dr.select(meshes.ray_test(ray, active), mi.Color3f(0.0), mi.Color3f(1.0))
+        return self._transmittance(ray, active, meshes)
 
     @dr.syntax
-    def _intersect(self, meshes: Any, ray: Any, active: Any = True) -> Any:
-        """The first surface along the rays, which pass the holes of masked surfaces."""
-        si = meshes.ray_intersect(ray, active)
-        if dr.hint(self.scene.masked, mode="scalar"):
-            through = self._is_hole(si)
-            passed, layer = self._mi.Float(0.0), self._mi.UInt32(0)
-            while through & (layer < MAX_MASKED_LAYERS):
-                passed += si.t
-                onward = si.spawn_ray(ray.d)
-                onward.maxt = ray.maxt - passed
-                si = meshes.ray_intersect(onward, through)
-                through = self._is_hole(si)
-                layer += 1
-            si.t += passed
-        return si
+    def _transmittance(self, ray: Any, active: Any, meshes: Any) -> Any:
+        """The product of what each surface along the rays lets pass; 0 behind ``MAX_LAYERS`` of them."""
+        mi, surfaces = self._mi, self.scene.surfaces
+        arriving, layer, active = mi.Color3f(1.0), mi.UInt32(0), mi.Bool(active)
+        while active:
+            hit = surfaces.hit(meshes, ray, active)
+            active &= hit.is_valid()
+            surface = surfaces.at(hit, active)
+            coverage, share = dr.select(surface.is_lit_through, 0.0, surface.coverage), mi.Color3f(0.0)
+            if dr.hint(surfaces.has_transmission, mode="scalar"):
+                share = self._transmitted_share(hit, surface, ray.d)
+            arriving *= dr.select(active, 1 - coverage + coverage * share, 1.0)
+            layer += 1
+            arriving = dr.select(active & (layer == MAX_LAYERS), 0.0, arriving)
+            onward = hit.si.spawn_ray(ray.d)
+            onward.maxt = ray.maxt - hit.si.t
+            ray = onward
+            active &= dr.max(arriving) > 0
+        return arriving
 
-    def _is_hole(self, si: Any) -> Any:
-        hit = si.is_valid()
-        return hit & (si.bsdf().eval_null_transmission(si, hit).x > 0.5)
+    def _transmitted_share(self, hit: Hit, surface: Surface, d: Any) -> Any:
+        """Mean share of light that passes what is covered, without being bent; absorbed where it leaves a volume."""
+        leaves = surface.is_thick & ~surface.is_front & (surface.transmission > 0)
+        absorbed = dr.exp(-surface.extinction * hit.si.t * dr.norm(d))
+        layers = Layers(self._mi, self.scene.surfaces, surface, -dr.normalize(d))
+        return dr.select(leaves, absorbed, surface.transmission * layers.transmitted_share)
+
+    @dr.syntax
+    def _intersect(self, meshes: Any, ray: Any, active: Any, sampler: Any, passes: Any) -> Any:
+        """The first surface at which the rays stop, and the product of the tints of those that they pass.
+
+        Parameters
+        ----------
+        passes : callable
+            Whether the ray passes the surface that it hit, and its tint.
+        """
+        surfaces = self.scene.surfaces
+        hit, tint = surfaces.hit(meshes, ray, active), self._mi.Color3f(1.0)
+        if dr.hint(surfaces.has_holes or surfaces.has_blend or surfaces.has_transmission, mode="scalar"):
+            through, factor = passes(hit, ray.d, sampler)
+            tint = dr.select(through, factor, 1.0)
+            passed, layer = self._mi.Float(0.0), self._mi.UInt32(0)
+            while through & (layer < MAX_LAYERS):
+                passed += hit.si.t
+                onward = hit.si.spawn_ray(ray.d)
+                onward.maxt = ray.maxt - passed
+                hit = surfaces.hit(meshes, onward, through)
+                through, factor = passes(hit, ray.d, sampler)
+                tint *= dr.select(through, factor, 1.0)
+                layer += 1
+            hit.si.t += passed
+        return hit, tint
+
+    def _passes_to_opaque(self, hit: Hit, d: Any, sampler: Any) -> tuple[Any, Any]:
+        """Rays pass all but what the G-buffer shows: surfaces that are neither blended nor transmit light."""
+        surfaces, active = self.scene.surfaces, hit.is_valid()
+        surface = surfaces.at(hit, active)
+        passes = (surface.coverage <= 0) | surface.is_culled | surfaces.is_see_through(hit, active)
+        return active & passes, self._mi.Color3f(1.0)
+
+    def _passes_uncovered(self, hit: Hit, d: Any, sampler: Any) -> tuple[Any, Any]:
+        """Rays pass culled backs, holes of masks, and blended surfaces by their coverage."""
+        surface = self.scene.surfaces.at(hit, hit.is_valid())
+        return hit.is_valid() & (surface.is_culled | self._is_uncovered(surface, sampler)), self._mi.Color3f(1.0)
+
+    def _passes_straight(self, hit: Hit, d: Any, sampler: Any) -> tuple[Any, Any]:
+        """Rays pass what is not covered, and are tinted by what transmits light, which does not bend them."""
+        surface = self.scene.surfaces.at(hit, hit.is_valid())
+        return self._passes_tinted(hit, surface, surface.is_culled, d, sampler)
+
+    def _passes_to_light(self, hit: Hit, d: Any, sampler: Any) -> tuple[Any, Any]:
+        """The same for light that comes the other way."""
+        surface = self.scene.surfaces.at(hit, hit.is_valid())
+        return self._passes_tinted(hit, surface, surface.is_lit_through, d, sampler)
+
+    def _passes_tinted(self, hit: Hit, surface: Surface, through: Any, d: Any, sampler: Any) -> tuple[Any, Any]:
+        """Whether rays pass, in any case where ``through`` says so, and their tint."""
+        mi, surfaces, active = self._mi, self.scene.surfaces, hit.is_valid()
+        through = active & (through | self._is_uncovered(surface, sampler))
+        if not surfaces.has_transmission:
+            return through, mi.Color3f(1.0)
+        leaves = surface.is_thick & ~surface.is_front & (surface.transmission > 0)
+        transmits = active & ~through & (leaves | (sampler.next_1d() < surface.transmission))
+        absorbed = dr.exp(-surface.extinction * hit.si.t * dr.norm(d))
+        colored = dr.select(leaves, absorbed, Layers(mi, surfaces, surface, -dr.normalize(d)).transmitted_share)
+        return through | transmits, dr.select(transmits, mi.Color3f(colored), mi.Color3f(1.0))
+
+    def _is_uncovered(self, surface: Surface, sampler: Any) -> Any:
+        return surface.coverage <= (sampler.next_1d() if self.scene.surfaces.has_blend else 0.5)
 
 
 def evaluate(active: Any, *outputs: Any) -> list[F32]:
@@ -294,23 +425,3 @@ def evaluate(active: Any, *outputs: Any) -> list[F32]:
     selected = [dr.select(active, x, 0.0) for x in outputs]
     dr.eval(selected)
     return [np.array(x, np.float32).T for x in selected]
-
-
-# Quantities at a Mitsuba surface interaction, on the side of the face that the ray came from.
-
-
-def albedo(si: Any, active: Any) -> Any:
-    return si.bsdf().eval_diffuse_reflectance(si, active)
-
-
-def face_normal(si: Any) -> Any:
-    return dr.select(dr.dot(si.n, si.to_world(si.wi)) > 0, si.n, -si.n)
-
-
-def shading_normal(si: Any) -> Any:
-    return dr.select(dr.dot(si.sh_frame.n, face_normal(si)) < 0, -si.sh_frame.n, si.sh_frame.n)
-
-
-def specular_of(si: Any, active: Any) -> tuple[Any, Any]:
-    """Reflectance at normal incidence, and perceptual roughness; 0 if not active."""
-    return si.shape.eval_attribute_3("face_f0", si, active), si.shape.eval_attribute_1("face_roughness", si, active)

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from app.io.terminal import counting_progress, say
-from app.paths import nets_dir
+from app.paths import TRAINING, nets_dir
 
 CONFIGS = Path(__file__).with_name("configs")
 DATASET_CONFIGS = Path(__file__).parents[1] / "dataset" / "configs"
@@ -88,7 +88,7 @@ def rebuild(work: Annotated[Path, typer.Option(help="Folder of the datasets and 
 
 def _run(*arguments: object) -> None:
     """Run ``python -m export`` with ``arguments``; a command that fails ends this one."""
-    command = [sys.executable, "-m", "export", *map(str, arguments)]
+    command = [sys.executable, "-m", TRAINING, *map(str, arguments)]
     say(f"$ {shlex.join(['python', *command[1:]])}")
     if status := subprocess.run(command).returncode:
         raise typer.Exit(status)

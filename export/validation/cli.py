@@ -1,4 +1,4 @@
-"""``python -m export validate``: compares models on the validation views, along camera paths and under environments."""
+"""``python -m export validate``: compares models with references on views, along paths and on glossy surfaces."""
 
 import json
 from collections.abc import Iterable, Sequence
@@ -133,6 +133,66 @@ def environments(
     _print(("scene", "views", "model", *METRICS),
            [(row["scene"], str(row["views"]), row["model"], *(f"{row[name]:.3f}" for name in METRICS))
             for row in by_scene(rows, METRICS)])
+
+
+@cli.command()
+def assets(
+    folder: Annotated[Path, typer.Argument(help="Folder of glTF files, searched with its folders.", metavar="[DIR]")
+                      ] = Path("../shared/assets"),
+    only: Annotated[list[str] | None, typer.Option(help="Stem of a file.", metavar="NAME")] = None,
+    size: Annotated[str, typer.Option(help="Width and height in pixels.", metavar="WxH")] = "384x288",
+    spp: Annotated[int, typer.Option(help="Paths per pixel of the references.", min=8)] = 64,
+    out: Annotated[Path, typer.Option(help="Folder for assets.csv and side-by-side pictures.",
+                                      metavar="DIR")] = Path("out/assets"),
+) -> None:
+    """Compare direct light on assets under a point and a spot light, and those of glass in a studio; print decibels."""
+    from app.evaluation.tables import format_number
+    from app.settings import Settings, parse_size
+    from export.validation.assets import COLUMNS, Row, compare_assets, find_assets, mean_of
+
+    files = find_assets(folder, only or ())
+    if not files:
+        raise SettingsError("no glTF files", folder, "expected a folder of .glb and .gltf files")
+    prepare_folders(out)
+    rows = compare_assets(files, Settings(parse_size(size)).size, spp, out, say)
+    write_text(out / "assets.csv", to_csv(rows))
+    shown: list[Row] = [*rows, {"asset": "mean", **{name: mean_of(rows, name) for name in COLUMNS}}]
+    _print(("asset", *COLUMNS, ""),
+           [(str(row["asset"]), *("" if row.get(name) is None else format_number(float(str(row[name])))
+                                  for name in COLUMNS), str(row.get("error", ""))) for row in shown])
+
+
+@cli.command()
+def glossy(
+    model: Annotated[str, typer.Argument(help="A bundled network, a path, or none.", metavar="[MODEL]")] = "ember",
+    references: References = None, scenes: Scenes = SCENES,
+    assets: Annotated[Path, typer.Option(help="Folder of the assets.", metavar="DIR")] = Path("../shared/assets"),
+    only: Annotated[list[str] | None, typer.Option(help="Name of a view.", metavar="NAME")] = None,
+    spp: Annotated[int, typer.Option(help="Paths per pixel of the references, which are denoised.", min=16)] = 256,
+    provider: Provider = "auto",
+    out: Annotated[Path, typer.Option(help="Folder for glossy.csv and side-by-side pictures.",
+                                      metavar="DIR")] = Path("out/glossy"),
+) -> None:
+    """Compare the final picture on views of glossy surfaces, and the mean of spheres of each roughness."""
+    from app.network.selection import find_models
+    from export.validation.glossy import ERRORS, glossy_views, means_of, measure_errors, ratio_name
+    from export.validation.scenes.glossy import ROUGHNESSES
+
+    prepare_folders(out)
+    models = find_models(model, "MODEL")
+    rows = measure_errors(glossy_views(scenes, assets, only or ()), models, spp, references, provider, out, say)
+    if not rows:
+        raise SettingsError("no view can be drawn", "--only", "expected names of views whose files are there")
+    columns = ("own", *ERRORS)
+    ratios = [ratio_name(roughness) for roughness in ROUGHNESSES]
+    write_text(out / "glossy.csv", to_csv([{**dict.fromkeys(("view", "variant", *columns, *ratios)), **row}
+                                           for row in rows]))
+    _print(("view", "variant", "reference's own psnr", *ERRORS),
+           [(row["view"], row["variant"], *(f"{row[name]:.3f}" if name in row else "" for name in columns))
+            for row in [*rows, *means_of(rows)]])
+    _print(("mean over the reference's, by roughness", "variant", *(f"{r:g}" for r in ROUGHNESSES)),
+           [(row["view"], row["variant"], *(f"{row[name]:.3f}" for name in ratios))
+            for row in rows if ratios[0] in row])
 
 
 @cli.command()

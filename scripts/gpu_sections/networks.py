@@ -57,13 +57,13 @@ def _measure(inputs: dict[str, F32], options: Options) -> Json:
         return waiting
 
     with torch.no_grad():
-        reference = Ember().eval().double().to(device)(**{n: t.double() for n, t in tensors.items()}).cpu().numpy()
+        reference = Ember().eval().double().to(device)(**{n: t.double() for n, t in tensors.items()})[0].cpu().numpy()
         output = session.run(None, inputs)[0]
         row: Json = {"grid": list(output.shape[2:]), "onnxruntime_error": max_error(output, reference),
                      "onnxruntime_cpu": measure_ms(lambda: session.run(None, inputs), options, 20)}
         for tf32 in (False, True):
             torch.backends.cuda.matmul.allow_tf32 = tf32
-            values = model(**tensors).cpu().numpy()
+            values = model(**tensors)[0].cpu().numpy()
             mean_error = float(np.abs(values - reference).mean() / np.abs(reference).mean())
             row[f"torch tf32={tf32}"] = {**measure_ms(wait_for(lambda: model(**tensors)), options),
                                          "max_error": max_error(values, reference), "mean_error": mean_error}
@@ -86,7 +86,7 @@ def _measure_graph(model: Ember, tensors: dict[str, torch.Tensor], reference: F3
     torch.cuda.current_stream().wait_stream(stream)
     graph = torch.cuda.CUDAGraph()
     with torch.cuda.graph(graph):
-        output = model(**tensors)
+        output = model(**tensors)[0]
     replay = wait_for(graph.replay)
     replay()
     return {**measure_ms(replay, options, 100), "max_error": max_error(output.cpu().numpy(), reference)}

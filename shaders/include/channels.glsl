@@ -45,11 +45,15 @@ float channel_depth(ivec2 t)
 
 vec3 channel_position_view_xyz(ivec2 t)
 {
+#if defined(ORTHOGRAPHIC) && !defined(GRID_CUBE)
+    vec3 p = view_point(centre(t), surface_depth(t)) * extent;
+#else
     vec3 p = mat3(view_from_relative) * (surface_ray(centre(t)) * (surface_depth(t) * extent));
+#endif
     return clamp(p, -HALF_MAX, HALF_MAX);
 }
 
-// Of the texel, exact to second order; on the screen cos³ / d², with the lens's tangents.
+// Of the texel seen from the eye, exact to second order; on the screen cos³ / d², with the lens's tangents.
 float channel_solid_angle(ivec2 t)
 {
     if (surface_depth(t) <= 0.0) return 0.0;
@@ -58,6 +62,11 @@ float channel_solid_angle(ivec2 t)
     float side = 2.0 / float(CUBE_SIZE);
     float area = side * side * texel_span.x * texel_span.y;
     float square = 1.0 + dot(uv, uv);
+#elif defined(ORTHOGRAPHIC)
+    vec3 ray = view_point(centre(t), surface_depth(t)) / surface_depth(t);  // of what faces the camera
+    float area = 4.0 * lens.x * lens.y * image.z * image.w * texel_span.x * texel_span.y
+        / (surface_depth(t) * surface_depth(t));
+    float square = dot(ray, ray);
 #else
     vec3 ray = view_ray(centre(t));
     float area = 4.0 * lens.x * lens.y * image.z * image.w * texel_span.x * texel_span.y;
@@ -142,5 +151,9 @@ float channel_roughness(ivec2 t)
 float channel_on_screen(ivec2 t)
 {
     vec3 v = mat3(view_from_relative) * surface_ray(centre(t));
-    return v.z < 0.0 && all(lessThanEqual(abs(v.xy), -v.z * lens.xy)) ? 1.0 : 0.0;
+#ifdef ORTHOGRAPHIC
+    return 0.0;  // a direction does not say where a point lies in the image
+#else
+    return v.z < 0.0 && all(lessThanEqual(abs(v.xy - v.z * center.xy * lens.xy), -v.z * lens.xy)) ? 1.0 : 0.0;
+#endif
 }

@@ -3,20 +3,15 @@
 #include "lights.glsl"
 #include "ggx_lobe.glsl"
 #include "ltc.glsl"
-
-// Specular albedo for light from everywhere: Schlick's law at the angle of the view, with less of a rim where rough
-// (Lagarde 2011, "Adopting a physically based shading model"); specular_roughness holds F0 and roughness.
-vec3 environment_reflectance(vec4 specular_roughness, float n_v)
-{
-    if (max(max(specular_roughness.r, specular_roughness.g), specular_roughness.b) <= 0.0) return vec3(0.0);
-    return specular_roughness.rgb + (max(vec3(1.0 - specular_roughness.a), specular_roughness.rgb) - specular_roughness.rgb) * pow(1.0 - n_v, 5.0);
-}
+#include "specular_albedo.glsl"
 
 // The specular lobe of a texel, the same for all of its lights.
 struct Lobe {
     vec3 f0;
     float alpha;
-    vec3 v;  // towards the viewer
+    vec3 v;             // towards the viewer
+    float albedo;       // share of light from everywhere that is scattered once, without Fresnel's law
+    vec3 compensation;  // factor of light that is scattered more than once
 #ifdef HAS_RECT_LIGHT
     RectLobe rect;
 #endif
@@ -28,14 +23,24 @@ Lobe specular_lobe(vec3 p, vec3 n, vec4 specular_roughness)
     Lobe lobe;
     lobe.f0 = specular_roughness.rgb;
     lobe.alpha = max(specular_roughness.a * specular_roughness.a, MIN_ALPHA);
-    lobe.v = -normalize(p);
+    lobe.v = -normalize(along_view(p));
+    lobe.albedo = lobe_albedo(specular_roughness.a, dot(n, lobe.v)).x;
+    lobe.compensation = multiple_scattering(lobe.f0, lobe.albedo);
 #ifdef HAS_RECT_LIGHT
     lobe.rect = rect_lobe(n, lobe.v, lobe.alpha);
 #endif
     return lobe;
 }
 
-// Radiance towards the viewer (at the origin of relative space) from point p.
+#ifdef HAS_RECT_LIGHT
+// Mean of Schlick's approximation over the lobe, with light that is scattered more than once.
+vec3 rect_reflectance(Lobe lobe, RectLobe rect)
+{
+    return lobe.compensation * (lobe.f0 + (1.0 - lobe.f0) * rect.weights.w);
+}
+#endif
+
+// Radiance towards the viewer from point p.
 vec3 ggx_specular(Light light, vec3 p, vec3 n, Lobe lobe)
 {
     if (max(max(lobe.f0.r, lobe.f0.g), lobe.f0.b) <= 0.0) return vec3(0.0);
@@ -47,8 +52,8 @@ vec3 ggx_specular(Light light, vec3 p, vec3 n, Lobe lobe)
         vec3 to_light = light.position.xyz - p;
 #ifdef HAS_RECT_LIGHT
         if (kind == RECT) {
-            vec3 fresnel = lobe.f0 + (1.0 - lobe.f0) * lobe.rect.fresnel;
-            return arriving * fresnel * rect_specular(light, to_light, n, lobe.rect);
+            float share = min(rect_specular(light, p, n, lobe.rect), lobe.albedo);
+            return arriving * rect_reflectance(lobe, lobe.rect) * share;
         }
 #endif
         float size = light.position.w;
@@ -70,5 +75,5 @@ vec3 ggx_specular(Light light, vec3 p, vec3 n, Lobe lobe)
     vec3 h = normalize(l + lobe.v);
     float energy = (lobe.alpha / widened) * (lobe.alpha / widened);
     vec3 fresnel = lobe.f0 + (1.0 - lobe.f0) * pow(1.0 - clamp(dot(h, lobe.v), 0.0, 1.0), 5.0);
-    return arriving * n_l * energy * fresnel * ggx_lobe(clamp(dot(n, h), 0.0, 1.0), n_v, n_l, lobe.alpha);
+    return arriving * n_l * energy * lobe.compensation * fresnel * ggx_lobe(clamp(dot(n, h), 0.0, 1.0), n_v, n_l, lobe.alpha);
 }

@@ -16,10 +16,24 @@ vec3 surface_ray(vec2 pixel)
 #endif
     return ray;
 }
+
+vec3 surface_point(vec2 pixel, float depth)
+{
+    return surface_ray(pixel) * depth;
+}
 #else
 // Depth is along -z of the camera, so the ray has z = -1 there.
 vec3 surface_ray(vec2 pixel)
 {
     return relative_from_view(view_ray(pixel));
+}
+
+vec3 surface_point(vec2 pixel, float depth)
+{
+#ifdef ORTHOGRAPHIC
+    return relative_from_view(view_point(pixel, depth));
+#else
+    return surface_ray(pixel) * depth;
+#endif
 }
 #endif

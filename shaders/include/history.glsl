@@ -3,11 +3,14 @@ const float DEPTH_TOLERANCE = 0.05;  // relative
 const float SAME_NORMAL = 0.9;       // cosine
 const float MAX_BRIGHTENING = 4.0;         // history counts as at most this many times what is now, or a flash would linger
 
-// How much of itself 1 / depth changes from one pixel to the next on the plane through a pixel; normal in relative
-// space.
-vec2 plane_slope(vec3 normal, vec2 pixel)
+// How much of itself 1 / depth changes from one pixel to the next on the plane through a pixel at a depth; normal in
+// relative space.
+vec2 plane_slope(vec3 normal, vec2 pixel, float depth)
 {
     vec3 facing = mat3(view_from_relative) * normal;
+#ifdef ORTHOGRAPHIC
+    facing.xy /= depth;
+#endif
     return 2.0 * image.zw * lens.xy * facing.xy / dot(facing, view_ray(pixel));
 }
 

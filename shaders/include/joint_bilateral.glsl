@@ -3,12 +3,13 @@
 #include "camera.glsl"
 #include "nearest_texel.glsl"
 
-const float PLANE_SIGMA = 0.02;  // of the receiver's depth
+const float PLANE_SIGMA = 0.02;  // of the receiver's depth_scale
 const float MIN_WEIGHT = 1e-5;   // so that the most similar texel counts where none is on the same surface
 
 struct BilateralReceiver {
     vec3 normal;  // relative space
-    vec3 slope;   // (x, y, 1) of an image position times this, times depth, is the distance along the normal
+    vec3 slope;   // (x, y, 1) of an image position times this, times depth, is the distance along the normal; if
+                  // ORTHOGRAPHIC, (x, y, depth) times this is
     float here;   // that distance of the receiver itself
     float inverse_sigma;
 };
@@ -19,7 +20,8 @@ vec2 image_position(vec2 pixel)
     return pixel * (2.0 * image.zw) - (1.0 + lens.zw);
 }
 
-// What column and row of a low-resolution texel contribute to its distance along the normal, per unit of depth.
+// What column and row of a low-resolution texel contribute to its distance along the normal: per unit of depth, unless
+// ORTHOGRAPHIC.
 vec2 along_normal(ivec2 low, vec2 ratio, BilateralReceiver r)
 {
     return r.slope.xy * image_position(vec2(nearest_texel(low, ratio)) + 0.5);
@@ -28,14 +30,22 @@ vec2 along_normal(ivec2 low, vec2 ratio, BilateralReceiver r)
 BilateralReceiver bilateral_receiver(vec3 normal, float depth)
 {
     vec3 slope = mat3(view_from_relative) * normal * vec3(lens.xy, -1.0);
-    float along = dot(slope, vec3(image_position(gl_FragCoord.xy), 1.0));
-    return BilateralReceiver(normal, slope, along * depth, 1.0 / (PLANE_SIGMA * depth));
+#ifdef ORTHOGRAPHIC
+    float here = dot(slope, vec3(image_position(gl_FragCoord.xy), depth));
+#else
+    float here = dot(slope, vec3(image_position(gl_FragCoord.xy), 1.0)) * depth;
+#endif
+    return BilateralReceiver(normal, slope, here, 1.0 / (PLANE_SIGMA * depth_scale(depth)));
 }
 
 // How much a low-resolution texel's surface (normal, depth) is the receiver's; along: sum of along_normal's parts.
 float similarity(vec4 surface, float along, BilateralReceiver r)
 {
+#ifdef ORTHOGRAPHIC
+    float plane = (along + r.slope.z * surface.a - r.here) * r.inverse_sigma;
+#else
     float plane = ((along + r.slope.z) * surface.a - r.here) * r.inverse_sigma;
+#endif
     float facing = max(dot(r.normal, surface.xyz), 0.0);
     facing *= facing;
     facing *= facing;

@@ -6,17 +6,17 @@ const int POINT = 0;
 const int SPOT = 1;
 const int DIRECTIONAL = 2;
 const int RECT = 3;
-const float IN_PLANE = 1e-4;  // of a rectangle's size
 
 struct Light {
     vec4 position;  // relative space (directional: unit vector towards the light); w: radius, or its tangent
     vec4 color;     // intensity, irradiance or radiance; w: kind
-    vec4 u;         // rectangle: half edge; spot: axis; directional: x = half width of its map
+    vec4 u;         // rectangle: half edge, w = distance up to which points are in its plane; spot: axis; directional: x = half
+                    // width of its map
     vec4 v;         // rectangle: half edge, w = two-sided; spot: inner and outer half angle in radians
     vec4 tile;      // shadow map: corner and face size in texels, kind of map
-    vec4 frame_x;   // axes of a single map
-    vec4 frame_y;
-    vec4 frame_z;
+    vec4 frame_x;   // axes of a single map; rectangle: direction of u, w = its length
+    vec4 frame_y;   // rectangle: direction of v, w = its length
+    vec4 frame_z;   // rectangle: unit normal, along u x v
 };
 
 layout(std140) uniform LightBlock {
@@ -44,6 +44,32 @@ float spot_falloff(Light light, vec3 to_light)
     return width > 0.0 ? clamp((light.v.y - angle) / width, 0.0, 1.0) : float(angle <= light.v.y);
 }
 
+#ifdef NORMAL_MAPS
+// Whether any of a light is in front of the face through relative point p.
+bool is_in_front(Light light, vec3 p, vec3 face)
+{
+    int kind = int(light.color.w);
+    if (kind == DIRECTIONAL) return dot(face, light.position.xyz) > 0.0;
+    float reach = kind == RECT ? abs(dot(face, light.u.xyz)) + abs(dot(face, light.v.xyz)) : light.position.w;
+    return dot(face, light.position.xyz - p) > -reach;
+}
+#endif
+
+// -1 or 1 for a receiver in front of or behind a rectangle that emits there, else 0. In its own plane, where the surface
+// lies that shows it, nothing arrives.
+float rect_side(Light light, vec3 to_light)
+{
+    float behind = dot(to_light, light.frame_z.xyz);
+    return abs(behind) > light.u.w && (behind < 0.0 || light.v.w > 0.5) ? sign(behind) : 0.0;
+}
+
+// What a cosine lobe at relative point p with unit normal n gathers of a rectangle of radiance 1.
+float rect_light(Light light, vec3 p, vec3 n, Cosine lobe)
+{
+    vec3 to_light = light.position.xyz - p;
+    return rect_form(to_light, light.u.xyz, light.v.xyz, n, lobe) * rect_side(light, to_light);
+}
+
 // Irradiance in W/m² (times the scene's scale) at relative point p with unit normal n.
 vec3 irradiance(Light light, vec3 p, vec3 n)
 {
@@ -53,16 +79,9 @@ vec3 irradiance(Light light, vec3 p, vec3 n)
 #endif
     vec3 to_light = light.position.xyz - p;
 #ifdef HAS_RECT_LIGHT
-    if (kind == RECT) {
-        vec3 facing = cross(light.u.xyz, light.v.xyz);
-        float side = -dot(to_light, facing);
-        // In the light's own plane, where the surface lies that shows it, rounding would choose between all and none.
-        float least = IN_PLANE * length(facing) * (length(light.u.xyz) + length(light.v.xyz));
-        if (abs(side) <= least || (side < 0.0 && light.v.w < 0.5)) return vec3(0.0);
-        vec3 form = rect_form(to_light, light.u.xyz, light.v.xyz, clip_rect(to_light, light.u.xyz, light.v.xyz, n));
-        return light.color.rgb * abs(dot(form, n));
-    }
+    if (kind == RECT) return light.color.rgb * max(rect_light(light, p, n, Cosine(mat3(1.0), n)), 0.0);
 #endif
+#if defined(HAS_POINT_LIGHT) || defined(HAS_SPOT_LIGHT)
     float square = max(dot(to_light, to_light), 1e-30);
     float distance = sqrt(square);
     to_light /= distance;
@@ -76,4 +95,7 @@ vec3 irradiance(Light light, vec3 p, vec3 n)
     if (kind == SPOT) form *= spot_falloff(light, to_light);
 #endif
     return light.color.rgb * form;
+#else
+    return vec3(0.0);
+#endif
 }

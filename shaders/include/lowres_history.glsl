@@ -32,7 +32,7 @@ Reprojection reproject(ivec2 low)
     ivec2 full = nearest_texel(low, ratio);
     vec4 surface = texelFetch(lowres_gbuffer, low, 0);
     vec3 moved = texelFetch(motion, full, 0).xyz;
-    vec2 slope = plane_slope(surface.xyz, vec2(full) + 0.5);
+    vec2 slope = plane_slope(surface.xyz, vec2(full) + 0.5, surface.a);
     float previous = 1.0 / (surface.a * moved.z);
     vec2 at = vec2(low) - moved.xy * vec2(1.0, -1.0) / ratio, f = fract(at);
     ivec2 base = ivec2(floor(at));

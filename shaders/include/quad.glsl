@@ -44,8 +44,24 @@ vec4 quad_swap_y(vec4 x)
     return x + dFdyFine(x) * quad_side().y;
 }
 
-float quad_sum(float x)
+vec3 quad_sum(vec3 x)
 {
     x += quad_swap_x(x);
     return x + quad_swap_y(x);
+}
+
+float quad_sum(float x)
+{
+    return quad_sum(vec3(x)).x;
+}
+
+// Whether it is true in all four texels.
+bool quad_all(bool x)
+{
+    return quad_sum(x ? 1.0 : 0.0) > 3.5;
+}
+
+bool quad_any(bool x)
+{
+    return quad_sum(x ? 1.0 : 0.0) > 0.5;
 }

@@ -1,53 +1,68 @@
-// Integrals over the solid angle of a rectangle, as far as it is above the receiver's horizon: Lambert's
-// polygon formula.
+// Integrals of linearly transformed cosines over the solid angle of a rectangle, as far as it is above the receiver's
+// horizon: Lambert's polygon formula.
 #include "numbers.glsl"
 
-const float MIN_SQUARE = 1e-30;    // of a length, so that points without one give no NaN
-const float MIN_SINE_SQUARE = 1e-12;  // of the angle between opposite directions, whose plane rounding decides
+const float MIN_SQUARE = 1e-30;         // of a length, so that points without one give no NaN
+const float MIN_RISE = 1e-20;           // of an edge, so that its crossing of the horizon is a number
+const float MIN_COSINE_SQUARE = 4e-12;  // of half the angle between opposite directions, whose plane rounding decides; times 4
 
-// Where the four edges, in the order of rect_form, enter and leave the half space above the horizon.
-struct Clip {
-    vec4 begin, end;      // of the part above, along the edge; equal where there is none
-    vec4 leaves, enters;  // 1 where the edge crosses the horizon downwards, upwards
+// A cosine lobe whose directions have undergone a linear map.
+struct Cosine {
+    mat3 transform;  // to the space where the lobe is a cosine
+    vec3 axis;       // times the normal of the plane through two points and the receiver: the share of the edge between them
 };
 
-Clip clip_rect(vec3 center, vec3 u, vec3 v, vec3 n)
+// A point in the lobe's space.
+struct Vertex {
+    vec3 at;
+    float distance;
+};
+
+Vertex vertex(vec3 at)
 {
-    float height = dot(center, n), rise_u = dot(u, n), rise_v = dot(v, n);
-    vec4 from = height + vec4(-rise_u - rise_v, rise_u - rise_v, rise_u + rise_v, rise_v - rise_u);
-    vec4 fall = from - from.yzwx;
-    vec4 crossing = clamp(from / mix(fall, vec4(1.0), equal(fall, vec4(0.0))), 0.0, 1.0);
-    bvec4 from_above = greaterThan(from, vec4(0.0)), to_above = from_above.yzwx;
-    return Clip(mix(crossing, vec4(0.0), from_above), mix(crossing, vec4(1.0), to_above),
-                vec4(from_above) * vec4(not(to_above)), vec4(not(from_above)) * vec4(to_above));
+    return Vertex(at, sqrt(max(dot(at, at), MIN_SQUARE)));
 }
 
-// Angle between the directions of a and a + along, times the unit normal of their plane. Angle / sine is a rational
-// function of the cosine as in Hill and Heitz 2016, "Real-Time Area Lighting: a Journey from Research to Production",
-// fitted to 6e-7; the cross product with the edge itself keeps the precision of small rectangles.
-vec3 edge_form(vec3 a, vec3 along)
+// The angle between a and b over the length of a x b. Angle / sine is f(c) / c with c the cosine of half the angle and
+// f(c) = acos(c) / sqrt(1 - c²), a rational function as in Hill and Heitz 2016, "Real-Time Area Lighting: a Journey from
+// Research to Production", fitted to 6e-7. The bisector keeps c exact for opposite directions, to which narrow lobes map.
+float edge_form(Vertex a, Vertex b)
 {
-    vec3 b = a + along;
-    float over_a = inversesqrt(max(dot(a, a), MIN_SQUARE)), over_b = inversesqrt(max(dot(b, b), MIN_SQUARE));
-    vec3 c = cross(a * over_a, along * over_b);
-    float cosine = dot(a * over_a, b * over_b), x = min(abs(cosine), 1.0);
-    float ratio = (1.57079545 + (0.90581268 + 0.02603212 * x) * x) / (1.0 + (1.21323835 + 0.28940051 * x) * x);
-    return c * (cosine > 0.0 ? ratio : PI * inversesqrt(max(dot(c, c), MIN_SINE_SQUARE)) - ratio);
+    vec3 bisector = b.distance * a.at + a.distance * b.at;
+    float p = a.distance * b.distance, p2 = p * p;
+    float s2 = max(dot(bisector, bisector), MIN_COSINE_SQUARE * p2), s = sqrt(s2), ps = p * s;  // 2 c = s / p
+    return (3.1415909 * p2 + 0.90581268 * ps + 0.01301606 * s2) / (s * (p2 + 0.606619175 * ps + 0.0723501275 * s2));
 }
 
-// Integral of the direction l over the clipped rectangle's solid angle; towards the receiver where it faces the side of
-// u x v. Any linear map of center, u and v keeps the clipping.
-vec3 rect_form(vec3 center, vec3 u, vec3 v, Clip clip)
+// Integral of the lobe over the solid angle of the rectangle center ± u ± v above the horizon of normal n; negative where
+// the receiver is on the side of u x v.
+float rect_form(vec3 center, vec3 u, vec3 v, vec3 n, Cosine lobe)
 {
-    vec3 corners[4] = vec3[4](center - u - v, center + u - v, center + u + v, center - u + v);
-    vec3 edges[4] = vec3[4](2.0 * u, 2.0 * v, -2.0 * u, -2.0 * v);
-    vec3 sum = vec3(0.0), leaving = vec3(0.0), entering = vec3(0.0);
-    for (int i = 0; i < 4; ++i) {
-        vec3 begin = corners[i] + clip.begin[i] * edges[i];
-        sum += edge_form(begin, (clip.end[i] - clip.begin[i]) * edges[i]);
-        leaving += clip.leaves[i] * (corners[i] + clip.end[i] * edges[i]);
-        entering += clip.enters[i] * begin;
-    }
-    // The gap that clipping opens is closed along the horizon.
-    return 0.5 * (sum + edge_form(leaving, entering - leaving));
+    float scale = inversesqrt(max(dot(center, center) + dot(u, u) + dot(v, v), MIN_SQUARE));
+    center *= scale;
+    vec2 rise = vec2(dot(u, n), dot(v, n)), toward = scale * mix(vec2(-1.0), vec2(1.0), greaterThanEqual(rise, vec2(0.0)));
+    u *= toward.x;  // both rise, so that center + u + v is the highest corner
+    v *= toward.y;
+    rise = max(abs(rise) * scale, MIN_RISE);
+    // What is above the horizon has five corners, some of which may coincide: those of u and v equal to (1, 1), (1, low.y),
+    // (far.x, low.y), (low.x, far.y) and (low.x, 1). From the third to the fourth it goes along the horizon.
+    float height = dot(center, n);
+    vec2 low = clamp((-height - rise.yx) / rise, -1.0, 1.0), far = clamp((rise.yx - height) / rise, -1.0, 1.0);
+
+    // Normals of the planes through edges are sums of three cross products, which the clipping only shortens.
+    vec3 across_u = cross(u, lobe.axis), across_v = cross(v, lobe.axis);
+    float side_u = dot(center, across_u), side_v = dot(center, across_v), facing = -dot(v, across_u);
+    center = lobe.transform * center;
+    u = lobe.transform * u;
+    v = lobe.transform * v;
+    vec3 right = center + u, top = center + v, bottom = center + low.y * v, left = center + low.x * u;
+    Vertex a = vertex(right + v), b = vertex(right + low.y * v), c = vertex(bottom + far.x * u),
+           d = vertex(left + far.y * v), e = vertex(top + low.x * u);
+    float gap = (low.x - far.x) * side_u + (far.y - low.y) * side_v + (far.x * far.y - low.x * low.y) * facing;
+    float sum = (low.y - 1.0) * (side_v + facing) * edge_form(a, b)
+        + (far.x - 1.0) * (side_u - low.y * facing) * edge_form(b, c)
+        + gap * edge_form(c, d)
+        + (1.0 - far.y) * (side_v + low.x * facing) * edge_form(d, e)
+        + (1.0 - low.x) * (side_u - facing) * edge_form(e, a);
+    return toward.x * toward.y > 0.0 ? -0.5 * sum : 0.5 * sum;
 }

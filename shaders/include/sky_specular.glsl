@@ -8,7 +8,7 @@ uniform sampler2D sky_specular;  // octahedral maps of directions for evenly spa
 vec3 dominant_direction(vec3 n, vec3 p, float roughness)
 {
     float smoothness = 1.0 - roughness;
-    return normalize(mix(n, reflect(normalize(p), n), smoothness * (sqrt(smoothness) + roughness)));
+    return normalize(mix(n, reflect(normalize(along_view(p)), n), smoothness * (sqrt(smoothness) + roughness)));
 }
 
 vec3 unshadowed_sky_specular(vec3 direction, float roughness)

@@ -104,3 +104,22 @@ def _cap_rays(points: F64, center: F64, radius: float, steps: int) -> tuple[F64,
 def unit(v: F64) -> F64:
     length = np.linalg.norm(v, axis=-1, keepdims=True)
     return np.divide(v, length, out=np.zeros_like(v), where=length > 0)
+
+
+def ggx_albedo(alpha: float, n_v: float, schlick: bool = False) -> float:
+    """Share of even light that a GGX lobe with F = 1 reflects to the viewer; midpoints over half vectors.
+
+    With ``schlick`` F is (1 - v·h)⁵.
+    """
+    u, phi = np.meshgrid((np.arange(512) + 0.5) / 512, (np.arange(256) + 0.5) / 256 * 2 * np.pi, indexing="ij")
+    n_h = np.sqrt((1 - u) / (1 + (alpha**2 - 1) * u))  # half vectors as often as microfacets
+    v_h = np.sqrt(1 - n_v**2) * np.sqrt(1 - n_h**2) * np.cos(phi) + n_v * n_h
+    n_l = 2 * v_h * n_h - n_v
+    smith = n_l * np.sqrt(n_v**2 * (1 - alpha**2) + alpha**2) + n_v * np.sqrt(n_l**2 * (1 - alpha**2) + alpha**2)
+    weight = np.where((n_l > 0) & (v_h > 0), 0.5 / np.maximum(smith, 1e-9) * n_l * 4 * v_h / n_h, 0.0)
+    return float((weight * (1 - np.clip(v_h, 0, 1)) ** 5 if schlick else weight).mean())
+
+
+def ggx_compensation(f0: float | F64, alpha: float, n_v: float) -> F64:
+    """Factor of light that microfacets scatter more than once (Turquin 2019)."""
+    return np.asarray(1 + np.asarray(f0) * (1 / ggx_albedo(alpha, n_v) - 1))

@@ -43,7 +43,7 @@ def surfel_light(scene: Scene, camera: Camera, model: Path) -> tuple[WorldSurfel
     with Renderer(scene, settings("indirect"), model) as renderer:
         renderer.render(camera)
         texels = renderer.resource("surfel_light")[::-1, :, :3].astype(np.float64) / radiance_scale(scene)
-    world = WorldSurfels(scene, Caster(scene), View.of(camera, SIZE, NEAR * scene.longest_edge), *SMALL_EMBER)
+    world = WorldSurfels(scene, Caster(scene), [View.of(camera, SIZE, NEAR * scene.longest_edge)], *SMALL_EMBER)
     height, width = texels.shape[:2]
     quads = texels.reshape(height // 2, 2, width // 2, 2, 3)
     np.testing.assert_array_equal(quads.min(axis=(1, 3)), quads.max(axis=(1, 3)))  # hard light: no noise in a quad
@@ -169,7 +169,7 @@ def compared(first: Images, camera: Camera, second: Images) -> tuple[F64, F64]:
     """What two images show of the same points: the second's pixels and those of the first where they lie."""
     view = View.of(camera, SIZE, 1e-3)
     at = (second["position"] - view.eye) @ view.rotation.T
-    x, y = (at[..., i] / -at[..., 2] / view.tan_half[i] for i in (0, 1))
+    x, y = (at[..., i] / -at[..., 2] / view.half_size[i] for i in (0, 1))
     inside = (at[..., 2] < 0) & (np.abs(x) < 0.98) & (np.abs(y) < 0.98)
     column = ((x + 1) / 2 * SIZE[0]).astype(int).clip(0, SIZE[0] - 1)
     row = ((1 - y) / 2 * SIZE[1]).astype(int).clip(0, SIZE[1] - 1)

@@ -32,7 +32,7 @@ def rays(camera: Camera) -> F64:
     w, h = SIZE
     view = View.of(camera, SIZE, 1e-3)
     x, y = np.meshgrid((np.arange(w) + 0.5) / w * 2 - 1, 1 - (np.arange(h) + 0.5) / h * 2)
-    towards = np.stack([x * view.tan_half[0], y * view.tan_half[1], -np.ones_like(x)], axis=-1) @ view.rotation
+    towards = np.stack([x * view.half_size[0], y * view.half_size[1], -np.ones_like(x)], axis=-1) @ view.rotation
     return np.asarray(towards / np.linalg.norm(towards, axis=-1, keepdims=True))
 
 

@@ -84,7 +84,9 @@ def test_sheet_shows_the_first_pairs_of_a_dataset(tmp_path: Path) -> None:
     (["onnx", "write", "gather", "--out", "FOLDER/file/out"], "file/out: is not a writable folder"),
     (["onnx", "scaling", "--out", "FOLDER/file/out"], "file/out: is not a writable folder"),
     (["onnx", "stamp", "FOLDER/a.onnx", "FOLDER/file"], r"file: can't read the contract \(not UTF-8\)"),
-    (["reference", "--scene-json", "bad.json"], r"--scene-json: needs a scene \(expected a SCENE too\)")])
+    (["reference", "--scene-json", "bad.json"], r"--scene-json: needs a scene \(expected a SCENE too\)"),
+    (["reference", "--studio"], r"--studio: needs a scene \(expected a SCENE too\)"),
+    (["reference", "--ground"], r"--ground: needs a scene \(expected a SCENE too\)")])
 def test_a_wrong_argument_is_one_error(arguments: list[str], message: str, tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"\xff")
     with pytest.raises(AfterglowError, match=message):

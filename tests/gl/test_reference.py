@@ -28,6 +28,7 @@ from app.scene import (
     Texture,
 )
 from app.settings import Settings
+from tests.deforming import deforming_scene
 from tests.gl.closed_forms import point_irradiance
 from tests.gl.scenes import F32, GREY, Images, Part, box, draw, floor, make_scene, quad, slide, sphere, without_shadows
 
@@ -298,9 +299,13 @@ def test_files_of_a_reference(corner: Still, tmp_path: Path) -> None:
     assert {file.name for file in tmp_path.iterdir()} == {"reference.exr", "reference.json"}
 
 
-def test_moving_objects_are_traced_at_their_place() -> None:
+@pytest.mark.parametrize("kind", ["rigid", "skin", "morph"])
+def test_moving_objects_are_traced_at_their_place(kind: str) -> None:
     block = replace(box((-0.2, 0.0, -0.2), (0.4, 0.4, 0.4), GREY), motion=slide([0, 1], [(-0.5, 0, 0), (0.5, 0, 0)]))
-    scene = make_scene([floor(2.0), block], [HARD["point"]], CAMERA)
+    if kind == "rigid":
+        scene = make_scene([floor(2.0), block], [HARD["point"]], CAMERA)
+    else:
+        scene = deforming_scene(kind, [floor(2.0)], [HARD["point"]], CAMERA).scene
     for time in (0.0, 0.7):
         depth = mean_samples(PathTracer(scene, time, 0), Still(scene, CAMERA, SIZE, time), 1)["depth"]
         with Renderer(scene, Settings(SIZE, ("depth",), taa=False, provider="cpu")) as renderer:

@@ -106,6 +106,20 @@ def test_the_sky_beside_a_roof_is_the_form_factor(roof: float) -> None:
     assert share.mean() == pytest.approx(expected.mean(), abs=0.01)
 
 
+@pytest.mark.parametrize("side", [-1, 1])
+def test_lights_and_parts_of_the_sky_that_give_nothing_change_no_choice(side: int) -> None:
+    """A wall stands on one half of the horizon, under a sky that is bright on one side; a pane shines away from all."""
+    radiance = np.full((8, 16, 3), 0.1, np.float32)
+    radiance[2:4, 2 if side < 0 else 10:][:, :4] = 20.0
+    sky = Environment(radiance)
+    scene = replace(make_scene([floor(3.0), box((0.7, -1, -4), (0.1, 1.8, 8))], [], ABOVE), environment=sky)
+    idle = RectLight((0.0, -0.5, 0.0), (2.0, 0, 0), (0, 0, 2.0), WHITE)
+    alone, both = (draw(s, SIZE, ("direct",))["direct"].astype(np.float64) for s in (scene, scene.with_lights(idle)))
+    assert both.mean() == pytest.approx(alone.mean(), rel=2e-3)
+    free = draw(replace(make_scene([floor(3.0)], [], ABOVE), environment=sky), SIZE, ("direct",))["direct"]
+    assert abs(alone.mean() / free.mean() - 1) > 0.02  # the wall counts
+
+
 def pass_and_pane() -> tuple[Scene, Camera]:
     """A lid that passes between a pane and a floor."""
     pane = RectLight((0.0, 2.0, 0.0), (1.0, 0, 0), (0, 0, 1.0), WHITE)

@@ -121,7 +121,7 @@ f 9 12 11 10\nf 13 14 15 16\nf 9 10 14 13\nf 10 11 15 14\nf 11 12 16 15\nf 12 9 
 def test_an_object_that_the_viewer_drags_keeps_its_shadow(kind: str, tmp_path: Path) -> None:
     (tmp_path / "scene.obj").write_text(OBJ)
     light = LIGHTS[kind]
-    loaded = load_for_editing(tmp_path / "scene.obj")
+    loaded = load_for_editing(tmp_path / "scene.obj", studio=False)
     drawn = ModelRenderer(EditedScene(tmp_path / "scene.obj", loaded, tmp_path), "cpu")
     near = tuple((np.array(FAR) / 20).tolist())
     for place in (near, FAR):  # the first move reloads the scene, the second one does not

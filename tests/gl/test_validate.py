@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -16,12 +18,71 @@ from app.load import embedded_scene
 from export.__main__ import cli
 from export.reference.still import Still
 from export.validation.errors import ORACLE, by_scene, measure_errors
+from export.validation.scenes.glossy import (
+    GLOSSY_SOURCES,
+    ROUGHNESSES,
+    SPHERE_RADIUS,
+    SPHERE_ROWS,
+    sphere_centers,
+    spheres_seen,
+)
 from export.validation.tables import HEADER, noise_lines, table_lines, with_figures
 from export.validation.timing import frame_times
 from export.validation.views import View
+from tests.gl.scenes import draw
 from tests.tiny_network import write_tiny_network
+from tests.unit.load_helpers import Gltf
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+
+
+def test_direct_light_on_assets_is_compared(tmp_path: Path) -> None:
+    """A textured quad agrees under both lights; a file that can't be read is reported, and the others still are."""
+    gltf = Gltf()
+    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32)
+    texture = gltf.texture(np.random.default_rng(0).integers(0, 255, (4, 4, 4)))
+    gltf.material(pbrMetallicRoughness={"baseColorTexture": {"index": texture}, "metallicFactor": 0.0})
+    gltf.primitive["attributes"] = {"POSITION": gltf.array(corners), "TEXCOORD_0": gltf.array(corners[:, :2] / 2 + 0.5)}
+    gltf.save(tmp_path, "quad.gltf")
+    (tmp_path / "broken.gltf").write_text("{")
+    run = CliRunner().invoke(cli, ["validate", "assets", str(tmp_path), "--size", "96x72", "--spp", "16",
+                                   "--out", str(tmp_path / "out")])
+    assert run.exit_code == 0, run.output
+    rows = {row["asset"]: row for row in csv.DictReader((tmp_path / "out" / "assets.csv").open())}
+    assert rows["broken"]["error"] and not rows["broken"]["point"]
+    assert all(float(rows["quad"][light]) > 30 for light in ("point", "spot"))
+    assert (tmp_path / "out" / "quad-spot.png").is_file()
+
+
+def test_glossy_views_are_compared_with_the_full_material(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Missing files are skipped with a reason; of spheres the ratio of each roughness is stated."""
+    monkeypatch.setattr("export.validation.glossy.ROW_SIZE", (96, 32))
+    monkeypatch.setattr("export.validation.glossy.SIZE", (32, 24))
+    names = ("metal-spheres", "steel-room", "bathroom", "ToyCar")
+    run = CliRunner().invoke(cli, [
+        "validate", "glossy", "none", "--scenes", str(tmp_path), "--assets", str(tmp_path), "--references",
+        str(tmp_path / "references"), "--spp", "16", "--out", str(tmp_path / "out"), "--provider", "cpu",
+        *(text for name in names for text in ("--only", name))])
+    assert run.exit_code == 0, run.output
+    assert "bathroom skipped: no file" in run.output and "ToyCar skipped: no file" in run.output
+    rows = {row["view"]: row for row in csv.DictReader((tmp_path / "out" / "glossy.csv").open())}
+    assert set(rows) == {"metal-spheres", "steel-room"}
+    assert all(0.1 < float(row["mean"]) < 1.1 and float(row["own"]) > float(row["psnr"]) for row in rows.values())
+    assert all(0.05 < float(rows["metal-spheres"][f"ratio {r:g}"]) < 1.1 for r in ROUGHNESSES)
+    assert not rows["steel-room"]["ratio 1"]
+    assert (tmp_path / "out" / "steel-room.png").is_file() and len(list((tmp_path / "references").iterdir())) == 4
+
+
+@pytest.mark.parametrize("name", SPHERE_ROWS)
+def test_spheres_are_where_the_masks_say(name: str) -> None:
+    """Each mask shows points of its sphere alone, and most of them."""
+    scene = GLOSSY_SOURCES[name]()
+    still = Still(scene, scene.cameras["main"].at(0.0), (192, 64))
+    position = draw(scene, still.size, ("position",))["position"]
+    for center, shown in zip(sphere_centers(), spheres_seen(still), strict=True):
+        distance = np.linalg.norm(position - np.asarray(center, np.float32), axis=-1)
+        on = np.abs(distance - SPHERE_RADIUS) < 0.01
+        assert on[shown].all() and shown.sum() > 0.6 * on.sum() > 60
 
 
 def test_models_are_compared_with_cached_references(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The wheel carries all it needs: installed elsewhere, it renders from an unrelated folder."""
+"""The wheel has one package with all it needs, and works beside other packages ``app`` and ``export``."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ import pytest
 from app.io.image import read_exr, read_png
 
 ROOT = Path(__file__).parents[2]
+MAX_IMPORT_SECONDS = 0.3
 
 
 def run(*command: object, **options: object) -> subprocess.CompletedProcess[str]:
@@ -29,26 +30,87 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return next(folder.glob("*.whl"))
 
 
-def test_wheel_carries_shaders_networks_and_data(wheel: Path) -> None:
+class Installed:
+    """The wheel in an environment of its own, run in a folder with unrelated packages ``app`` and ``export``."""
+
+    def __init__(self, wheel: Path, folder: Path) -> None:
+        self.python, self.folder = folder / "venv" / "bin" / "python", folder / "elsewhere"
+        run(sys.executable, "-m", "venv", "--without-pip", folder / "venv")
+        run(sys.executable, "-m", "pip", "--python", self.python, "install", "--quiet", "--no-deps", "--no-index",
+            wheel)
+        others = folder / "others"
+        for name in ("app", "export"):
+            (others / name).mkdir(parents=True)
+            (others / name / "__init__.py").write_text("raise ImportError('an unrelated package was imported')")
+        self.folder.mkdir()
+        # The dependencies come from the environment of the tests, the program from the wheel alone.
+        self._environment = {**os.environ, "PYTHONPATH": os.pathsep.join((str(others), sysconfig.get_path("purelib")))}
+
+    def run(self, *arguments: object) -> str:
+        return run(self.python, "-P", *arguments, cwd=self.folder, env=self._environment).stdout
+
+
+@pytest.fixture(scope="module")
+def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Installed:
+    return Installed(wheel, tmp_path_factory.mktemp("installed"))
+
+
+def test_wheel_has_one_package_with_shaders_networks_and_data(wheel: Path) -> None:
     held = set(zipfile.ZipFile(wheel).namelist())
-    for folder, place in (("shaders", "app/_bundle/shaders"), ("nets", "app/_bundle/nets"), ("app/data", "app/data")):
+    inner = "afterglow/_app"
+    for folder, place in (("shaders", f"{inner}/_bundle/shaders"), ("nets", f"{inner}/_bundle/nets"),
+                          ("app", inner), ("export", "afterglow/export")):
         for file in (ROOT / folder).rglob("*"):
             if file.is_file() and file.suffix != ".pyc":
                 assert f"{place}/{file.relative_to(ROOT / folder).as_posix()}" in held
-    assert not [name for name in held if name.startswith(("tests/", "shaders/", "nets/"))]
+    assert {name.split("/")[0].split("-")[0] for name in held} == {"afterglow"}
+
+
+def test_import_is_quick_and_loads_neither_torch_nor_opengl(installed: Installed) -> None:
+    program = ("import sys, time; start = time.perf_counter(); import afterglow; print(time.perf_counter() - start); "
+               "print({'torch', 'moderngl', 'onnxruntime', 'mitsuba'} & set(sys.modules)); print(afterglow.__file__)")
+    seconds, loaded, file = installed.run("-c", program).splitlines()
+    assert float(seconds) < MAX_IMPORT_SECONDS and loaded == "set()"
+    assert file.startswith(str(installed.folder.parent / "venv"))
+
+
+def test_every_module_of_the_wheel_can_be_imported(installed: Installed) -> None:
+    program = ("import importlib, pkgutil, afterglow._app as a\n"
+               "for m in pkgutil.walk_packages(a.__path__, 'afterglow._app.'):\n"
+               "    m.name.endswith('__main__') or importlib.import_module(m.name)\n"
+               "import afterglow; [getattr(afterglow, name) for name in afterglow.__all__]")
+    installed.run("-c", program)
 
 
 @pytest.mark.gl
-def test_wheel_renders_elsewhere(wheel: Path, tmp_path: Path) -> None:
-    python = tmp_path / "venv" / "bin" / "python"
-    run(sys.executable, "-m", "venv", "--without-pip", tmp_path / "venv")
-    run(sys.executable, "-m", "pip", "--python", python, "install", "--quiet", "--no-deps", "--no-index", wheel)
-    elsewhere = tmp_path / "elsewhere"
-    elsewhere.mkdir()
-    # The dependencies come from this environment, the program from the wheel alone.
-    environment = {**os.environ, "PYTHONPATH": sysconfig.get_path("purelib")}
-    where = run(python, "-P", "-c", "import app; print(app.__file__)", cwd=elsewhere, env=environment).stdout
-    assert where.startswith(str(tmp_path))
-    run(python, "-P", "-m", "app", "--size", "64x48", cwd=elsewhere, env=environment)
-    assert read_png(elsewhere / "out" / "0000.png").shape == (48, 64, 3)
-    assert read_exr(elsewhere / "out" / "0000.exr")[""].mean() > 0
+def test_wheel_renders_elsewhere(installed: Installed) -> None:
+    installed.run("-m", "afterglow", "--size", "64x48")
+    assert read_png(installed.folder / "out" / "0000.png").shape == (48, 64, 3)
+    assert read_exr(installed.folder / "out" / "0000.exr")[""].mean() > 0
+
+
+@pytest.mark.gl
+def test_wheel_starts_child_processes(installed: Installed) -> None:
+    pytest.importorskip("mitsuba")
+    installed.run("-m", "afterglow", "compare", "--models", "none,reference", "--size", "16x12", "--spp", "8", "--out",
+                  installed.folder / "compare.html")
+    assert (installed.folder / "compare.html").stat().st_size > 0
+
+
+def test_messages_of_the_wheel_name_its_own_commands(installed: Installed) -> None:
+    assert "python -m afterglow" in installed.run("-m", "afterglow", "--help")
+    assert "python -m app" not in installed.run("-m", "afterglow", "render", "--help")
+
+
+@pytest.mark.gl
+def test_every_example_runs_from_the_wheel(installed: Installed) -> None:
+    for package in ("av", "flip_evaluator", "mitsuba", "onnx"):
+        pytest.importorskip(package)
+    short = {"dataset_with_masks.py": {"count": 2}, "light_animation.py": {"frames": 2},
+             "compare_with_path_tracer.py": {"spp": 8}}
+    calls = [(str(file), short.get(file.name, {})) for file in sorted((ROOT / "examples").glob("*.py"))]
+    installed.run("-c", "import runpy, pathlib\n"
+                  f"for file, options in {calls!r}:\n"
+                  "    runpy.run_path(file)['main'](pathlib.Path('.'), (48, 36), **options)")
+    assert {file.name for file in installed.folder.iterdir()} >= {
+        "hello.png", "own_network.png", "0001.exr", "light_animation.mp4", "ember.png"}

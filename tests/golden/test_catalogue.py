@@ -17,6 +17,7 @@ from app.golden.catalogue import PROBE, PROBE_ENVIRONMENT
 from app.golden.copy_case import CopyCase
 from app.network.channels import CHANNELS
 from app.network.contract_json import read_contract
+from app.network.selection import find_model
 from app.paths import shader_dir
 
 Line = tuple[str, int]
@@ -84,8 +85,8 @@ def test_every_line_of_every_shader_is_compiled(monkeypatch: pytest.MonkeyPatch,
     assert not missing, "\n".join(missing)
 
 
-def test_the_probe_reads_every_channel() -> None:
+def test_the_probes_and_the_model_of_gathered_light_read_every_channel() -> None:
     """Otherwise run ``python -m export onnx probe``."""
-    read = {(name, spec.grid) for probe in (PROBE, PROBE_ENVIRONMENT)
+    read = {(name, spec.grid) for probe in (PROBE, PROBE_ENVIRONMENT, find_model("final-gather"))
             for spec in read_contract(probe).inputs.values() for name in spec.channels}
     assert read == {(name, grid) for name, c in CHANNELS.items() if not c.output for grid in c.grids}

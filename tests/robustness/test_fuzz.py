@@ -46,6 +46,7 @@ from tests.robustness.valid_files import (
     gltf,
 )
 from tests.tiny_network import TINY, write_tiny_network
+from tests.unit.compressed_files import compressed
 
 MAX_SECONDS, MAX_MEGABYTES = 20.0, 1000.0  # on a busy machine; the voxel grid of an object takes up to 640 MB
 MAX_LINE_LENGTH = 5000
@@ -54,14 +55,14 @@ CONTRACT = json.loads(contract_to_json(TINY))
 Load = Callable[[Path, bytes], Any]
 
 
-def scene(name: str) -> Load:
+def scene(name: str, variant: str | None = None) -> Load:
     """Load a valid scene in which the file ``name`` is replaced by ``data``."""
     def load(folder: Path, data: bytes) -> Scene:
         files = {"scene.obj": OBJ.encode(), "scene.mtl": MTL.encode(), "paint.png": PNG, name: data}
         for beside, content in files.items():
             (folder / beside).write_bytes(content)
         is_scene = Path(name).suffix in (".obj", ".ply", ".gltf", ".glb")
-        return load_scene(folder / (name if is_scene else "scene.obj"))
+        return load_scene(folder / (name if is_scene else "scene.obj"), variant=variant)
     return load
 
 
@@ -93,7 +94,8 @@ def kinds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[bytes, Se
     net = write_tiny_network(folder / "net.onnx").read_bytes()
     write_exr(folder / "a.exr", {"": np.ones((5, 7, 3), np.float16), "depth": np.ones((5, 7, 1), np.float32)})
     exr = (folder / "a.exr").read_bytes()
-    document, binary = binary_gltf()
+    document, binary = binary_gltf(gltf())
+    packed, streams = binary_gltf(compressed())
 
     def text(valid: str) -> tuple[bytes, SearchStrategy[bytes]]:
         return valid.encode(), mutate_text(valid) | mutate_bytes(valid.encode()) | NOISE
@@ -109,9 +111,14 @@ def kinds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[bytes, Se
         "mtl": (*text(MTL), scene("scene.mtl")),
         "ply": (*text(PLY), scene("scene.ply")),
         "gltf": (*json_text(gltf().json), scene("scene.gltf")),
+        "gltf variant": (*json_text(gltf().json), scene("scene.gltf", "dull")),
         "glb": (*raw(glb(document, binary)), scene("scene.glb")),
         "json of a glb": (glb(document, binary), mutate_json(document).map(lambda value: glb(value, binary)),
                           scene("scene.glb")),
+        "compressed glb": (glb(packed, streams), mutate_bytes(streams).map(lambda data: glb(packed, data)),
+                           scene("scene.glb")),
+        "json of a compressed glb": (glb(packed, streams), mutate_json(packed).map(lambda value: glb(value, streams)),
+                                     scene("scene.glb")),
         "png": (*raw(PNG), scene("paint.png")),
         "exr": (*raw(exr), file("image.exr", read_exr)),
         "scene json": (*json_text(SIDECAR), scene("scene.json")),
@@ -125,8 +132,9 @@ def kinds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[bytes, Se
     }
 
 
-NAMES = ("obj", "mtl", "ply", "gltf", "glb", "json of a glb", "png", "exr", "scene json", "camera json",
-         "golden json", "contract json", "contract of an onnx", "onnx listed", "onnx loaded")
+NAMES = ("obj", "mtl", "ply", "gltf", "gltf variant", "glb", "json of a glb", "compressed glb",
+         "json of a compressed glb", "png", "exr", "scene json", "camera json", "golden json", "contract json",
+         "contract of an onnx", "onnx listed", "onnx loaded")
 
 
 @pytest.mark.parametrize("examples", [25, pytest.param(2000, marks=pytest.mark.long)])

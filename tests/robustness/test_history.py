@@ -1,6 +1,6 @@
 """What temporal anti-aliasing keeps: negative lobes, variance, poison, first frames, cuts, other sizes.
 
-Rows "NaN or Inf in history or bilateral neighbourhood", "negative lobes after Catmull-Rom", "variance below zero" and
+Rows "NaN or Inf in history or bilateral neighbourhood", "negative lobes of the cubic filter", "variance below zero" and
 "first frame, resize, cut" of the table of hazards; poison in every pass is in ``test_poison.py``.
 """
 

@@ -81,6 +81,8 @@ def refused(args: list[str], folder: Path) -> str:
     (["good.obj", "--scene-json", "misspelt.json"], ["misspelt.json", "lightngs", "lightings"]),
     (["good.obj", "--lighting", "sum"], ["sum", "sun"]),
     (["--lighting", "lmap"], ["lmap", "lamp"]),
+    (["good.obj", "--variant", "red"], ["red", "good.obj"]),
+    (["--variant", "red"], ["--variant", "SCENE"]),
     (["good.obj", "--camera", "orbti"], ["--camera", "orbit"]),
     (["good.obj", "--camera", "gone.json"], ["gone.json"]),
     (["good.obj", "--camera", "camera.json"], ["camera.json", "fov"]),

@@ -8,8 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.raycast.caster import Caster, Hits
-from app.scene import Material, Mesh, Motion, Scene, Texture
+from app.raycast.caster import AttachedPoints, Caster, Hits
+from app.scene import Material, Mesh, Motion, Scene, Texture, Transmission
+from tests.deforming import SHAPES, deforming_scene, material_points
+from tests.gl.closed_forms import ggx_albedo, ggx_compensation
 from tests.gl.scenes import F32, GREY, Part, Point, box, make_scene, moved, quad, slide
 
 WALL = ((-1, -1, 0), (2, 0, 0), (0, 2, 0))  # 2 × 2 around the origin; its front faces +z
@@ -72,6 +74,61 @@ def test_albedo_is_material_times_texture_times_vertex_colour() -> None:
     colors = np.full((6, 4), (0.5, 1, 1, 1), np.float32)
     hits = cast(with_mesh(scene, colors=colors), [FRONT] * 2, [(-0.5, 0, 0), (0.5, 0, 0)])
     np.testing.assert_allclose(hits.albedo, [(0.25, 0.25, 0), (0, 0.25, 0.5)], atol=1e-6)
+
+
+def ggx_reflectance(f0: float, roughness: float, n_v: float) -> float:
+    """Share of light from everywhere that GGX with Schlick's law reflects, once or more often."""
+    once, grazing = (ggx_albedo(roughness**2, n_v, schlick) for schlick in (False, True))
+    return float((f0 * once + (1 - f0) * grazing) * ggx_compensation(f0, roughness**2, n_v))
+
+
+def test_metals_reflect_their_specular_albedo() -> None:
+    """The metallic factor is multiplied by the blue channel of its map, whose bytes are linear."""
+    blue = np.zeros((1, 2, 4), np.uint8)
+    blue[0, :, 1:3] = (128, 51), (128, 204)
+    metal = replace(GREY, metallic=0.5, roughness=0.5)
+    mapped = replace(metal, metallic=1.0, roughness=1.0, metallic_roughness_map=Texture(blue, is_color=False))
+    for material, albedo in ((metal, (0.25, 0.25)), (mapped, (0.4, 0.1))):
+        hits = cast(make_scene([wall(material)]), [FRONT] * 2, [(-0.5, 0, 0), (0.5, 0, 0)])
+        cosine = 1 / np.hypot(1, 0.5 / np.linalg.norm(FRONT))
+        expected = [diffuse + ggx_reflectance(0.5 - diffuse, 0.5, cosine) for diffuse in albedo]
+        np.testing.assert_allclose(hits.albedo[:, 0], expected, rtol=0.01)
+
+
+@pytest.mark.parametrize("roughness", [0.0, 0.3, 1.0])
+def test_no_surface_reflects_more_than_arrives(roughness: float) -> None:
+    """White, diffuse and specular, and a white metal, which reflects all, from the normal to a grazing angle."""
+    origins = [(2 * np.tan(np.radians(degrees)), 0.0, 0.0) for degrees in (0, 30, 60, 80, 89)]
+    for material in (Material(albedo=(1.0,) * 3, specular=(0.04,) * 3, roughness=roughness),
+                     Material(albedo=(1.0,) * 3, specular=(0.5,) * 3, roughness=roughness),
+                     Material(albedo=(1.0,) * 3, metallic=1.0, roughness=roughness)):
+        hits = cast(make_scene([wall(material)]), [np.add(FRONT, at) for at in origins], [(0.0, 0.0, 0.0)] * 5)
+        assert (hits.body >= 0).all()
+        np.testing.assert_allclose(hits.albedo, 1.0, atol=1e-4)
+
+
+def test_a_specular_map_colours_what_rays_see() -> None:
+    polished = Material(albedo=(0.0,) * 3, specular=(0.5,) * 3, specular_map=texture([[(1, 0.5, 0), (0, 0.5, 1)]]))
+    hits = cast(make_scene([wall(polished)]), [FRONT] * 2, [(-0.5, 0, 0), (0.5, 0, 0)])
+    assert hits.albedo[0, 0] > hits.albedo[0, 1] > hits.albedo[0, 2] >= 0
+    np.testing.assert_allclose(hits.albedo[0], hits.albedo[1, ::-1], rtol=1e-5)
+
+
+def test_maps_of_the_second_uv_set() -> None:
+    stripes = texture([[(1, 0.5, 0), (0, 0.5, 1)]], uv_set=1)
+    glow = replace(GREY, emission=(1.0,) * 3, emission_map=stripes)
+    scene = make_scene([wall(glow), wall(corner=(-1, -1, -2))])
+    assert scene.meshes[0].uvs is not None
+    turned = with_mesh(scene, second_uvs=scene.meshes[0].uvs[:, ::-1])
+    hits = cast(turned, [FRONT] * 2, [(0, -0.5, 0), (0, 0.5, 0)])
+    np.testing.assert_allclose(hits.emission, [(1, 0.5, 0), (0, 0.5, 1)], atol=1e-6)
+    without = cast(scene, [FRONT], [(0, -0.5, 0)])
+    np.testing.assert_allclose(without.emission, [(1, 1, 1)])
+
+
+def test_unlit_surfaces_neither_reflect_nor_emit() -> None:
+    hits = cast(make_scene([wall(replace(GREY, is_unlit=True))]), [FRONT], [(0.1, 0, 0)])
+    assert hits.body[0] == 0 and not hits.albedo.any() and not hits.emission.any()
 
 
 def test_vertex_colours_are_interpolated() -> None:
@@ -258,3 +315,96 @@ def test_light_proxies_block_only_if_asked(behind: Material) -> None:
         ray = origin, np.array([(0, 0, -6)], np.float32)
         assert caster.is_occluded(*ray, proxies_block=True).all()
         assert caster.is_occluded(*ray, proxies_block=False).tolist() == [blocked]
+
+
+def test_rays_pass_culled_backs_and_stop_at_fronts() -> None:
+    """Also those of an instance that its placement mirrors."""
+    lid = replace(GREY, is_back_culled=True)
+    for mirrored in (False, True):
+        part = replace(wall(lid), place=np.diag([-1.0 if mirrored else 1.0, 1, 1, 1]))
+        behind = wall(corner=(-1, -1, -1))
+        caster = Caster(make_scene([part, behind, wall(corner=(-1, -1, 1))]))
+        origins, ends = (np.array(p, np.float64) - caster.origin for p in (
+            [(0.1, 0, 0.5), (0.1, 0, -0.5)], [(0.1, 0, -0.5), (0.1, 0, 0.5)]))
+        rays = origins.astype(np.float32), (ends - origins).astype(np.float32)
+        assert caster.is_occluded(*rays, proxies_block=True).tolist() == [False, True]  # light comes from the ends
+        np.testing.assert_allclose(caster.cast(*rays).distance, [0.5, 1.5], rtol=1e-3)
+
+
+@pytest.mark.parametrize(("metal", "factor", "share"), [(0.0, 1.0, 1.0), (1.0, 1.0, 0.0), (0.25, 0.5, 0.375)])
+def test_rays_pass_glass_as_its_maps_say(metal: float, factor: float, share: float) -> None:
+    """A factor of 1 for metallic and transmission, times texels."""
+    glass = Material(albedo=(1.0,) * 3, metallic=1.0, transmission=Transmission(
+        1.0, texture([[(factor, 0.0, 0.0)]], is_color=False)),
+        metallic_roughness_map=texture([[(0.0, 0.0, metal)]], is_color=False))
+    caster = Caster(make_scene([wall(glass)]))
+    rng = np.random.default_rng(0)
+    origins = np.column_stack([rng.uniform(-0.9, 0.9, (4000, 2)), np.full(4000, 1.0)]).astype(np.float32)
+    vectors = np.tile(np.array([0, 0, -2], np.float32), (4000, 1))
+    passed = ~caster.is_occluded((origins - caster.origin).astype(np.float32), vectors, proxies_block=True)
+    assert passed.mean() == pytest.approx(share, abs=0.02)
+
+
+def test_a_ray_that_starts_on_a_light_proxy_gets_past_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside a masked surface, where rays go on step by step; without steps of a least length it would never end."""
+    masked = Material(albedo_map=texture([[(1.0,) * 3]]), alpha_cutoff=0.5)
+    caster = Caster(make_scene([wall(Material(is_light_proxy=True)), wall(masked, (9, 9, 9))]))
+    casts, body = [], caster.bodies[0]
+    monkeypatch.setattr(body, "cast", lambda *a, cast=body.cast: (casts.append(1), cast(*a))[1])
+    origin = (np.array([(0.0, 0.0, 1e-7)]) - caster.origin).astype(np.float32)
+    assert not caster.is_occluded(origin, np.array([(0, 0, -1)], np.float32), proxies_block=False).any()
+    assert len(casts) <= 3
+
+
+@pytest.mark.parametrize("kind", ["skin", "morph"])
+def test_rays_meet_a_deformed_surface(kind: str) -> None:
+    """The same hits as in a still scene in that shape, also back at another time."""
+    scene = deforming_scene(kind, [wall(corner=(-1, -1, -3))])
+    rng = np.random.default_rng(0)
+    starts = rng.uniform([-1, 0, 2], [1, 2, 3], (400, 3))
+    ends = rng.uniform([-1, 0, -0.5], [0.5, 2, 0.5], (400, 3))
+    for time in (0.7, 0.2):
+        shape = SHAPES[kind](scene.positions, time)
+        moving, still = (cast(s, starts, ends, time) for s in (scene.scene, scene.still(shape)))
+        assert (still.albedo[:, 0] > 0.7).sum() > 40
+        same = np.isclose(moving.albedo, still.albedo, atol=1e-5).all(axis=1)
+        assert same.mean() > 0.99
+        np.testing.assert_allclose(moving.distance[same], still.distance[same], rtol=1e-4)
+        np.testing.assert_allclose(moving.normal[same], still.normal[same], atol=2e-3)
+
+
+def test_the_revision_changes_when_a_body_deforms() -> None:
+    caster = Caster(deforming_scene("skin", []).scene)
+    before = caster.revision
+    caster.move_to(0.0)
+    assert caster.revision == before
+    caster.move_to(0.5)
+    assert caster.revision > before
+
+
+@pytest.mark.parametrize("kind", ["skin", "morph"])
+def test_attached_points_follow_a_deformed_surface(kind: str) -> None:
+    """Each stays where it is on its triangle, and its normal turns with it."""
+    scene = deforming_scene(kind, [])
+    caster = Caster(scene.scene)
+    caster.move_to(0.1)
+    rng = np.random.default_rng(0)
+    targets = rng.uniform([-0.14, 0.05, 0], [0.14, 1.9, 0], (200, 3))
+    start = (targets + np.array([0, 0, 3]) - caster.origin).astype(np.float32)
+    hits = caster.cast(start, np.tile(np.array([0, 0, -4], np.float32), (200, 1)))
+    hits = hits.select(hits.body == 1)
+    assert len(hits.body) > 100
+    points = AttachedPoints(caster, hits.position, hits.normal, hits.anchors)
+    np.testing.assert_allclose(points.current()[0], hits.position, atol=1e-6)
+    caster.move_to(0.9)
+    position, normal = points.current()
+    triangles = scene.scene.meshes[0].triangles
+    before, now = (SHAPES[kind](scene.positions, time)[triangles] for time in (0.1, 0.9))
+    expected, found = material_points(hits.position + caster.origin, before, now)
+    assert found.all()
+    np.testing.assert_allclose(position + caster.origin, expected, atol=1e-5)
+    ray = caster.cast(position + 0.01 * normal, -normal, [1])
+    np.testing.assert_allclose(ray.distance, 0.01, atol=1e-4)
+    np.testing.assert_allclose(np.abs((ray.normal * normal).sum(axis=1)), 1, atol=1e-3)
+    if kind == "morph":
+        assert (np.abs(normal[:, 2]) < 0.97).mean() > 0.5

@@ -55,7 +55,7 @@ class FakeRenderer:
     def advance(self, camera: Camera, time: float = 0.0) -> None:
         self.calls.append(("advance", camera, time))
 
-    def render(self, camera: Camera, time: float = 0.0) -> dict[str, np.ndarray]:
+    def render(self, camera: Camera, time: float = 0.0, following: object = None) -> dict[str, np.ndarray]:
         number = sum(kind == "render" for kind, *_ in self.calls)
         self.calls.append(("render", camera, time))
         width, height = self.settings.size

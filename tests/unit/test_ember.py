@@ -33,7 +33,7 @@ def network(request: pytest.FixtureRequest) -> tuple[Run, int, int]:
 
         def run_torch(inputs: Arrays) -> np.ndarray:
             with torch.no_grad():
-                output: np.ndarray = module(**{n: torch.from_numpy(a) for n, a in inputs.items()}).numpy()
+                output: np.ndarray = module(**{n: torch.from_numpy(a) for n, a in inputs.items()})[0].numpy()
             return output
 
         return run_torch, 256, 36
@@ -56,7 +56,7 @@ def sphere_of_surfels(count: int, rays: int, albedo: float | None = 0.7) -> Arra
         v = rng.normal(size=(n, 3))
         return (v / np.linalg.norm(v, axis=1, keepdims=True)).T
 
-    surfels = np.zeros((14, count))
+    surfels = np.zeros((18, count))
     surfels[:3] = 10 * directions(count)
     surfels[3:6] = -surfels[:3] / 10
     surfels[IRRADIANCE], surfels[EMISSIVE] = rng.random((2, 3, count)) ** 4
@@ -286,7 +286,8 @@ def test_interpolated_light_is_a_weighted_mean_of_surfels() -> None:
     exponent = (-3 * (to**2).sum(-1) - 8 * (1 - n @ normal.T) - 24 * (to * n[:, None]).sum(-1) ** 2)
     kernel = np.exp(exponent) * weight[:, 0]
     reference = kernel @ light / kernel.sum(axis=1, keepdims=True)
-    output = interpolate(*(torch.from_numpy(a.astype(F32)) for a in (light, at, n, position, normal, radius, weight)))
+    arrays = (light, at, n, position, normal, radius, weight, np.zeros((300, 4)))
+    output = interpolate(*(torch.from_numpy(a.astype(F32)) for a in arrays))
     np.testing.assert_allclose(output.numpy(), reference, rtol=0.01)
 
 
@@ -295,7 +296,7 @@ def test_an_unused_surfel_has_no_weight() -> None:
     position, normal = np.array([[0, 0, 0], [6.0, 0, 0]]), np.array([[0, 0, 1.0]] * 2)
     light, weight, radius = np.array([[0.0], [1.0]]), np.array([[0.0], [1.0]]), np.ones((2, 1))
     output = interpolate(*(torch.from_numpy(a.astype(F32)) for a in
-                    (light, position[:1], normal[:1], position, normal, radius, weight)))
+                    (light, position[:1], normal[:1], position, normal, radius, weight, np.zeros((2, 4)))))
     assert output.item() == pytest.approx(1, rel=1e-3)
 
 
@@ -307,5 +308,24 @@ def test_light_does_not_leak_through_a_wall() -> None:
     light = np.repeat([[0.0], [1.0]], 81, axis=0)
     at, n = np.array([[4.3, 4.6, 0.0]]), np.array([[0, 0, 1.0]])
     one = np.ones((162, 1))
-    output = interpolate(*(torch.from_numpy(a.astype(F32)) for a in (light, at, n, position, normal, one, one)))
+    output = interpolate(*(torch.from_numpy(a.astype(F32)) for a in (light, at, n, position, normal, one, one,
+                                                             np.zeros((162, 4)))))
     assert output.item() < 1e-4
+
+
+def test_a_surfel_lights_nothing_beyond_its_clip_plane() -> None:
+    """Floor on both sides of the plane x = 0, behind which the other half is ten thousand times as bright."""
+    x, z = np.meshgrid(np.arange(-4, 5) + 0.5, np.arange(9.0))
+    position = np.stack([x.ravel(), np.zeros(x.size), z.ravel()], axis=1)
+    bright = position[:, 0] > 0
+    light, one = np.where(bright, 1e4, 1.0)[:, None], np.ones((x.size, 1))
+    normal = np.tile([0.0, 1.0, 0.0], (x.size, 1))
+    plane = np.where(bright[:, None], [-1.0, 0, 0, 0], [1.0, 0, 0, 0])
+    at = np.array([[-3.0, 0, 4], [-0.2, 0, 4], [0.2, 0, 4], [3.0, 0, 4]])
+
+    def interpolated(plane: np.ndarray) -> np.ndarray:
+        arrays = (light, at, normal[:4], position, normal, 1.5 * one, one, plane)
+        return interpolate(*(torch.from_numpy(a.astype(F32)) for a in arrays)).numpy()[:, 0]
+
+    np.testing.assert_allclose(interpolated(plane), [1, 1, 1e4, 1e4], rtol=1e-3)
+    assert interpolated(np.zeros_like(plane))[1] > 100  # it would leak otherwise

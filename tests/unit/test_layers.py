@@ -16,7 +16,7 @@ APP_LAYERS = (
     {"errors", "arrays", "paths", "data"},
     {"scene", "settings", "extras", "graph"},
     {"math3d"},
-    {"environment", "radiance_scale", "simple_meshes"},
+    {"environment", "radiance_scale", "simple_meshes", "specular_albedo", "animation"},
     {"io", "gl"},
     {"network", "load"},
     {"raycast"},
@@ -25,7 +25,8 @@ APP_LAYERS = (
     {"frame"},
     {"renderer"},
     {"evaluation"},
-    {"bench", "golden", "view"},
+    {"bench", "golden", "view", "api"},
+    {"batch", "doctor"},
     {"cli"},
     {"__main__"},
 )

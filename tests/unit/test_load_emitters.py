@@ -145,6 +145,17 @@ def test_mirrored_and_instanced_emitters(tmp_path):
         np.testing.assert_allclose(np.cross(light.edge_u, light.edge_v), [0, 0, 1], atol=1e-6)
 
 
+@pytest.mark.parametrize(("mode", "alpha", "share"), [
+    ("OPAQUE", 0.1, 1.0), ("BLEND", 0.1, 0.1), ("MASK", 0.6, 1.0)])
+def test_what_is_covered_emits(mode: str, alpha: float, share: float, tmp_path):
+    file = Gltf()
+    file.material(alphaMode=mode, pbrMetallicRoughness={"baseColorFactor": [1, 1, 1, alpha]},
+                  emissiveFactor=[1, 0.5, 0.25], doubleSided=False)
+    scene = load_scene(file.save(tmp_path), studio=False)
+    area = 0.5
+    np.testing.assert_allclose(power_of(scene), share * np.pi * area * np.array([1, 0.5, 0.25]), rtol=1e-6)
+
+
 def test_emission_texture_counts_by_its_linear_mean(tmp_path):
     gltf = Gltf()
     gltf.material(emissiveFactor=[1, 1, 1], doubleSided=True,

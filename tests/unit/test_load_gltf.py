@@ -28,67 +28,6 @@ def test_nested_transforms_and_mirroring(tmp_path):
     np.testing.assert_allclose(world(scene, instance)[0], [[10, 0, 0], [10, -2, 0], [9, 0, 0]], atol=1e-6)
 
 
-def test_default_material_is_white(tmp_path):
-    (material,) = load(Gltf(), tmp_path).materials
-    assert material.albedo == (1.0, 1.0, 1.0) and not material.has_specular and not material.double_sided
-
-
-def test_colour_metal_and_roughness(tmp_path):
-    gltf = Gltf()
-    gltf.material(pbrMetallicRoughness={"baseColorFactor": [0.123456, 0.5, 1, 1], "metallicFactor": 0.5,
-                                        "roughnessFactor": 0.3}, doubleSided=True)
-    (material,) = load(gltf, tmp_path).materials
-    np.testing.assert_allclose(material.albedo, [0.061728, 0.25, 0.5])
-    np.testing.assert_allclose(material.specular, [0.081728, 0.27, 0.52])
-    assert material.roughness == 0.3 and material.double_sided
-
-
-@pytest.mark.parametrize(("pbr", "has_specular"), [
-    ({"metallicFactor": 0, "roughnessFactor": 0.5}, True),
-    ({"metallicFactor": 0, "roughnessFactor": 1.0}, False),
-    ({"metallicFactor": 0}, False),
-    ({}, False),
-])
-def test_dielectrics_have_a_specular_lobe_only_when_smooth(tmp_path, pbr, has_specular):
-    gltf = Gltf()
-    gltf.material(pbrMetallicRoughness=pbr)
-    assert load(gltf, tmp_path).materials[0].has_specular is has_specular
-
-
-def test_emission_is_factor_times_strength(tmp_path):
-    gltf = Gltf()
-    gltf.material(emissiveFactor=[1, 0.5, 0.25],
-                  extensions={"KHR_materials_emissive_strength": {"emissiveStrength": 40}})
-    assert load(gltf, tmp_path).materials[0].emission == (40, 20, 10)
-
-
-def test_alpha_modes(tmp_path):
-    see_through = np.full((2, 2, 4), 255)
-    see_through[0, 0, 3] = 0
-    for spec, cutoff in (({"alphaMode": "MASK", "alphaCutoff": 0.25}, 0.25), ({"alphaMode": "MASK"}, 0.5),
-                         ({"alphaMode": "BLEND"}, 0.5), ({}, None)):
-        gltf = Gltf()
-        gltf.material(pbrMetallicRoughness={"baseColorTexture": {"index": gltf.texture(see_through)}}, **spec)
-        scene = load(gltf, tmp_path)
-        assert scene.materials[0].alpha_cutoff == cutoff
-        assert any("blending" in n for n in scene.notices) == (spec.get("alphaMode") == "BLEND")
-
-
-def test_wrapping_and_second_uv_set_by_transform(tmp_path):
-    gltf = Gltf()
-    info = {"index": gltf.texture(np.zeros((2, 2, 3)), wrapS=33071, wrapT=10497),
-            "extensions": {"KHR_texture_transform": {"offset": [0.25, 0.5], "texCoord": 1}}}
-    gltf.material(pbrMetallicRoughness={"baseColorTexture": info})
-    gltf.primitive["attributes"] |= {"TEXCOORD_0": gltf.array(np.zeros((3, 2), np.float32)),
-                                     "TEXCOORD_1": gltf.array(np.array([[0, 0], [1, 0], [0, 0.25]], np.float32))}
-    scene = load(gltf, tmp_path)
-    texture = scene.materials[0].albedo_map
-    assert texture.repeat == (False, True)
-    np.testing.assert_allclose(scene.meshes[0].uvs, [[0, 1], [1, 1], [0, 0.75]])
-    # Upwards v: moving down by half in glTF's v is moving by minus a half.
-    np.testing.assert_allclose(texture.transform @ [0, 1, 1], [0.25, 0.5, 1])
-
-
 @pytest.mark.parametrize(("values", "more"), [
     (np.array([[1, 0, 0.5]] * 3, np.float32), {}),
     (np.array([[65535, 0, 32768, 65535]] * 3, np.uint16), {"normalized": True}),
@@ -98,6 +37,18 @@ def test_vertex_colours_are_linear_rgba(tmp_path, values, more):
     gltf = Gltf()
     gltf.primitive["attributes"]["COLOR_0"] = gltf.array(values, **more)
     np.testing.assert_allclose(load(gltf, tmp_path).meshes[0].colors, [[1, 0, 0.5, 1]] * 3, atol=0.003)
+
+
+@pytest.mark.parametrize(("name", "values"), [
+    ("COLOR_0", np.full((3, 2), 0.5, np.float32)), ("NORMAL", np.full((3, 4), 0.5, np.float32)),
+    ("TANGENT", np.full((3, 3), 0.5, np.float32)), ("TEXCOORD_0", np.full((3, 3), 0.5, np.float32)),
+])
+def test_attributes_have_the_components_of_the_format(tmp_path, name, values):
+    gltf = Gltf()
+    gltf.material(pbrMetallicRoughness={"baseColorTexture": {"index": gltf.texture(np.zeros((1, 1, 4)))}})
+    gltf.primitive["attributes"][name] = gltf.array(values)
+    with pytest.raises(SceneError, match=f"{name} has 3 values of {values.shape[1]} components"):
+        load(gltf, tmp_path)
 
 
 def test_sparse_and_interleaved_accessors(tmp_path):
@@ -156,7 +107,7 @@ def test_cameras_and_lights_have_the_transform_of_their_node(tmp_path):
     gltf = Gltf()
     rotation = [0, np.sqrt(0.5), 0, np.sqrt(0.5)]  # a quarter about y: −z becomes −x
     gltf.json["cameras"] = [{"type": "perspective", "perspective": {"yfov": 0.5, "znear": 0.1}},
-                            {"type": "orthographic", "orthographic": {}}]
+                            {"type": "orthographic", "orthographic": {"xmag": 3, "ymag": 2}}]
     gltf.json["extensions"] = {"KHR_lights_punctual": {"lights": [
         {"type": "point", "intensity": 5, "color": [1, 0.5, 0], "range": 3},
         {"type": "spot", "intensity": 2, "spot": {"innerConeAngle": 0.1, "outerConeAngle": 0.2}},
@@ -170,12 +121,33 @@ def test_cameras_and_lights_have_the_transform_of_their_node(tmp_path):
     camera = scene.cameras[scene.default_camera].at(0)
     np.testing.assert_allclose(np.subtract(camera.target, camera.eye), [-1, 0, 0], atol=1e-12)
     assert camera.eye == (1, 2, 3) and camera.fov_y_deg == pytest.approx(np.degrees(0.5))
+    parallel = scene.cameras["camera 1"].at(0)
+    assert parallel.orthographic_height == 4 and parallel.eye == (0, 0, 0)
     point, spot, sun = scene.lights
     assert point == PointLight((1, 2, 3), (5, 2.5, 0))
     assert isinstance(spot, SpotLight) and spot.outer_deg == pytest.approx(np.degrees(0.2))
     assert isinstance(sun, DirectionalLight) and sun.irradiance == (3, 3, 3)
     np.testing.assert_allclose([spot.direction, sun.direction], [[-1, 0, 0]] * 2, atol=1e-12)
-    assert any("orthographic" in n for n in scene.notices) and any("range" in n for n in scene.notices)
+    assert any("range" in n for n in scene.notices)
+
+
+@pytest.mark.parametrize(("kind", "intensity", "factor"), [
+    ("point", 20.0, 1), ("point", 54_351.0, 683), ("spot", 54_351.0, 683), ("directional", 3.0, 1),
+    ("directional", 100_000.0, 683)])
+def test_lights_of_real_luminous_intensity_are_converted(tmp_path, kind, intensity, factor):
+    """What lights the scene well as W/sr or W/m² counts as such; what would burn it out is in candela and lux."""
+    gltf = Gltf()
+    lights = [{"type": kind, "intensity": intensity}, {"type": "point", "intensity": 1.0}]
+    gltf.json["extensions"] = {"KHR_lights_punctual": {"lights": lights}}
+    gltf.json["nodes"] += [{"translation": [0, 1, 2], "extensions": {"KHR_lights_punctual": {"light": i}}}
+                           for i in range(2)]
+    gltf.json["scenes"][0]["nodes"] = [0, 1, 2]
+    scene = load(gltf, tmp_path)
+    first, second = scene.lights
+    quantity = "irradiance" if kind == "directional" else "intensity"
+    assert getattr(first, quantity)[0] == pytest.approx(intensity / factor)
+    assert second.intensity[0] == pytest.approx(1 / factor)
+    assert any("candela" in n for n in scene.notices) == (factor > 1)
 
 
 def test_points_and_lines_are_omitted_with_a_notice(tmp_path):
@@ -184,12 +156,6 @@ def test_points_and_lines_are_omitted_with_a_notice(tmp_path):
     scene = load(gltf, tmp_path)
     assert scene.triangles == 1
     assert any("point clouds" in n for n in scene.notices)
-
-
-def test_a_skinned_mesh_gives_a_notice(tmp_path):
-    gltf = Gltf()
-    gltf.json["nodes"][0]["skin"] = 0
-    assert any("skinned" in n for n in load(gltf, tmp_path).notices)
 
 
 def _cycle(gltf):

@@ -135,8 +135,9 @@ def test_emissive_strength_and_broken_normals(scenes):
 def test_alpha_modes_side_by_side(scenes):
     scene = load_scene(scenes / "gltf-cases/AlphaBlendModeTest.glb")
     cutoffs = {m.name: m.alpha_cutoff for m in scene.materials}
-    assert cutoffs == {"MatCutoff25": 0.25, "MatCutoff75": 0.75, "MatBed": None, "MatBlend": 0.5, "MatOpaque": None,
+    assert cutoffs == {"MatCutoff25": 0.25, "MatCutoff75": 0.75, "MatBed": None, "MatBlend": None, "MatOpaque": None,
                        "MatCutoffDefault": 0.5}
+    assert [m.name for m in scene.materials if m.is_blended] == ["MatBlend"]
     assert scene.default_camera.startswith("camera")
 
 

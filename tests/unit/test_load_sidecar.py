@@ -14,10 +14,13 @@ from app.errors import SceneError
 from app.io.checked_json import SCHEMA
 from app.io.image import write_exr
 from app.load import load_camera, load_scene
+from app.load.sidecar import parse_camera
 from app.scene import DirectionalLight, PointLight, RectLight, SpotLight
+from app.view.state import camera_to_json
 from tests.unit.load_helpers import QUAD, world, write_obj
 
 EYE = {"eye": [0, 0, 5], "target": [0, 0, 0]}
+LENS = {"fx": 500.0, "fy": 400.0, "cx": 320.0, "cy": 240.0, "width": 640.0, "height": 400.0}
 POINT = {"type": "point", "position": [0, 1, 0], "intensity": [1, 2, 3]}
 
 
@@ -78,6 +81,19 @@ def test_defaults_and_choices(load):
     assert (load(content).default_camera, load(content).lighting) == ("a", "one")
 
 
+def test_projections_interpolate_and_are_written_as_they_are_read(load):
+    other = {k: 2.0 * v for k, v in LENS.items()}
+    scene = load({"cameras": {
+        "parallel": {"keys": [{"time": t, **EYE, "orthographic_height": 2 + t} for t in (0, 2)]},
+        "lens": {"keys": [{"time": 0, **EYE, "intrinsics": LENS}, {"time": 1, **EYE, "intrinsics": other}]},
+        "pinhole": EYE}})
+    parallel, lens = scene.cameras["parallel"].at(1), scene.cameras["lens"].at(0.5)
+    assert (parallel.orthographic_height, parallel.intrinsics) == (3, None)
+    assert (lens.orthographic_height, lens.intrinsics.fx, lens.intrinsics.height) == (None, 750, 600)
+    for camera in (parallel, lens, scene.cameras["pinhole"].at(0)):
+        assert parse_camera(json.loads(json.dumps(camera_to_json(camera))), "camera") == camera
+
+
 def test_key_framed_camera_interpolates(load):
     keys = [{"time": 0, **EYE}, {"time": 2, "eye": [4, 0, 5], "target": [0, 0, 0], "fov_y_deg": 65}]
     path = load({"cameras": {"fly": {"keys": keys}}}).cameras["fly"]
@@ -114,6 +130,11 @@ BAD_CAMERAS = [
     ({"eye": [0, 0, 5]}, "cameras.main", "target"),
     (EYE | {"fov_y_deg": 180}, "cameras.main.fov_y_deg", "less than 180"),
     (EYE | {"eye": [0, 0]}, "cameras.main.eye", "at least 3"),
+    (EYE | {"orthographic_height": 0}, "cameras.main.orthographic_height", "at least 1e-15"),
+    (EYE | {"intrinsics": LENS | {"fx": 0}}, "cameras.main.intrinsics.fx", "at least 0.001"),
+    (EYE | {"intrinsics": {"fx": 1}}, "cameras.main.intrinsics", "fy"),
+    (EYE | {"intrinsics": LENS, "orthographic_height": 2}, "cameras.main", "at most one"),
+    ({"keys": [{"time": 0, **EYE}, {"time": 1, **EYE, "orthographic_height": 2}]}, "cameras.main.keys", "in every key"),
     (EYE | {"eye": [0, 0, "x"]}, r"cameras.main.eye\[2\]", "a number"),
     (EYE | {"eye": [0, 0, 0]}, "cameras.main", "different points"),
     (EYE | {"up": [0, 0, 1]}, "cameras.main.up", "at an angle to the view"),

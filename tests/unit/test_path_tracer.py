@@ -27,7 +27,7 @@ from app.scene import (
 from export.reference.path_tracer import PathTracer, RadianceSamples
 from export.reference.still import Still
 from export.reference.trace import trace_reference
-from tests.gl.closed_forms import F64, polygon_irradiance, unit
+from tests.gl.closed_forms import F64, ggx_compensation, polygon_irradiance, unit
 from tests.gl.scenes import box, floor, make_scene, quad
 
 pytestmark = pytest.mark.usefixtures("path_tracer")
@@ -88,7 +88,9 @@ def light_from(light: Light) -> tuple[F64, F64]:
 
 
 def reflected_highlight(light: Light, roughness: float, f0: float) -> F64:
-    """Radiance that GGX with height-correlated Smith and Schlick's law sends from the origin to the camera."""
+    """Radiance that GGX with height-correlated Smith and Schlick's law sends from the origin to the camera, with light
+    that is scattered more than once.
+    """
     l, light_power = light_from(light)  # noqa: E741
     v, a2 = unit(EYE), max(roughness**2, 2e-3) ** 2
     h = unit(l + v)
@@ -96,7 +98,7 @@ def reflected_highlight(light: Light, roughness: float, f0: float) -> F64:
     distribution = a2 / (np.pi * (n_h**2 * (a2 - 1) + 1) ** 2)
     smith = 0.5 / (n_l * np.sqrt(n_v**2 * (1 - a2) + a2) + n_v * np.sqrt(n_l**2 * (1 - a2) + a2))
     fresnel = f0 + (1 - f0) * (1 - v_h) ** 5
-    return (distribution * smith * fresnel * n_l) @ light_power
+    return ggx_compensation(f0, math.sqrt(a2), v @ UP) * ((distribution * smith * fresnel * n_l) @ light_power)
 
 
 @pytest.mark.parametrize("roughness", [0.3, 0.6, 1.0])
@@ -150,14 +152,76 @@ def test_highlights_of_emissive_meshes(roughness: float) -> None:
 
 @pytest.mark.parametrize("roughness", [0.1, 0.5, 1.0])
 def test_a_furnace_returns_no_more_than_it_sends(roughness: float) -> None:
-    """Amid walls of radiance 1 a perfect reflector is as bright as under a sky of radiance 1, and never brighter."""
+    """Amid walls of radiance 1, and under a sky of radiance 1, a perfect reflector disappears."""
     reflector = floor(0.5, material=Material(albedo=(0.0,) * 3, roughness=roughness, specular=(1.0,) * 3))
     walls = box((-3, -3, -3), (6, 6, 6), Material(albedo=(0.0,) * 3, emission=(1.0,) * 3))
     amid = make_scene([reflector, walls], camera=CAMERA)
     below = replace(make_scene([reflector], camera=CAMERA), environment=Environment(np.ones((4, 8, 3), np.float32)))
     seen, sky = (radiance_samples(scene, 2**14).reflected.mean() for scene in (amid, below))
-    assert 0.3 < seen < 1.005
+    assert seen == pytest.approx(1, rel=0.015)
     assert seen == pytest.approx(sky, rel=0.01)
+
+
+@pytest.mark.parametrize("roughness", [0.0, 0.3, 1.0])
+def test_a_closed_room_of_white_metal_loses_no_light(roughness: float) -> None:
+    """All of its walls emit 1 and reflect everything, so each bounce adds exactly 1, in all directions."""
+    metal = Material(albedo=(1.0,) * 3, metallic=1.0, roughness=roughness, emission=(1.0,) * 3)
+    scene = make_scene([box((-1, -1, -1), (2, 2, 2), metal)], camera=Camera((0.3, 0.2, 0.6), (-1.0, -0.4, -0.9)))
+    view = View.of(scene.cameras["main"].at(0.0), (64, 48), 1e-3)
+    for bounces in (0, 4):
+        samples = PathTracer(scene, max_bounces=bounces).trace_radiance(view, np.full((2**13, 2), 0.5), seed=0)
+        seen = samples.emitted.mean(axis=0, dtype=np.float64) + samples.reflected.mean(axis=0, dtype=np.float64)
+        np.testing.assert_allclose(seen, 2 + bounces, rtol=0.03)
+
+
+@pytest.mark.parametrize("material", [
+    Material(albedo=(1.0,) * 3, roughness=0.1, specular=(0.04,) * 3),
+    Material(albedo=(1.0,) * 3, roughness=0.6, specular=(0.5,) * 3),
+    Material(albedo=(0.0, 1.0, 0.5), metallic=0.5, roughness=0.4, specular=(0.04,) * 3),
+], ids=["polished", "half mirror", "half metal"])
+def test_diffuse_and_specular_light_together_are_no_more_than_arrives(material: Material) -> None:
+    """Under an even sky, from the normal to a grazing angle; what is white for both is as bright as the sky."""
+    for height in (2.0, 0.5, 0.1):
+        camera = Camera((0.0, height, 2.0), (0.0, 0.0, 0.0), fov_y_deg=1.0)
+        scene = replace(make_scene([floor(1.0, material=material)], camera=camera),
+                        environment=Environment(np.ones((4, 8, 3), np.float32)))
+        seen = radiance_samples(scene, 2**14).reflected.mean(axis=0, dtype=np.float64)
+        assert seen.max() < 1.015
+        if min(material.albedo) == 1:
+            np.testing.assert_allclose(seen, 1, rtol=0.015)
+
+
+def test_a_mirror_shows_what_light_comes_back_from_a_wall() -> None:
+    """Behind the camera, as that wall itself looks: direct light, and light that the wall reflects of the floor."""
+    white = Material(albedo=(0.8, 0.5, 0.2))
+    mirror = quad((-2, 0, -2), (4, 0, 0), (0, 3, 0), Material(albedo=(1.0,) * 3, metallic=1.0, roughness=0.0))
+    wall = quad((2, 0, 2), (-4, 0, 0), (0, 3, 0), white)
+    light = PointLight((0.0, 2.5, 0.5), (3.0,) * 3)
+    ahead = Camera((0.0, 1.0, 0.0), (0.0, 1.0, -2.0), fov_y_deg=4.0)  # the mirror image of the one below
+    behind = Camera((0.0, 1.0, -4.0), (0.0, 1.0, 2.0), fov_y_deg=4.0)
+    seen = []
+    for camera, parts in ((ahead, (mirror,)), (behind, ())):
+        scene = make_scene([floor(2.0, material=white), wall, *parts], [light], camera)
+        view = View.of(camera, (64, 48), 1e-3)
+        samples = PathTracer(scene, max_bounces=2).trace_radiance(view, np.full((2**14, 2), 0.5), seed=0)
+        seen.append(samples.reflected.mean(axis=0, dtype=np.float64))
+    # With the mirror the wall is brighter, by the light that the mirror throws back.
+    assert (seen[0] > seen[1]).all() and (seen[0] < 2 * seen[1]).all() and seen[1].min() > 0.02
+
+
+def test_light_does_not_die_on_metal() -> None:
+    """A white floor in a room of rough steel gets nearly as much light as from walls of the metal's mean albedo."""
+    def light_on_floor(walls: Material) -> float:
+        room = box((-1, 0, -1), (2, 2, 2), walls)
+        camera = Camera((0.0, 1.5, 0.2), (0.0, 0.01, 0.0), fov_y_deg=4.0)
+        white = floor(0.9, 0.01, Material(albedo=(0.8,) * 3))
+        scene = make_scene([white, room], [PointLight((0.0, 1.0, 0.0), (1.0,) * 3)], camera)
+        samples = PathTracer(scene, max_bounces=64).trace(View.of(camera, (64, 48), 1e-3), np.full((2**14, 2), 0.5), 0)
+        return float(samples.multi.mean())
+
+    steel = light_on_floor(Material(albedo=(0.6,) * 3, metallic=1.0, roughness=1.0))
+    paint = light_on_floor(Material(albedo=(0.45,) * 3))  # 2 ∫ S(μ) μ dμ of that steel is 0.45
+    assert steel == pytest.approx(paint, rel=0.25)
 
 
 def test_the_visible_surface_shows_its_emission() -> None:

@@ -147,6 +147,8 @@ def test_no_scene_is_compared_with_the_reference_of_another(tmp_path: Path) -> N
 def test_nothing_is_traced_before_all_scenes_are_checked(
         tracer: FakeTracer, tmp_path: Path, option: list[str], said: str) -> None:
     (tmp_path / "plain.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    bulb = {"lights": [{"type": "sphere", "position": [0, 0, 1], "intensity": [1, 1, 1], "radius": 0.1}]}
+    (tmp_path / "plain.json").write_text(json.dumps({"lightings": {"bulb": bulb}}))
     scenes = [str(data_dir() / "cornell-box.obj"), str(tmp_path / "plain.obj")]
     if "--models" in option:
         scenes[0] = str(data_dir() / "patio.obj")

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from app.math3d import View
-from app.raycast.caster import STATIC, AttachedPoints, Caster
+from app.raycast.caster import STATIC, Anchors, AttachedPoints, Caster
 from app.scene import Camera, Material, Motion, Scene
 from app.surfels.farthest_points import neighbour_distance, sample_farthest
 from app.surfels.random_walks import sample_cosine_hemisphere, trace_walks
 from app.surfels.ray_bundle import trace_cosine_rays
 from app.surfels.tracked import TrackedSurfels
 from app.surfels.world import MAX_LIGHT_SAMPLES, WorldSurfels
+from tests.deforming import bent, deforming_scene, material_points
 from tests.gl.closed_forms import polygon_irradiance
 from tests.gl.scenes import GREY, Part, Point, box, floor, make_scene, moved, quad, slide
 
@@ -28,7 +29,7 @@ def view(eye: Point = INSIDE, target: Point = (2, 1, 0)) -> View:
 
 
 def made(scene: Scene, count: int = 128, rays: int = 16, time: float = 0.0, eye: Point = INSIDE) -> WorldSurfels:
-    return WorldSurfels(scene, Caster(scene), view(eye), count, rays, time)
+    return WorldSurfels(scene, Caster(scene), [view(eye)], count, rays, time)
 
 
 def track(scene: Scene, count: int) -> TrackedSurfels:
@@ -64,7 +65,7 @@ def test_light_proxies_have_surfels_of_their_own_and_no_light_samples() -> None:
 def test_walks_stay_on_surfaces_that_light_can_reach() -> None:
     scene = furnished()
     caster = Caster(scene)
-    hits = trace_walks(caster, view(), 4000, np.random.default_rng(0))
+    hits = trace_walks(caster, [view()], 4000, np.random.default_rng(0))
     assert 2000 < len(hits.body) <= 4000
     at = hits.position.astype(np.float64) + caster.origin
     on_wall = np.isclose(at, (0, 0, 0), atol=1e-4) | np.isclose(at, (4, 3, 4), atol=1e-4)
@@ -80,14 +81,14 @@ def test_walks_spread_evenly_over_a_closed_room() -> None:
     """Diffuse walks visit each wall in proportion to its area, except for the half that starts through the picture."""
     scene = make_scene([ROOM])
     caster = Caster(scene)
-    hits = trace_walks(caster, view((2, 1.5, 2), (2, 1.5, 0)), 40000, np.random.default_rng(0))
+    hits = trace_walks(caster, [view((2, 1.5, 2), (2, 1.5, 0))], 40000, np.random.default_rng(0))
     share = [np.abs(hits.normal[:, axis]).mean() for axis in range(3)]
     np.testing.assert_allclose(share, np.array([12, 16, 12]) / 40, atol=0.05)
 
 
 def test_every_moving_body_gets_hits_of_its_own() -> None:
     scene = make_scene([floor(3.0), box((50, 50, 50), (0.1, 0.1, 0.1), motion=slide((0.0, 1.0), [(0, 0, 0)] * 2))])
-    hits = trace_walks(Caster(scene), view((0, 2, 2), (0, 0, 0)), 1600, np.random.default_rng(0))
+    hits = trace_walks(Caster(scene), [view((0, 2, 2), (0, 0, 0))], 1600, np.random.default_rng(0))
     assert (hits.body == 1).sum() > 50
 
 
@@ -143,7 +144,8 @@ def test_every_quarter_of_the_rays_is_cosine_distributed(rays: int) -> None:
     caster = Caster(scene)
     count = 400
     normal = np.tile(np.array([0, 1, 0], np.float32), (count, 1))
-    surfels = AttachedPoints(caster, np.zeros((count, 3), np.float32), normal, np.full(count, STATIC))
+    anchors = Anchors(np.full(count, STATIC), np.full(count, -1), np.zeros((count, 2), np.float32))
+    surfels = AttachedPoints(caster, np.zeros((count, 3), np.float32), normal, anchors)
     bundle = trace_cosine_rays(caster, surfels, rays, np.random.default_rng(0))
     for quarter in np.split(bundle._directions, 4, axis=1):
         squared = quarter[..., 1] ** 2
@@ -179,7 +181,7 @@ def test_the_mean_over_rays_is_a_form_factor() -> None:
 def test_rays_name_a_surfel_of_the_body_that_they_meet() -> None:
     world = made(crossing())
     number = world.index.astype(int)
-    body = world._surfels.body
+    body = world._surfels.anchors.body
     on_ball = np.isclose(world.albedo[..., 0], 0.9)
     met = world.albedo[..., 0] > 0
     assert on_ball.sum() > 20
@@ -195,7 +197,7 @@ def test_every_surfel_has_light_samples_nearby_on_its_body() -> None:
     assert number.min() >= 1 and number.max() <= MAX_LIGHT_SAMPLES
     assert number.mean() > 3
     assert (np.diff(world.light_sample_surfel) >= 0).all()
-    assert (world._light_samples.body == world._surfels.body[world.light_sample_surfel]).all()
+    assert (world._light_samples.anchors.body == world._surfels.anchors.body[world.light_sample_surfel]).all()
     away = np.linalg.norm(world.light_sample_position - world.position[world.light_sample_surfel], axis=1)
     assert (away < 2 * world.radius[world.light_sample_surfel]).mean() > 0.99
     facing = (world.light_sample_normal * world.normal[world.light_sample_surfel]).sum(axis=1)
@@ -233,7 +235,7 @@ def test_emissive_irradiance_is_the_form_factor_times_radiance() -> None:
 
 def current_directions(world: WorldSurfels) -> np.ndarray:
     """Directions of all rays, [S · K, 3]; surfels on moving bodies repeat a quarter of theirs four times."""
-    bundle, dynamic = world._rays, world._surfels.body != STATIC
+    bundle, dynamic = world._rays, world._surfels.anchors.body != STATIC
     directions = np.empty((world.used, world.rays, 3), np.float32)
     directions[~dynamic] = bundle._directions
     directions[dynamic] = np.tile(bundle._dynamic_rays.current()[1].reshape(dynamic.sum(), -1, 3), (1, 4, 1))
@@ -253,11 +255,11 @@ def test_move_to_gives_the_same_tables_as_new_rays() -> None:
     np.testing.assert_allclose(world.albedo, albedo, atol=1e-6)
     assert (world.index.ravel().astype(int) == world._nearest(hits)).mean() > 0.999
     assert (np.isclose(albedo[..., 0], 0.9) != np.isclose(before["albedo"][..., 0], 0.9)).sum() > 20
-    dynamic = world._surfels.body == 1
+    dynamic = world._surfels.anchors.body == 1
     np.testing.assert_allclose(world.position[dynamic] - before["position"][dynamic],
                                [(0, 0.7 * 1.5, 0.7)] * dynamic.sum(), atol=1e-5)
     assert (world.position[~dynamic] == before["position"][~dynamic]).all()
-    dynamic = world._light_samples.body == 1
+    dynamic = world._light_samples.anchors.body == 1
     np.testing.assert_allclose(world.light_sample_position[dynamic] - before["light_sample_position"][dynamic],
                                [(0, 0.7 * 1.5, 0.7)] * dynamic.sum(), atol=1e-5)
 
@@ -318,6 +320,8 @@ def test_a_room_in_a_scene_a_thousand_times_as_large() -> None:
     to = (hits.position[:, None].astype(np.float64) - world.position) / world.radius[:, None]
     turn = 1 - hits.normal @ world.normal.T
     exponent = 3 * (to**2).sum(-1) + 8 * turn + 24 * (to * hits.normal[:, None]).sum(-1) ** 2
+    beyond = hits.position.astype(np.float64) @ world.clip_plane[:, :3].T + world.clip_plane[:, 3]
+    exponent += 200 * np.maximum(beyond / world.radius - 0.02, 0)
     met = hits.body >= 0
     lost = np.take_along_axis(exponent, world.index.reshape(-1, 1).astype(int), 1)[:, 0] - exponent.min(axis=1)
     assert lost[met].max() < 0.01
@@ -357,3 +361,25 @@ def test_tracked_surfels_move_with_bodies() -> None:
     assert tracked.world is world and tracked.version == version + 1
     tracked.update(view(), 0.5)
     assert tracked.version == version + 1
+
+
+def test_surfels_follow_a_body_that_deforms() -> None:
+    """They and their light samples lie on the deformed surface, and their rays are those of new ones."""
+    moving = deforming_scene("skin", [floor(2.0), quad((-2, 0, -1), (4, 0, 0), (0, 3, 0))])
+    scene = moving.scene
+    world = made(scene, 256, 16, eye=(0.5, 1.2, 2.5))
+    before = world.position.copy()
+    assert world.move_to(0.8)
+    body = world._surfels.anchors.body == 1
+    assert body.sum() > 10 and np.abs(world.position - before)[:world.used][body].max() > 0.3
+    triangles = scene.meshes[0].triangles
+    shape = bent(moving.positions, 0.8)[triangles]
+    for points in (world.position[:world.used][body],
+                   world.light_sample_position[world._light_samples.anchors.body == 1]):
+        assert material_points(points + world.origin, shape, shape)[1].all()
+    caster = Caster(scene)
+    caster.move_to(0.8)
+    origins = np.repeat(world.position + world.normal * caster.ray_epsilon, world.rays, axis=0)
+    hits = caster.cast(origins[:world.used * world.rays], current_directions(world))
+    np.testing.assert_allclose(world.albedo[:world.used].reshape(-1, 3), hits.albedo, atol=1e-6)
+    assert not world.move_to(0.8)

@@ -18,6 +18,8 @@ import pytest
 from PIL import Image
 
 from app.io.image import read_exr, read_png
+from tests.unit.load_helpers import Gltf
+from tests.unit.test_load_animation import animate
 from tests.view.conftest import ROOT, Viewer, run_viewer
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
@@ -260,6 +262,20 @@ def test_a_model_switch_changes_indirect_light_but_not_direct(page: Any) -> None
     assert shown["ssgi", "indirect"].mean() > 20
 
 
+def test_a_tone_map_and_automatic_exposure_change_the_image(page: Any) -> None:
+    reset(page)
+    before = settle(page)
+    page.select_option("#tonemap", "agx")
+    mapped = settle(page)
+    page.check("#auto_exposure")
+    exposed = settle(page)
+    page.uncheck("#auto_exposure")
+    page.select_option("#tonemap", "srgb")
+    assert difference(before, mapped) > 4
+    assert difference(mapped, exposed) > 4
+    assert difference(before, settle(page)) < 2
+
+
 def test_the_split_shows_two_models(page: Any) -> None:
     page.select_option("#split", "ssgi")
     left = settle(page)
@@ -347,3 +363,30 @@ def test_one_page_is_in_control_and_a_lost_connection_is_restored(page: Any, bro
     drag(page, (160, 120), (30, 0))
     settle(page)
     reset(page)
+
+
+def test_space_plays_the_animation_of_a_file(browser: Any, tmp_path: Path) -> None:
+    """The slider then stops it at a time, whose image is the one of that time."""
+    gltf = Gltf()
+    animate(gltf, 0, "translation", [[-1, 0, 0], [1, 0, 0]])
+    with run_viewer(str(gltf.save(tmp_path)), "--model", "none", "--size", "320x240") as viewer:
+        page = browser.new_page(viewport=WINDOW)
+        page.goto(viewer.link)
+        wait_until(page, "window.afterglow?.state && afterglow.screen.header")
+        assert page.is_visible("#motion-section")
+        first = settle(page)
+        page.keyboard.press("Space")
+        wait_until(page, "afterglow.state.time > 0.2")
+        page.evaluate("""() => {
+            const slider = document.getElementById('time');
+            slider.value = 0.75;
+            slider.dispatchEvent(new Event('input'));
+        }""")
+        later = settle(page)
+        assert page.evaluate("afterglow.state.time") == 0.75 and not page.is_checked("#play")
+        assert difference(first, later) > 1
+        # The triangle stands before the even backdrop of the studio.
+        where = [np.average(np.arange(320), weights=np.abs(image.astype(float) - image[0, 0]).mean((0, 2)))
+                 for image in (first, later)]
+        assert where[1] - where[0] > 20  # to the right
+        page.close()

@@ -18,7 +18,7 @@ LIGHTS = (PointLight((0.0, 1.5, 0.0), (2.0, 2.0, 2.0), 0.1),
           DirectionalLight((0.0, -1.0, 0.0), (1.0, 1.0, 1.0), 0.5),
           RectLight((0.0, 2.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (3.0, 3.0, 3.0), True))
 STATE = State((64, 48), CAMERA, LIGHTS, "none")
-CHOICES = Choices(("none", "ember"), ("final", "normal"), {"box": (0,), "boxes": (0, 1), "ball": (2,)})
+CHOICES = Choices(("none", "ember"), ("final", "normal"), ("srgb", "agx"), {"box": (0,), "boxes": (0, 1), "ball": (2,)})
 
 
 def apply(state: State = STATE, **message: Any) -> State:
@@ -36,9 +36,9 @@ def test_each_change() -> None:
     assert apply(type="size", size=[320, 240]).size == (320, 240)
     assert apply(type="lights", lights=[]).lights == ()
     chosen = apply(type="settings", model="ember", split="reference", aov="normal", exposure=2, taa=False, scale=0.25,
-                   precision="float16")
+                   precision="float16", time=1.5)
     assert (chosen.model, chosen.split, chosen.aov) == ("ember", "reference", "normal")
-    assert (chosen.exposure, chosen.taa) == (2.0, False)
+    assert (chosen.exposure, chosen.taa, chosen.time) == (2.0, False, 1.5)
     assert (chosen.scale, chosen.precision, chosen.models) == (0.25, "float16", ("ember",))
     assert apply(type="settings", split="ember").models == ("none", "ember")
     moved = apply(type="move_object", object="box", translate=[1, 0, 0])

@@ -60,7 +60,7 @@ def test_a_failed_save_is_reported_to_its_page(error: Exception, monkeypatch: py
         raise error
 
     async def save() -> None:
-        session = Session(BOX, LOADED, STATE, Choices(("none",), ("final",), {}), "cpu")
+        session = Session(BOX, LOADED, STATE, Choices(("none",), ("final",), ("srgb",), {}), "cpu")
         session._loop = asyncio.get_running_loop()
         session._loop.set_exception_handler(lambda loop, context: None)
         monkeypatch.setattr(session._saver, "save", fail)

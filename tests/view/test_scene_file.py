@@ -16,8 +16,11 @@ from app.network.selection import UNSHADOWED
 from app.paths import data_dir
 from app.scene import Camera, PointLight, SpotLight
 from app.view.edited_scene import EditedScene
+from app.view.pick import Picker
 from app.view.scene_file import VIEW_NAME, precise_model, render_arguments, write_scene_json
 from app.view.state import State
+from tests.unit.load_helpers import Gltf
+from tests.unit.test_load_animation import animate
 
 BOX = data_dir() / "cornell-box.obj"
 
@@ -88,13 +91,17 @@ def test_an_environment_finds_its_image_from_another_folder(tmp_path: Path) -> N
 
 
 def test_the_command_names_all_choices(loaded: LoadedScene) -> None:
-    state = replace(state_of(loaded), model="bcnn-8", precision="float16", scale=0.25, taa=False, exposure=0.1)
+    state = replace(state_of(loaded), model="bcnn-8", precision="float16", scale=0.25, taa=False, exposure=0.1,
+                    reflections=False)
     arguments = render_arguments(state, BOX, "saved.json", 4, ("final", "normal"), "exr", "cpu")
     assert arguments[0] == str(BOX)
     options = dict(zip(arguments[1::2], arguments[2::2], strict=False))
     assert options["--model"] == "bcnn-8-half"
     assert (options["--scale"], options["--exposure"], options["--settle"]) == ("0.25", "0.1", "4")
-    assert arguments[-1] == "--no-taa"
+    assert arguments[-2:] == ["--no-reflections", "--no-taa"] and not {"--time", "--animation"} & set(arguments)
+    later = render_arguments(replace(state, time=1.25), BOX, "saved.json", 4, ("final",), "exr", "cpu", "walk", "night")
+    options = dict(zip(later[1::2], later[2::2], strict=False))
+    assert (options["--time"], options["--animation"], options["--variant"]) == ("1.25", "walk", "night")
     assert precise_model(replace(state, model="none")) == "none"
     assert VIEW_NAME == "view"
     both = replace(state, model="ember", environment=UNSHADOWED, bounces=2, scale=0.0, precision="")
@@ -103,3 +110,15 @@ def test_the_command_names_all_choices(loaded: LoadedScene) -> None:
     assert arguments[arguments.index("--bounces") + 1] == "2"
     without = render_arguments(replace(both, model="none"), BOX, "saved.json", 4, ("final",), "png", "cpu")
     assert "--bounces" not in without
+
+
+def test_what_is_picked_is_where_the_animation_has_moved_it(tmp_path: Path) -> None:
+    gltf = Gltf()
+    animate(gltf, 0, "translation", [[0, 0, 0], [4, 0, 0]])
+    loaded = load_for_editing(gltf.save(tmp_path))
+    state = replace(state_of(loaded), camera=Camera((2.3, 0.3, 3.0), (2.3, 0.3, 0.0)))
+    picker = Picker(loaded)
+    assert picker.pick(state, (0.5, 0.5)) is None
+    hit = picker.pick(replace(state, time=0.5), (0.5, 0.5))
+    assert hit is not None and hit.object == "thing"
+    np.testing.assert_allclose(hit.point, [2.3, 0.3, 0], atol=1e-5)

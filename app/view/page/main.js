@@ -9,7 +9,7 @@ import {Screen} from "./screen.js";
 import {showErrors, showStats} from "./stats.js";
 import {add, sub} from "./vectors.js";
 
-const view = $("view"), SELECTS = ["model", "split", "aov", "precision"], SAVING = "saving …";
+const view = $("view"), SELECTS = ["model", "split", "aov", "tonemap", "precision"], SAVING = "saving …";
 const RESIZE_DELAY_MS = 250, MIN_SIDE = 16, MAX_SIDE = 4096, MAX_STEP_SECONDS = 0.1, KEY_ZOOM = 0.9, KEY_EXPOSURE_STEPS = 5;
 
 let scene = null, state = null, home = null, inControl = false, referenceSamples = 0;
@@ -75,6 +75,7 @@ function change(type, values) {
 let lastTick = performance.now();
 function tick(now) {
   navigation.advance(Math.min((now - lastTick) / 1000, MAX_STEP_SECONDS));
+  if ($("play").checked && inControl) setTime((state.time + (now - lastTick) / 1000) % scene.duration);
   lastTick = now;
   for (const [type, values] of Object.entries(unsent)) connection.sendChange({type, ...values});
   unsent = {};
@@ -91,6 +92,8 @@ function adopt(newState) {
   for (const name of SELECTS) $(name).value = state[name];
   $("scale").value = state.scale;
   $("taa").checked = state.taa;
+  $("auto_exposure").checked = state.auto_exposure;
+  $("reflections").checked = state.reflections;
   $("exposure").value = Math.log2(state.exposure);
   $("fov").value = state.camera.fov_y_deg;
   showNumbers(); showLights(); showCameras(); showSplit(); showObject();
@@ -100,19 +103,28 @@ function showScene() {
   const objects = Object.keys(scene.object_centers), [low, high] = scene.bounds;
   $("file").textContent = `${scene.file}, ${scene.triangles} triangles`;
   document.title = `${scene.file} · Afterglow`;
-  fillSelect($("model"), scene.models); fillSelect($("aov"), scene.aovs);
+  fillSelect($("model"), scene.models); fillSelect($("aov"), scene.aovs); fillSelect($("tonemap"), scene.tonemaps);
   fillSelect($("split"), ["", "reference", ...scene.models], name => name || "nothing");
   fillSelect($("object"), ["", ...objects], name => name || "none");
   $("objects-section").hidden = !objects.length;
   $("emitters").hidden = !scene.emitters;
   $("emitters").textContent = `Emissive surfaces and suns of the environment add ${scene.emitters} more lights, which can't be edited.`;
   $("settle").value = scene.settle;
+  $("motion-section").hidden = !scene.duration;
+  $("time").max = scene.duration;
   navigation.extent = Math.max(...sub(high, low), 1e-9);
 }
 
 function showNumbers() {
   $("exposure-factor").textContent = state.exposure.toPrecision(3);
+  $("time").value = state.time;
+  $("seconds").textContent = state.time.toFixed(2);
   $("degrees").textContent = `${Math.round(state.camera.fov_y_deg)}°`;
+}
+
+function setTime(time) {
+  change("settings", {time});
+  showNumbers();
 }
 
 function showSplit() {
@@ -234,7 +246,10 @@ new ResizeObserver(() => { clearTimeout(resizeTimer); resizeTimer = setTimeout(r
 for (const name of SELECTS) $(name).onchange = () => { change("settings", {[name]: $(name).value}); showSplit(); };
 $("scale").onchange = () => change("settings", {scale: Number($("scale").value)});
 $("taa").onchange = () => change("settings", {taa: $("taa").checked});
+$("auto_exposure").onchange = () => change("settings", {auto_exposure: $("auto_exposure").checked});
+$("reflections").onchange = () => change("settings", {reflections: $("reflections").checked});
 $("exposure").oninput = () => { change("settings", {exposure: 2 ** Number($("exposure").value)}); showNumbers(); };
+$("time").oninput = () => { $("play").checked = false; setTime(Number($("time").value)); };
 $("fov").oninput = () => { navigation.set({...navigation.camera, fov_y_deg: Number($("fov").value)}); showNumbers(); };
 $("resolution").onchange = resize;
 $("object").onchange = () => selectObject($("object").value);
@@ -270,6 +285,11 @@ view.addEventListener("dblclick", e => {
 
 const SHORTCUTS = {
   b: addBookmark, c: copyCamera, r: () => goTo(home), p: () => $("toggle").click(), t: () => $("taa").click(),
+  " ": e => {
+    if (!scene.duration || e.target.matches("button, summary")) return;
+    e.preventDefault();
+    $("play").click();
+  },
   m: () => { const s = $("model"); s.selectedIndex = (s.selectedIndex + 1) % s.length; s.onchange(); },
   "[": () => { $("exposure").stepDown(KEY_EXPOSURE_STEPS); $("exposure").oninput(); },
   "]": () => { $("exposure").stepUp(KEY_EXPOSURE_STEPS); $("exposure").oninput(); },
@@ -280,7 +300,7 @@ addEventListener("keydown", e => {
   if (!state || e.ctrlKey || e.metaKey || e.target.matches("input, select, textarea")) return;
   const key = e.key.toLowerCase();
   if (navigation.hold(key)) e.preventDefault();
-  else if (SHORTCUTS[key]) SHORTCUTS[key]();
+  else if (SHORTCUTS[key]) SHORTCUTS[key](e);
   else if (/^[1-9]$/.test(key)) goTo(Object.values(listCameras())[Number(key) - 1]);
 });
 

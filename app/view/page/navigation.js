@@ -96,7 +96,9 @@ export class Navigation {
     const {eye, target} = this.camera, step = scale(sub(this.pivot, eye), 1 - factor);
     if (length(sub(this.pivot, eye)) * factor < MIN_DISTANCE * this.extent) return;
     const newEye = add(eye, step), distance = Math.max(length(sub(target, eye)) * factor, MIN_DISTANCE * this.extent);
-    this.set({...this.camera, eye: newEye, target: add(newEye, scale(axes(this.camera).forward, distance))});
+    const height = this.camera.orthographic_height;  // moving closer enlarges nothing there
+    this.set({...this.camera, eye: newEye, target: add(newEye, scale(axes(this.camera).forward, distance)),
+      ...(height != null && {orthographic_height: height * factor})});
   }
 
   /** Translate eye, target and pivot together. */

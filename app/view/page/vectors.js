@@ -1,4 +1,5 @@
-// Vectors as arrays of three numbers, and the pinhole camera of the scene JSON: {eye, target, up, fov_y_deg}.
+// Vectors as arrays of three numbers, and the camera of the scene JSON: {eye, target, up} with fov_y_deg,
+// orthographic_height or intrinsics.
 
 export const add = (a, b) => a.map((x, i) => x + b[i]);
 export const sub = (a, b) => a.map((x, i) => x - b[i]);
@@ -20,15 +21,24 @@ export function axes(camera) {
   return {right, up: cross(right, forward), forward};
 }
 
+/** Width and height in scene units of what the image shows at a depth, and where the view axis meets it in 0..1. */
+function frame(camera, aspect, depth) {
+  const lens = camera.intrinsics, height = camera.orthographic_height ?? 2 * depth * Math.tan(camera.fov_y_deg * Math.PI / 360);
+  if (!lens || camera.orthographic_height != null) return {width: height * aspect, height, x: 0.5, y: 0.5};
+  const width = lens.height * aspect;  // of the image in pixels of the intrinsics
+  return {width: depth * width / lens.fx, height: depth * lens.height / lens.fy,
+    x: 0.5 + (lens.cx - lens.width / 2) / width, y: lens.cy / lens.height};
+}
+
 /** Image position of a point: x and y in 0..1 from the upper left, and its depth, negative behind the eye. */
 export function project(camera, aspect, point) {
   const {right, up, forward} = axes(camera), to = sub(point, camera.eye), depth = dot(to, forward);
-  const tan = Math.tan(camera.fov_y_deg * Math.PI / 360);
-  return {x: 0.5 + dot(to, right) / (2 * depth * tan * aspect), y: 0.5 - dot(to, up) / (2 * depth * tan), depth};
+  const {width, height, x, y} = frame(camera, aspect, depth);
+  return {x: x + dot(to, right) / width, y: y - dot(to, up) / height, depth};
 }
 
 /** World-space offset at a depth of a step across the image; dx and dy relative to the image height, +y down. */
 export function imageToWorld(camera, dx, dy, depth) {
-  const {right, up} = axes(camera), height = 2 * depth * Math.tan(camera.fov_y_deg * Math.PI / 360);
-  return add(scale(right, dx * height), scale(up, -dy * height));
+  const {right, up} = axes(camera), {width, height} = frame(camera, 1, depth);
+  return add(scale(right, dx * width), scale(up, -dy * height));
 }

@@ -1,0 +1,40 @@
+"""Errors of a picture against another one."""
+
+from numpy.typing import ArrayLike, NDArray
+
+from app.api.frame import Frame
+from app.arrays import F32
+from app.errors import MetricError
+
+
+def compare(frame: Frame | ArrayLike, reference: Frame | ArrayLike) -> dict[str, float]:
+    """Errors of a picture against a reference, each at the reference's own exposure.
+
+    Parameters
+    ----------
+    frame, reference : Frame or array_like, shape (H, W, 3)
+        Linear radiance; of frames, ``final``.
+
+    Returns
+    -------
+    dict of str to float
+        ``psnr`` (dB), ``ssim``, ``rel_mse`` and ``flip`` (HDR-FLIP).
+
+    Raises
+    ------
+    AfterglowError
+        When the shapes differ, a value is not finite, or the extra ``evaluation`` is not installed.
+    """
+    from app.evaluation.metrics import METRICS
+
+    a, b = _radiance(frame), _radiance(reference)
+    return {name: metric.measure(a, b) for name, metric in METRICS.items()}
+
+
+def _radiance(picture: Frame | ArrayLike) -> F32:
+    import numpy as np
+
+    image: NDArray[np.float32] = np.asarray(picture["final"] if isinstance(picture, Frame) else picture, np.float32)
+    if image.ndim != 3 or image.shape[2] != 3:
+        raise MetricError(f"bad shape {image.shape}", "compare", "expected a frame or an array of (H, W, 3)")
+    return image

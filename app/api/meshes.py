@@ -1,0 +1,114 @@
+"""What ``Scene.add`` takes: arrays, trimesh objects and files, as parts of a scene that is under construction."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from app.arrays import F64
+from app.errors import SceneError
+from app.io.image import srgb_decode
+from app.load.geometry import RawMesh, add_alpha, smooth_normals
+from app.load.gltf import read_gltf
+from app.load.gltf_materials import DEFAULT as GLTF_DEFAULT
+from app.load.scene import read_scene
+from app.load.scene_builder import SceneBuilder
+from app.scene import Material
+
+
+def build_part(mesh: Any, name: str, material: Material | None, smooth: bool, attributes: dict[str, ArrayLike]
+               ) -> SceneBuilder:
+    """The meshes, materials and instances of what ``Scene.add`` was given.
+
+    Raises
+    ------
+    SceneError
+        When it is none of what is expected, or has no triangle with an area.
+    """
+    if isinstance(mesh, str | Path):
+        part = read_scene(Path(mesh))[0]
+    elif hasattr(mesh, "export"):
+        part = _from_trimesh(mesh, name, smooth)
+    elif isinstance(mesh, Sequence) and len(mesh) == 2:
+        part = _from_arrays(mesh[0], mesh[1], name, material or Material(), smooth, attributes)
+    else:
+        raise SceneError(f"can't add a {type(mesh).__name__}", name,
+                         "expected (vertices, triangles), a trimesh object or the path of a scene file")
+    if not part.instances:
+        raise SceneError("no triangle to draw", name, "expected at least one triangle with an area")
+    if material is not None:
+        part.materials = [material] * len(part.materials)
+    return part
+
+
+def merge(part: SceneBuilder, transform: F64, name: str, builder: SceneBuilder) -> None:
+    """Add what ``part`` holds to ``builder``, in world space after ``transform``, as one object."""
+    meshes, materials = len(builder.meshes), len(builder.materials)
+    builder.materials += part.materials
+    builder.meshes += [replace(mesh, material=mesh.material + materials) for mesh in part.meshes]
+    builder.groups[name] = list(range(len(builder.instances), len(builder.instances) + len(part.instances)))
+    builder.instances += [replace(i, name=name if len(part.instances) == 1 else f"{name}.{i.name}",
+                                  mesh=i.mesh + meshes, transform=transform @ i.transform) for i in part.instances]
+
+
+def _from_trimesh(mesh: Any, name: str, smooth: bool) -> SceneBuilder:
+    """A ``trimesh.Trimesh`` or ``trimesh.Scene`` by way of glTF, which has its textures and colours."""
+    builder = SceneBuilder(name)
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "mesh.glb"
+        try:
+            mesh.export(str(file), include_normals=smooth)
+            read_gltf(file, builder)
+        except (ValueError, TypeError, KeyError, AttributeError, IndexError) as error:
+            raise SceneError(f"can't read the mesh ({error})", name, "expected a trimesh object with triangles"
+                             ) from error
+    _replace_default_material(builder)
+    return builder
+
+
+def _replace_default_material(builder: SceneBuilder) -> None:
+    """Give surfaces without a material the renderer's, since glTF's is metallic; their colours are sRGB-encoded."""
+    for index, mesh in enumerate(builder.meshes):
+        if builder.materials[mesh.material].name != GLTF_DEFAULT.name:
+            continue
+        material = Material()
+        if mesh.colors is not None:
+            rgb = srgb_decode(mesh.colors[:, :3])
+            mesh = replace(mesh, colors=np.concatenate([rgb, mesh.colors[:, 3:]], axis=1))
+            material = Material(albedo=(1.0, 1.0, 1.0))
+        builder.materials.append(material)
+        builder.meshes[index] = replace(mesh, material=len(builder.materials) - 1)
+
+
+def _from_arrays(vertices: ArrayLike, triangles: ArrayLike, name: str, material: Material, smooth: bool,
+                 attributes: dict[str, ArrayLike]) -> SceneBuilder:
+    positions = _rows(vertices, (3,), f"{name}: vertices")
+    faces = np.asarray(triangles)
+    if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
+        raise SceneError(f"bad triangles of the shape {faces.shape} and type {faces.dtype}", name,
+                         "expected integers of the shape (T, 3)")
+    faces = faces.astype(np.int64)
+    if len(faces) and not (int(faces.min()) >= 0 and int(faces.max()) < len(positions)):
+        raise SceneError("a triangle refers to a missing vertex", name, f"expected indices below {len(positions)}")
+    widths = {"normals": (3,), "uvs": (2,), "colors": (3, 4)}
+    rows = {key: _rows(values, widths[key], f"{name}: {key}", len(positions)) for key, values in attributes.items()}
+    if smooth and "normals" not in rows:
+        rows["normals"] = smooth_normals(positions, faces)
+    builder = SceneBuilder(name, materials=[material])
+    raw = RawMesh(positions, faces, rows.get("normals"), rows.get("uvs"), colors=add_alpha(rows.get("colors")))
+    index = builder.add_mesh(name, raw, 0)
+    if index is not None:
+        builder.add_instance(name, index, np.eye(4))
+    return builder
+
+
+def _rows(values: ArrayLike, widths: tuple[int, ...], where: str, count: int | None = None) -> F64:
+    rows = np.asarray(values, np.float64)
+    if rows.ndim != 2 or rows.shape[1] not in widths or (count is not None and len(rows) != count):
+        expected = " or ".join(f"({count if count is not None else 'V'}, {width})" for width in widths)
+        raise SceneError(f"bad shape {rows.shape}", where, f"expected {expected}")
+    return rows

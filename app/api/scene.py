@@ -1,0 +1,227 @@
+"""Scenes that a program builds and changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from app.api.meshes import build_part, merge
+from app.arrays import F64
+from app.errors import SceneError, did_you_mean
+from app.load.scene import LoadedScene, apply_lighting, choose_camera, finish_scene, read_scene, require_instances
+from app.load.scene_builder import SceneBuilder
+from app.load.sidecar import Lighting, Sidecar
+from app.paths import data_dir
+from app.scene import CameraPath, Environment, Light, Material, Motion
+
+
+class SceneObject:
+    """An object of a scene, which can be moved.
+
+    Attributes
+    ----------
+    name : str
+    """
+
+    def __init__(self, name: str, transform: F64) -> None:
+        self.name, self._transform = name, transform
+
+    @property
+    def transform(self) -> F64:
+        """Object space to world space, float64, shape (4, 4); assign another matrix to move the object.
+
+        Objects of a file are in world space already: their transform is the identity at first, and is applied to where
+        the file has them.
+        """
+        return self._transform.copy()
+
+    @transform.setter
+    def transform(self, matrix: ArrayLike) -> None:
+        self._transform = _transform(matrix, self.name)
+
+
+@dataclass(frozen=True, eq=False)
+class Assembled:
+    """A scene as the renderer takes it.
+
+    Attributes
+    ----------
+    motions : dict of str to Motion
+        Of the objects that may move, by name; their matrices may be overwritten.
+    placed : dict of str to ndarray
+        The transform of each object when it was assembled.
+    """
+
+    loaded: LoadedScene
+    motions: dict[str, Motion]
+    placed: dict[str, F64]
+
+
+class Scene:
+    """Meshes, lights, an environment and cameras.
+
+    Lists and properties may be changed at any time; a renderer follows with its next frame. Moving an object and
+    changing lights of the same kinds is cheap. Anything else, also the first move of an object, makes the renderer
+    begin anew, which takes about as long as its first frame.
+
+    Parameters
+    ----------
+    name : str
+    studio : bool
+        Whether a scene without any light is lit: an object by a neutral studio, a room by a lamp.
+
+    Attributes
+    ----------
+    lights : list of Light
+        Emissive surfaces and suns of the environment are not in it.
+    environment : Environment or None
+    cameras : dict of str to CameraPath
+    objects : dict of str to SceneObject
+    """
+
+    def __init__(self, name: str = "scene", *, studio: bool = True) -> None:
+        self._path, self._base = Path(name), SceneBuilder(name)
+        self._lighting: str | None = None
+        self._parts: dict[str, SceneBuilder] = {}
+        self.studio = studio
+        self.lights: list[Light] = []
+        self.environment: Environment | None = None
+        self.cameras: dict[str, CameraPath] = {}
+        self.objects: dict[str, SceneObject] = {}
+
+    @classmethod
+    def _of(cls, path: Path, builder: SceneBuilder, camera: str, lighting: str | None, studio: bool) -> Scene:
+        """The scene that a file holds."""
+        scene = cls(path.stem, studio=studio)
+        scene._path, scene._base, scene._lighting = path, builder, lighting
+        scene.lights, scene.environment = list(builder.lights), builder.environment
+        scene.cameras = {camera: builder.cameras[camera], **builder.cameras}
+        scene.objects = {name: SceneObject(name, np.eye(4)) for name in builder.groups}
+        return scene
+
+    def add(self, mesh: Any, material: Material | None = None, transform: ArrayLike | None = None, *,
+            name: str = "object", smooth: bool = False, normals: ArrayLike | None = None, uvs: ArrayLike | None = None,
+            colors: ArrayLike | None = None) -> SceneObject:
+        """Add an object.
+
+        Parameters
+        ----------
+        mesh : tuple of two arrays, trimesh.Trimesh, trimesh.Scene, str or Path
+            Vertices, shape (V, 3), in scene units, and triangles, integers of shape (T, 3), counter-clockwise seen
+            from the front; or what trimesh loaded; or a scene file, of which only the surfaces are added.
+        material : Material, optional
+            Replaces those of a trimesh object or a file.
+        transform : array_like, shape (4, 4), optional
+            Object space to world space; default is the identity.
+        name : str
+            A number is appended where the scene has an object of that name.
+        smooth : bool
+            Whether arrays without ``normals``, and trimesh objects, are shaded with interpolated normals.
+        normals, uvs, colors : array_like, optional
+            Of arrays, for each vertex: shapes (V, 3); (V, 2) with v growing upwards; (V, 3) or (V, 4), linear.
+
+        Raises
+        ------
+        SceneError
+            When an array has another shape, or there is no triangle with an area.
+        """
+        given = {key: values for key, values in (("normals", normals), ("uvs", uvs), ("colors", colors))
+                 if values is not None}
+        name = self._free_name(name)
+        matrix = np.eye(4) if transform is None else _transform(transform, name)
+        part = build_part(mesh, name, material, smooth, given)
+        added = self.objects[name] = SceneObject(name, matrix)
+        self._parts[name] = part
+        return added
+
+    def remove(self, name: str) -> None:
+        """Remove an object that was added."""
+        if name not in self._parts:
+            raise SceneError(f"no added object {name!r}", self._path, did_you_mean(name, self._parts))
+        del self._parts[name], self.objects[name]
+
+    def __getitem__(self, name: str) -> SceneObject:
+        """The object of that name."""
+        if name not in self.objects:
+            raise SceneError(f"no object {name!r}", self._path, did_you_mean(name, self.objects))
+        return self.objects[name]
+
+    def assemble(self, movable: tuple[str, ...]) -> Assembled:
+        """The scene as the renderer takes it, in which the objects ``movable`` can move."""
+        builder = self._base.fork()
+        for name, part in self._parts.items():
+            merge(part, np.eye(4) if name in movable else self.objects[name].transform, name, builder)
+        motions = {name: Motion(np.zeros(1), self.objects[name].transform[None]) for name in movable}
+        for name, item in self.objects.items():
+            if name in motions:
+                _attach(builder, name, motions[name])
+            elif name not in self._parts and not np.array_equal(item.transform, np.eye(4)):
+                _attach(builder, name, None, item.transform)
+        require_instances(builder, self._path)
+        builder.lights, builder.environment = list(self.lights), self.environment
+        builder.cameras = dict(self.cameras)
+        lightings = {} if self._lighting is None else {self._lighting: Lighting(tuple(self.lights))}
+        loaded = finish_scene(builder, self._path, Sidecar(lightings=lightings),
+                              studio=self.studio and self.environment is None)
+        return Assembled(loaded, motions, {name: item.transform for name, item in self.objects.items()})
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """Changes when a renderer of the scene has to begin anew."""
+        return (*self._parts.values(), self.environment, self.studio)
+
+    def _free_name(self, name: str) -> str:
+        numbered = (f"{name}.{number}" for number in range(1, len(self.objects) + 2))
+        return name if name not in self.objects else next(n for n in numbered if n not in self.objects)
+
+
+def load(path: str | Path | None = None, *, lighting: str | None = None, scene_json: str | Path | None = None,
+         variant: str | None = None, animation: str | None = None, studio: bool = True) -> Scene:
+    """Load a scene file.
+
+    Parameters
+    ----------
+    path : str or Path, optional
+        An ``.obj``, ``.gltf``, ``.glb`` or ``.ply`` file; default is the embedded Cornell box.
+    lighting : str, optional
+        A name under ``lightings`` in the scene JSON, whose default it is otherwise, or ``studio``.
+    scene_json : str or Path, optional
+        The scene JSON; default is the file of the same stem beside the scene, if it exists.
+    variant : str, optional
+        A variant of a glTF file's materials.
+    animation : str, optional
+        The name of an animation of the file, ``all`` or ``none``; default is the first.
+    studio : bool
+        As for ``Scene``.
+
+    Raises
+    ------
+    SceneError
+        When a file is missing, corrupt or of an unknown kind.
+    """
+    file = data_dir() / "cornell-box.obj" if path is None else Path(path)
+    builder, sidecar = read_scene(file, scene_json=scene_json, variant=variant, animation=animation)
+    camera = choose_camera(builder, file, sidecar)
+    _, name = apply_lighting(builder, file, sidecar, lighting, builder.cameras[camera].at(0.0))
+    return Scene._of(file, builder, camera, name, studio)
+
+
+def _attach(builder: SceneBuilder, name: str, motion: Motion | None, transform: F64 | None = None) -> None:
+    """Give the instances of an object a motion, or transform them."""
+    for index in builder.groups[name]:
+        instance = builder.instances[index]
+        if instance.moves:
+            raise SceneError(f"{instance.name!r} moves already", name, "expected an object without a motion of its own")
+        placed = instance.transform if transform is None else transform @ instance.transform
+        builder.instances[index] = replace(instance, motion=motion, transform=placed)
+
+
+def _transform(matrix: ArrayLike, name: str) -> F64:
+    values = np.array(matrix, np.float64)
+    if values.shape != (4, 4) or not np.isfinite(values).all() or not np.array_equal(values[3], (0, 0, 0, 1)):
+        raise SceneError("bad transform", name, "expected an affine matrix of the shape (4, 4)")
+    return values

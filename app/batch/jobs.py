@@ -1,0 +1,142 @@
+"""The jobs of a batch, one JSON object per line, and the tasks that workers draw."""
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from app import __version__
+from app.errors import AfterglowError, SceneError
+from app.io.checked_json import at, check, parse
+from app.load import parse_camera
+from app.network.selection import DEFAULT_MODEL
+
+SCHEMA = "batch.schema.json"
+CHUNK = 60     # frames of a video that are drawn by one worker
+LEAD_IN = 16   # frames drawn before those of a later chunk, so that its seam does not show
+
+
+@dataclass(frozen=True)
+class Job:
+    """One line.
+
+    Attributes
+    ----------
+    name : str
+        Its folder.
+    cameras : tuple
+        Names, cameras as in a scene JSON, or None for the default one.
+    frames : int
+        1: a still of each camera; more: a video of each.
+    """
+
+    name: str
+    scene: str
+    cameras: tuple[Any, ...] = (None,)
+    lighting: str | None = None
+    model: str = DEFAULT_MODEL
+    size: tuple[int, int] = (1024, 768)
+    outputs: tuple[str, ...] = ("final",)
+    formats: tuple[str, ...] = ("exr", "png")
+    frames: int = 1
+    time: float = 0.0
+    exposure: float = 1.0
+    tonemap: str = "srgb"
+
+
+@dataclass(frozen=True)
+class BadLine:
+    """A line that is no job."""
+
+    name: str
+    error: str
+
+
+@dataclass(frozen=True)
+class Task:
+    """What one worker draws at a time: all stills of a job, or a chunk of a video by one of its cameras.
+
+    Attributes
+    ----------
+    camera : int or None
+        Index into the job's cameras; None for stills of all.
+    first, last : int
+        Numbers of its frames; ``last`` is excluded.
+    """
+
+    job: Job
+    camera: int | None = None
+    first: int = 0
+    last: int = 1
+
+    @property
+    def record(self) -> str:
+        """The file, relative to the output folder, that says that the task is done."""
+        part = "stills" if self.camera is None else f"{self.camera:03d}-{self.first:04d}"
+        return f"{self.job.name}/{part}.json"
+
+    def key(self) -> str:
+        """A digest of everything that its pictures depend on; changed files change it."""
+        digest = hashlib.sha256(json.dumps([asdict(self), __version__], sort_keys=True).encode())
+        for file in (Path(self.job.scene), Path(self.job.scene).with_suffix(".json"), Path(self.job.model)):
+            if file.is_file():
+                digest.update(file.read_bytes())
+        return digest.hexdigest()[:32]
+
+
+def read_jobs(path: Path) -> list[Job | BadLine]:
+    """The jobs of a file; names of files in it are relative to its folder.
+
+    Raises
+    ------
+    SceneError
+        When the file can't be read.
+    """
+    try:
+        lines = path.read_text("utf-8-sig").splitlines()
+    except (OSError, ValueError) as error:
+        raise SceneError("can't read the jobs", path, "expected a readable UTF-8 file of one JSON object per line"
+                         ) from error
+    jobs: list[Job | BadLine] = []
+    for number, line in enumerate(lines, 1):
+        if line.strip():
+            name = f"{len(jobs):04d}"
+            try:
+                job = _read_job(line, name, at(path, number), path.parent)
+                if any(job.name == other.name for other in jobs):
+                    raise SceneError(f"the name {job.name!r} is taken", at(path, number, "name"),
+                                     "expected another name for each job")
+                jobs.append(job)
+            except AfterglowError as error:
+                jobs.append(BadLine(name, str(error)))
+    return jobs
+
+
+def tasks_of(job: Job) -> Iterator[Task]:
+    if job.frames == 1:
+        yield Task(job)
+        return
+    for camera in range(len(job.cameras)):
+        for first in range(0, job.frames, CHUNK):
+            yield Task(job, camera, first, min(first + CHUNK, job.frames))
+
+
+def _read_job(line: str, name: str, where: str, folder: Path) -> Job:
+    try:
+        spec = parse(line)
+    except (ValueError, RecursionError) as error:
+        raise SceneError(f"not a JSON object ({str(error)[:60]})", where, "expected valid JSON") from None
+    check(spec, where, "", SCHEMA)
+    for index, camera in enumerate(spec.get("cameras", ())):
+        if isinstance(camera, dict):
+            parse_camera(camera, at(where, "cameras", index))
+    model = spec.get("model", DEFAULT_MODEL)
+    if (folder / model).is_file():
+        model = str((folder / model).resolve())
+    lists = {key: tuple(spec[key]) for key in ("cameras", "outputs", "formats") if key in spec}
+    size = {"size": tuple(map(int, spec["size"]))} if "size" in spec else {}
+    frames = {"frames": int(spec["frames"])} if "frames" in spec else {}
+    return Job(**{"name": name, **spec, **lists, **size, **frames, "model": model,
+                  "scene": str((folder / spec["scene"]).resolve())})

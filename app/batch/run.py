@@ -1,0 +1,76 @@
+"""A whole batch: what is missing is drawn, what is done is left alone."""
+
+import json
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.batch.jobs import BadLine, Job, Task, tasks_of
+from app.batch.pool import run_tasks
+from app.errors import SceneError
+
+
+@dataclass
+class Outcome:
+    """What became of a job.
+
+    Attributes
+    ----------
+    drawn, kept : int
+        Tasks that were drawn now, and that were there already.
+    error : str
+        Of the first task that failed; empty if none did.
+    """
+
+    name: str
+    drawn: int = 0
+    kept: int = 0
+    error: str = ""
+
+
+def run_batch(jobs: list[Job | BadLine], out: Path, workers: int, progress: Callable[[int, int], object]
+              ) -> list[Outcome]:
+    """Draw all jobs into ``out``.
+
+    Parameters
+    ----------
+    progress : callable
+        Called with the numbers of finished tasks and of all.
+
+    Returns
+    -------
+    list of Outcome
+        In the order of the jobs.
+    """
+    outcomes = {job.name: Outcome(job.name, error=job.error if isinstance(job, BadLine) else "") for job in jobs}
+    missing: list[Task] = []
+    for job in jobs:
+        for task in tasks_of(job) if isinstance(job, Job) else ():
+            if _is_done(task, out):
+                outcomes[job.name].kept += 1
+            else:
+                missing.append(task)
+    missing.sort(key=lambda task: (task.job.scene, str(task.job.lighting), task.job.model, task.job.size))
+    done, lock = 0, threading.Lock()
+
+    def finish(task: Task, error: str) -> None:
+        nonlocal done
+        with lock:
+            outcome = outcomes[task.job.name]
+            outcome.drawn += not error
+            outcome.error = outcome.error or error
+            done += 1
+            progress(done, len(missing))
+
+    progress(0, len(missing))
+    run_tasks(missing, out, workers, finish)
+    return list(outcomes.values())
+
+
+def _is_done(task: Task, out: Path) -> bool:
+    """Whether a run before has drawn the task, from the same files."""
+    try:
+        return bool(json.loads((out / task.record).read_text("utf-8"))["key"] == task.key())
+    except (OSError, ValueError, KeyError, TypeError, SceneError):
+        return False

@@ -1,0 +1,47 @@
+"""One layer of blended and transmissive surfaces over what is behind it."""
+
+import moderngl
+
+from app.gl.context import Device
+from app.gl.frame_state import Execute, FrameState
+from app.gl.fullscreen import make_fullscreen
+from app.gl.peeling import PeeledLayer
+from app.gl.pool import Resources
+from app.graph import BoundPass, Pass, Tex
+from app.math3d import R2
+
+
+def declare(layer: PeeledLayer, behind: str, result: str, has_indirect: bool) -> Pass:
+    """Lay ``layer`` over the resource ``behind``.
+
+    Indirect light is that of opaque surfaces around. What rough surfaces transmit is blurred by mipmaps of ``behind``.
+    """
+    prefix = layer.prefix
+
+    def uniforms(frame: FrameState) -> dict[str, object]:
+        return {"noise_phase": (frame.noise_phase + R2[1] * frame.index * frame.accumulates) % 1.0}
+
+    def make(device: Device, bound: BoundPass) -> Execute:
+        has_refraction = prefix + "refraction" in bound.reads
+        defines = {f"HAS_{name.removeprefix(prefix).upper()}": 1 for name in bound.reads}
+        samplers = {behind: "behind", "depth": "opaque_depth"}
+        draw = make_fullscreen("blend.frag", uniforms, defines, prefix, samplers, layer)(device, bound)
+        source: moderngl.Framebuffer | None = None
+
+        def execute(frame: FrameState, resources: Resources) -> None:
+            nonlocal source
+            source = source or device.ctx.framebuffer([resources[behind]])
+            device.ctx.copy_framebuffer(resources.target(), source)
+            if has_refraction:
+                texture = resources[behind]
+                texture.build_mipmaps()
+                texture.filter = moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR
+            draw(frame, resources)
+
+        return execute
+
+    own = ("albedo", "direct", "depth", "passage")
+    optional = ("emission", "specular", "refraction")
+    return Pass(prefix + "blend", reads=(behind, "depth", *(prefix + name for name in own),
+                                         *(("indirect",) if has_indirect else ())),
+                optional=tuple(prefix + name for name in optional), writes={result: Tex("f2", 4)}, make=make)

@@ -1,0 +1,109 @@
+"""Indirect light on glossy surfaces: rays marched over the screen or traced, gathered, filtered, upsampled."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from app.gl.frame_state import FrameState, MotionKind
+from app.gl.fullscreen import make_fullscreen, ratio_to, reduced_grid
+from app.graph import Pass, Resource, Tex
+from app.math3d import R2, affine_matrix, halton
+from app.scene import Material
+
+MAX_TEXELS = 2**17   # of the grid
+MAX_ROUGHNESS = 0.6  # from which surfaces need no rays, as in reflection.glsl
+MARCH_STEPS = 16
+SHIFTS = 16          # positions of rays within a texel
+RAY_EPSILON = 1e-4   # of the scene's longest edge, by which rays start off their surface
+# Frames that are gathered, of mirrors and of rough surfaces.
+MAX_FRAMES = {MotionKind.NONE: (256.0, 256.0), MotionKind.CAMERA: (8.0, 48.0), MotionKind.OBJECTS: (4.0, 16.0)}
+
+Size = tuple[int, int]
+
+
+def grid(size: Size) -> Size:
+    """Width and height of the low-resolution grid for an output of the given width and height."""
+    return reduced_grid(size, MAX_TEXELS)
+
+
+def needs_rays(material: Material) -> bool:
+    """Whether a material is smooth enough somewhere for its reflections to be traced."""
+    if not (max(material.specular) > 0.0 or material.metallic > 0.0):
+        return False
+    texture = material.metallic_roughness_map
+    if texture is None:
+        return material.roughness < MAX_ROUGHNESS
+    values = np.nan_to_num(texture.pixels[..., 1], nan=1.0)
+    smoothest = float(values.min()) / (255.0 if texture.pixels.dtype == np.uint8 else 1.0)
+    return material.roughness * smoothest < MAX_ROUGHNESS
+
+
+def declare_march(grid: Size, extent: float, has_history: bool) -> Pass:
+    """Rays of the texels of ``grid``, and where the screen shows their ends.
+
+    Parameters
+    ----------
+    extent : float
+        The scene's longest edge in scene units.
+    has_history : bool
+        Whether frames are gathered. Then each has other rays; otherwise they are fixed per texel.
+    """
+    texels = Tex("f4", 4, size=grid)
+    return Pass("reflection_march", reads=("reflection_gbuffer", "normal", "albedo", "specular_roughness"),
+                writes={"reflection_origin": texels, "reflection_ray": texels},
+                make=make_fullscreen("reflection_march.frag", lambda frame: {
+                    "ratio": ratio_to(grid, frame), "noise_phase": frame.noise_phase, "steps": MARCH_STEPS,
+                    "ray_epsilon": RAY_EPSILON * extent, **_samples(grid, frame, has_history)}))
+
+
+def declare_gathering(grid: Size, has_history: bool) -> Iterator[Pass]:
+    """The light at the rays' ends, gathered over frames if there is a history, and filtered."""
+    light = Tex("f2", 4, size=grid)
+    yield Pass("reflection_resolve",
+               reads=("reflection_gbuffer", "reflection_origin", "reflection_ray", "reflection_traced", "normal",
+                      "depth", "direct", "albedo", "indirect", "specular_roughness"),
+               optional=("occlusion", "emission"), writes={"reflection_now": light},
+               make=make_fullscreen("reflection_resolve.frag"))
+    history = ("reflection_gbuffer", "specular_roughness", "motion", "reflection_low@prev", "reflection_distance@prev",
+               "reflection_gbuffer@prev")
+    gathered: dict[str, Resource] = {"reflection_low": Tex("f4", 4, size=grid),
+                                     "reflection_distance": Tex("f4", 1, size=grid)}
+    yield Pass("reflection_history", reads=("reflection_now", *(history if has_history else ())), writes=gathered,
+               make=make_fullscreen("reflection_history.frag", lambda frame: _history_uniforms(grid, frame)
+                                    if has_history else {}))
+    yield _filter("reflection_filter_far", "reflection_low", "reflection_averaged", grid, 3)
+    yield _filter("reflection_filter_near", "reflection_averaged", "reflection_filtered", grid, 1)
+
+
+def declare(grid: Size, has_rays: bool) -> Pass:
+    """What is seen of reflections, at full resolution."""
+    return Pass("reflection", reads=("normal", "depth", "specular_roughness", "indirect",
+                                     *(("reflection_filtered",) if has_rays else ())),
+                writes={"reflection": Tex("f2", 4)},
+                make=make_fullscreen("reflection.frag", lambda frame: {"ratio": ratio_to(grid, frame)}
+                                     if has_rays else {}))
+
+
+def _samples(grid: Size, frame: FrameState, has_history: bool) -> dict[str, object]:
+    """Where in the lobe and in its texel each ray is; all frames together cover both."""
+    if not has_history:
+        return {"noise_offset": (0.0, 0.0), "shift": (0.0, 0.0)}
+    inside = (halton(frame.index % SHIFTS + 1, base) - 0.5 for base in (2, 3))
+    return {"noise_offset": tuple(step * frame.index % 1.0 for step in R2),
+            "shift": tuple(ratio * at for ratio, at in zip(ratio_to(grid, frame), inside, strict=True))}
+
+
+def _filter(name: str, source: str, target: str, grid: Size, spacing: int) -> Pass:
+    return Pass(name, reads=(source, "reflection_distance", "reflection_gbuffer", "specular_roughness"),
+                writes={target: Tex("f2", 4, size=grid)},
+                make=make_fullscreen("reflection_filter.frag", lambda frame: {
+                    "ratio": ratio_to(grid, frame), "spacing": spacing}, samplers={source: "light_low"}))
+
+
+def _history_uniforms(grid: Size, frame: FrameState) -> dict[str, object]:
+    previous = frame.previous
+    moved = affine_matrix(np.eye(3), frame.view.eye - previous.eye)
+    return {"ratio": ratio_to(grid, frame), "previous_from_relative": affine_matrix(previous.rotation) @ moved,
+            "previous_lens": (*previous.half_size, *previous.center), "max_frames": MAX_FRAMES[frame.motion],
+            "history_valid": frame.history_valid and not frame.relit,
+            "bounded": frame.motion is not MotionKind.NONE}

@@ -1,0 +1,108 @@
+"""What reflected rays meet where the screen does not show it: the light that surfels send there, or the environment."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from app.arrays import F32, Bools, Ints
+from app.environment import radiance_along
+from app.gl.frame_state import Execute, FrameState, MotionKind
+from app.gl.pool import Resources
+from app.graph import BoundPass, Pass, Tex
+from app.math3d import R2
+from app.network.channels import HALF_MAX
+from app.raycast.caster import Caster
+from app.scene import Environment
+from app.surfels.light_samples import mean_light
+from app.surfels.lookup import SurfelLookup
+from app.surfels.tracked import TrackedSurfels
+
+FIRST_RAYS = 2**17    # of a frame without history: all of them
+FRAME_RAYS = {MotionKind.NONE: 2**14, MotionKind.CAMERA: 2**13, MotionKind.OBJECTS: 2**13}  # of other frames
+SKY_DISTANCE = 100.0  # of the scene's longest edge, at which the environment is
+GOLDEN_RATIO = 0.61803398875
+MAX_UNIT_ERROR = 0.1  # of a direction's squared length
+
+
+def declare(grid: tuple[int, int], surfels: TrackedSurfels, caster: Callable[[], Caster],
+            environment: Environment | None, has_history: bool) -> Pass:
+    """Over a low-resolution ``grid`` of width and height.
+
+    Parameters
+    ----------
+    has_history : bool
+        Whether frames are gathered, so that each traces only some of the rays.
+    """
+    return Pass("reflection_rays", reads=("reflection_origin", "reflection_ray", "surfel_light"),
+                optional=("surfel_indirect",), writes={"reflection_traced": Tex("f4", 4, size=grid)},
+                make=lambda device, bound: _make(bound, grid, surfels, caster(), environment, has_history))
+
+
+def _make(bound: BoundPass, grid: tuple[int, int], surfels: TrackedSurfels, caster: Caster,
+          environment: Environment | None, has_history: bool) -> Execute:
+    lookup: SurfelLookup | None = None
+    version = -1
+    dither = _dither(grid)
+
+    def execute(frame: FrameState, resources: Resources) -> None:
+        nonlocal lookup, version
+        if lookup is None or version != surfels.version:
+            lookup, version = SurfelLookup(surfels.world), surfels.version
+        ray = _read(resources, "reflection_ray")
+        budget = FRAME_RAYS[frame.motion] if has_history and frame.history_valid else FIRST_RAYS
+        rows = _choose(ray, (dither + GOLDEN_RATIO * frame.index) % 1.0, budget)
+        traced = np.zeros_like(ray)
+        if len(rows):
+            light = _surfel_light(resources, surfels)
+            shift = frame.view.eye - caster.origin
+            origin = (_read(resources, "reflection_origin")[rows, :3] + shift).astype(np.float32)
+            traced[rows] = _trace(caster, lookup, light, environment, origin, ray[rows, :3])
+        resources["reflection_traced"].write(traced.tobytes())
+
+    def _surfel_light(resources: Resources, surfels: TrackedSurfels) -> F32:
+        """Irradiance / π that surfels receive, shape (S, 3)."""
+        texture, world = resources["surfel_light"], surfels.world
+        texels = np.frombuffer(texture.read(alignment=1), np.float16).astype(np.float32)
+        direct = mean_light(texels.reshape(texture.height, texture.width, 4), world) + world.sky_irradiance
+        if "surfel_indirect" in bound.reads:
+            indirect = np.frombuffer(resources.buffer("surfel_indirect").read(), np.float32).reshape(3, -1).T
+        else:
+            indirect = world.emissive_irradiance
+        return np.nan_to_num(direct + indirect).clip(0, HALF_MAX)
+
+    return execute
+
+
+def _read(resources: Resources, name: str) -> F32:
+    """A texture's texels, shape (N, 4), bottom row first."""
+    return np.frombuffer(resources[name].read(), np.float32).reshape(-1, 4)
+
+
+def _choose(ray: F32, threshold: F32, budget: int) -> Ints:
+    """At most about ``budget`` of the rays whose end the screen does not show, spread evenly, others in each frame."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        rows = np.flatnonzero((ray[:, 3] < 0) & (np.abs((ray[:, :3] ** 2).sum(axis=1) - 1) < MAX_UNIT_ERROR))
+    return rows if len(rows) <= budget else rows[threshold[rows] < budget / len(rows)]
+
+
+def _trace(caster: Caster, lookup: SurfelLookup, light: F32, environment: Environment | None, origin: F32,
+           direction: F32) -> F32:
+    """Radiance along rays and their lengths, shape (N, 4)."""
+    finite: Bools = np.asarray(np.isfinite(origin).all(axis=1))
+    hits = caster.cast(np.where(finite[:, None], origin, 0), direction)
+    found = np.zeros((len(origin), 4), np.float32)
+    met, sky = finite & (hits.body >= 0), finite & (hits.body < 0)
+    if met.any():
+        at = hits.select(met)
+        found[met, :3] = at.emission + at.albedo * lookup.interpolate(light, at.position, at.normal)
+        found[met, 3] = at.distance
+    if environment is not None and sky.any():
+        found[sky, :3] = radiance_along(environment, direction[sky].astype(np.float64))
+    found[sky, 3] = SKY_DISTANCE * caster.extent
+    return found
+
+
+def _dither(grid: tuple[int, int]) -> F32:
+    """Thresholds in [0, 1) of a grid's texels, shape (N,), bottom row first: Roberts' R2 sequence as a lattice."""
+    x, y = np.meshgrid(np.arange(grid[0]), np.arange(grid[1]))
+    return np.asarray((R2[0] * x + R2[1] * y) % 1.0, np.float32).ravel()

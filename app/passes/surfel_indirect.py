@@ -1,0 +1,36 @@
+"""Indirect light at world surfels, by the network that lets them light each other."""
+
+import numpy as np
+
+from app.gl.context import Device
+from app.gl.frame_state import Execute, FrameState
+from app.gl.pool import Resources
+from app.graph import BoundPass, Buf, Pass
+from app.network.channels import SCREEN, SURFEL_INDIRECT
+from app.network.session import Network
+
+
+def declare(network: Network, tensors: dict[str, str]) -> Pass:
+    """Runs ``network``, opened for a screen of one texel, which stays empty.
+
+    Parameters
+    ----------
+    tensors : dict of str to str
+        The graph's buffer of each input tensor that is not on the screen.
+    """
+    assert network.contract.surfels is not None
+    return Pass("surfel_indirect", reads=tuple(tensors.values()),
+                writes={"surfel_indirect": Buf((3, network.contract.surfels[0]))},
+                make=lambda device, bound: make(device, bound, network, tensors))
+
+
+def make(device: Device, bound: BoundPass, network: Network, tensors: dict[str, str]) -> Execute:
+    inputs = {t: np.zeros(spec.shape((1, 1)), np.float32) for t, spec in network.contract.inputs.items()}
+    assert all(spec.grid == SCREEN for t, spec in network.contract.inputs.items() if t not in tensors)
+
+    def execute(frame: FrameState, resources: Resources) -> None:
+        for tensor, name in tensors.items():
+            resources.buffer(name).read_into(inputs[tensor])
+        resources.buffer("surfel_indirect").write(network.run(inputs)[SURFEL_INDIRECT])
+
+    return execute

@@ -1,0 +1,82 @@
+"""Final gathering: light at points from a few rays each, which end at the light that surfels send out.
+
+Reichert 1992, "A Two-Pass Radiosity Method Driven by Lights and Viewer Position".
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.arrays import F32, F64
+from app.math3d import R2
+from app.raycast.caster import Caster
+from app.surfels.lookup import SurfelLookup
+from app.surfels.random_walks import sample_cosine_hemisphere
+
+TILE = 8       # texels along the edge of a tile whose rays share one sequence (Keller and Heidrich 2001)
+LANE_STEP = 29  # without a factor in common with the texels of a tile, so that neighbours start far apart
+
+
+@dataclass(frozen=True, eq=False)
+class GatheredRays:
+    """What K rays from each of N points find.
+
+    Attributes
+    ----------
+    light : ndarray, float32, shape (N, K, 3)
+        W/(sr m²); its mean over the rays is indirect radiance / albedo.
+    distance : ndarray, float32, shape (N, K)
+        Of the rays' ends, relative to how far they reach, and at most 1.
+    """
+
+    light: F32
+    distance: F32
+
+
+def gather(caster: Caster, lookup: SurfelLookup, sent: F32, reach: float, origin: F32, normal: F32,
+           numbers: F64) -> GatheredRays:
+    """Trace cosine-distributed rays and look up the light that they meet.
+
+    A ray that ends at a surface gets its albedo there times the light of the surfels around, and the light that the
+    surface emits, without emitters that are analytic lights. One that ends nowhere gets none, since an environment is
+    direct light.
+
+    Parameters
+    ----------
+    sent : ndarray, float32, shape (S, 3)
+        Radiance of the surfels if they were white.
+    reach : float
+        What distances are relative to, scene units.
+    origin, normal : ndarray, float32, shape (N, 3)
+        Where the rays start, in the caster's local space, and the normals there.
+    numbers : ndarray, shape (N, K, 2)
+        In [0, 1).
+    """
+    count, rays = numbers.shape[:2]
+    directions = sample_cosine_hemisphere(normal, numbers).reshape(-1, 3)
+    hits = caster.cast(np.repeat(origin, rays, axis=0), directions)
+    light = hits.emission
+    met = np.flatnonzero(hits.body >= 0)
+    if len(met):
+        light[met] += hits.albedo[met] * lookup.approximate(sent, hits.position[met], hits.normal[met])
+    distance = np.minimum(hits.distance / np.float32(reach), 1)
+    return GatheredRays(light.reshape(count, rays, 3), distance.reshape(count, rays))
+
+
+def sequence(width: int, height: int, first: int, count: int, phase: float) -> F64:
+    """Numbers ``first`` to ``first + count`` of the sequence of each texel of a grid, shape (h · w, count, 2).
+
+    Roberts' R2 sequence, which the texels of a tile start at evenly spread places.
+
+    Parameters
+    ----------
+    phase : float
+        Shifts all sequences.
+    """
+    y, x = np.divmod(np.arange(width * height), width)
+    tile = y // TILE * (width // TILE + 1) + x // TILE
+    lane = (x % TILE * TILE + y % TILE) * LANE_STEP % TILE**2
+    start = np.random.default_rng(int(phase * 2**16)).random((int(tile.max()) + 1, 2))[tile]
+    start = start + lane[:, None] * np.array(R2[::-1])
+    numbers: F64 = (start[:, None] + np.arange(first, first + count)[:, None] * np.array(R2)) % 1.0
+    return numbers

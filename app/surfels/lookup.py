@@ -1,0 +1,121 @@
+"""The light of surfels at any points of the scene, without a product of all points with all surfels."""
+
+import numpy as np
+
+from app.arrays import F32, Bools, Ints
+from app.surfels import kernel
+from app.surfels.world import WorldSurfels
+
+CANDIDATES = 8        # surfels of a cell
+CELL_RADII = 0.5      # edge of a cell, in median radii of surfels
+MAX_CELLS = 2**17     # that are remembered
+AXIS_CELLS = 2**19    # along an axis; coordinates beyond share a cell
+MIN_EXPONENT = -80.0  # as in the network
+
+
+class SurfelLookup:
+    """Interpolates between the surfels near a point with the kernel of the network.
+
+    Points are sorted into cells by position and by the axis that their normal is closest to. The surfels with the
+    largest weights at the first point of a cell serve all later ones, whose own weights are exact.
+
+    Parameters
+    ----------
+    world : WorldSurfels
+        As it is now; make another lookup when the surfels have moved.
+    """
+
+    def __init__(self, world: WorldSurfels) -> None:
+        rows = slice(0, max(world.used, 1))
+        self._center = world.position[rows].mean(axis=0)  # for precision where the scene is much larger
+        position, normal = world.position[rows] - self._center, world.normal[rows]
+        radius = np.maximum(world.radius[rows], np.float32(1e-18))
+        plane = world.clip_plane[rows].copy()
+        plane[:, 3] += plane[:, :3] @ self._center
+        self._clip = kernel.clip_keys(plane, radius)
+        self._keys = kernel.keys(position, normal, radius)
+        log_weight = np.log(np.maximum(world.weight[rows], np.float32(1e-6)))
+        self._surfels = np.concatenate([position, normal, 1 / radius[:, None] ** 2, log_weight[:, None], self._clip],
+                                       axis=1).astype(np.float32)
+        self._edge = CELL_RADII * float(np.median(radius))
+        self._codes, self._rows, self._candidates, self._cell_weights = self._no_cells()
+
+    def interpolate(self, light: F32, position: F32, normal: F32) -> F32:
+        """Weighted mean of the surfels' light at points, shape (N, 3).
+
+        Parameters
+        ----------
+        light : ndarray, float32, shape (S, 3)
+        position, normal : ndarray, float32, shape (N, 3)
+            Local space.
+        """
+        position = position - self._center
+        cells = self._find_cells(position, normal)  # first, since it may add candidates
+        near = self._candidates[cells]
+        weight = self._weights(position[:, None], normal[:, None], near)
+        return np.asarray(np.einsum("nk,nkc->nc", weight, light[near]), np.float32)
+
+    def approximate(self, light: F32, position: F32, normal: F32) -> F32:
+        """``interpolate`` where each point's cell began: constant within cells, and three times as fast.
+
+        For points whose light is averaged anyway.
+        """
+        cells, inverse = np.unique(self._find_cells(position - self._center, normal), return_inverse=True)
+        cell_light = np.einsum("nk,nkc->nc", self._cell_weights[cells], light[self._candidates[cells]])
+        return np.asarray(cell_light[inverse], np.float32)
+
+    def _weights(self, position: F32, normal: F32, near: Ints) -> F32:
+        """Weights that sum to 1, shape (N, K), of surfels ``near`` (N, K) at points (N, 1, 3); docs/ember.md."""
+        surfel = self._surfels[near]
+        away, inverse = position - surfel[..., :3], surfel[..., 6]
+        off = np.einsum("nkc,njc->nk", away, normal)
+        exponent = (surfel[..., 7] + kernel.NORMAL_WEIGHT * np.einsum("nkc,njc->nk", surfel[..., 3:6], normal)
+                    - (kernel.DISTANCE_WEIGHT * np.einsum("nkc,nkc->nk", away, away) + kernel.PLANE_WEIGHT * off * off)
+                    * inverse
+                    + np.minimum(np.einsum("nkc,njc->nk", surfel[..., 8:11], position) + surfel[..., 11], 0))
+        weight = np.exp(np.maximum(exponent - exponent.max(axis=1, keepdims=True), MIN_EXPONENT))
+        return np.asarray(weight / weight.sum(axis=1, keepdims=True), np.float32)
+
+    def _find_cells(self, position: F32, normal: F32) -> Ints:
+        """The row of ``_candidates`` for each point, shape (N,); unknown cells get one."""
+        cell = np.clip(np.floor(position / self._edge) + AXIS_CELLS // 2, 0, AXIS_CELLS - 1).astype(np.int64)
+        axis = np.abs(normal).argmax(axis=1)
+        side = 2 * axis + (np.take_along_axis(normal, axis[:, None], axis=1)[:, 0] < 0)
+        code = ((cell[:, 0] * AXIS_CELLS + cell[:, 1]) * AXIS_CELLS + cell[:, 2]) * 6 + side
+        codes, first, inverse = np.unique(code, return_index=True, return_inverse=True)
+        if len(self._codes) + len(codes) > MAX_CELLS:
+            self._codes, self._rows, self._candidates, self._cell_weights = self._no_cells()
+        known = self._is_known(codes)
+        if not known.all():
+            new = first[~known]
+            near = self._largest(position[new], normal[new])
+            self._remember(codes[~known], near, self._weights(position[new, None], normal[new, None], near))
+        return np.asarray(self._rows[np.searchsorted(self._codes, codes)][inverse])
+
+    def _is_known(self, codes: Ints) -> Bools:
+        return np.isin(codes, self._codes)
+
+    def _remember(self, codes: Ints, candidates: Ints, weights: F32) -> None:
+        rows = np.arange(len(self._candidates), len(self._candidates) + len(codes))
+        codes, rows = np.concatenate([self._codes, codes]), np.concatenate([self._rows, rows])
+        order = np.argsort(codes)
+        self._codes, self._rows = codes[order], rows[order]
+        self._candidates = np.concatenate([self._candidates, candidates])
+        self._cell_weights = np.concatenate([self._cell_weights, weights])
+
+    def _no_cells(self) -> tuple[Ints, Ints, Ints, F32]:
+        """Codes in ascending order, the row of candidates for each, the candidates, and weights where cells began."""
+        none = np.zeros(0, np.int64)
+        candidates = np.zeros((0, min(CANDIDATES, len(self._surfels))), np.int64)
+        return none, none, candidates, candidates.astype(np.float32)
+
+    def _largest(self, position: F32, normal: F32) -> Ints:
+        """The surfels with the largest weights at points, shape (N, K)."""
+        count = self._candidates.shape[1]
+        blocks = []
+        for start in range(0, len(position), kernel.BLOCK):
+            rows = slice(start, start + kernel.BLOCK)
+            at = np.concatenate([position[rows], np.ones_like(position[rows, :1])], axis=1)
+            exponent = kernel.queries(position[rows], normal[rows]) @ self._keys.T + np.minimum(at @ self._clip.T, 0)
+            blocks.append(np.argpartition(-exponent, count - 1, axis=1)[:, :count])
+        return np.concatenate(blocks)

@@ -1,0 +1,145 @@
+"""Frames with the light of single rays, from which a network learns to clean gathered light.
+
+Of the rays of a texel some become the network's input and the others its target, anew in each step of the training.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from app.arrays import F32
+from app.errors import SettingsError
+from app.io.atomic_files import prepare_folders, replace_file
+from app.math3d import View, unit_rows
+from app.network.channels import SCREEN
+from app.network.contract_json import read_contract
+from app.network.selection import find_model
+from app.renderer import NEAR, Renderer
+from app.scene import Camera
+from app.settings import Settings
+from app.surfels.final_gather import gather, sequence
+from export.dataset.cameras import MAX_NEAR_SHARE, MIN_DEPTH, MIN_DEPTH_SPREAD, MIN_MEAN_DEPTH, random_camera
+from export.dataset.scenes.generated_scene import FRAME_SECONDS, GeneratedScene
+from export.dataset.scenes.sources import SOURCES
+
+SIZE = (96, 72)  # texels
+RAYS = 96        # of a texel
+SOURCE_NAMES = ("room", "room", "connected_rooms", "room", "hall", "corridor", "room", "courtyard")
+FRAMES_PER_SCENE, CAMERAS = 3, 30  # and cameras that are tried for them
+MIN_SURFACE_SHARE, MIN_LIT_SHARE = 0.5, 0.6
+STREAM = 3  # second number of every seed; pairs and validation views have others
+MODEL = "final-gather"
+
+
+@dataclass(frozen=True, eq=False)
+class GatheredFrame:
+    """One frame; all lengths in the network's units.
+
+    Attributes
+    ----------
+    light : ndarray, float16, shape (h, w, K, 3)
+        Of each ray, relative to the mean of ``interpolated``.
+    distance : ndarray, float16, shape (h, w, K)
+        Of each ray's end, as in the channel ``gathered.distance``.
+    interpolated, normal, position : ndarray, float32, shape (3, h, w)
+        The channels of these names.
+    """
+
+    light: np.ndarray
+    distance: np.ndarray
+    interpolated: F32
+    normal: F32
+    position: F32
+
+
+def make_frames(folder: Path, scenes: int, seed: int, progress: Callable[[int], object]) -> None:
+    """Write the missing frames of the first ``scenes`` scenes as ``SCENE-FRAME.npz``."""
+    prepare_folders(folder)
+    for number in range(scenes):
+        if not any(folder.glob(f"{number:04}-*.npz")):
+            rng = np.random.default_rng([seed, STREAM, number])
+            generated = SOURCES[SOURCE_NAMES[number % len(SOURCE_NAMES)]](rng)
+            for index, frame in enumerate(_frames(generated, rng)):
+                with replace_file(folder / f"{number:04}-{index}.npz") as temporary, temporary.open("wb") as file:
+                    np.savez(file, **vars(frame))
+        progress(number + 1)
+
+
+def read_frames(folder: Path) -> list[GatheredFrame]:
+    """All frames of a folder, in order.
+
+    Raises
+    ------
+    SettingsError
+        When there are none, or one of another kind.
+    """
+    frames = []
+    for path in sorted(folder.glob("*.npz")):
+        with np.load(path) as values:
+            if set(values) != {field.name for field in fields(GatheredFrame)}:
+                raise SettingsError("not a frame with gathered light", path,
+                                    "expected files of python -m export gather make")
+            frames.append(GatheredFrame(**values))
+    if not frames:
+        raise SettingsError("no frames", folder, "expected a folder of python -m export gather make")
+    return frames
+
+
+def _frames(generated: GeneratedScene, rng: np.random.Generator) -> Iterator[GatheredFrame]:
+    """A few frames by cameras that show something."""
+    settings = Settings(SIZE, ("indirect",), taa=False, provider="cpu", scale=1.0)
+    with Renderer(generated.scene, settings, find_model(MODEL)) as renderer:
+        found = 0
+        for _ in range(CAMERAS):
+            camera = random_camera(generated, rng)
+            renderer.cut()
+            renderer.advance(camera, FRAME_SECONDS)
+            channels = _channels(renderer)
+            if _is_suitable(-channels["position.view.xyz"][2], channels["interpolated.rgb"]):
+                yield _trace(renderer, camera, channels)
+                found += 1
+                if found == FRAMES_PER_SCENE:
+                    return
+
+
+def _channels(renderer: Renderer) -> dict[str, F32]:
+    spec = next(s for s in read_contract(find_model(MODEL)).inputs.values() if s.grid == SCREEN)
+    packed = renderer.resource("tensor_screen")
+    return {name: packed[rows] for name, rows in spec.rows()}
+
+
+def _is_suitable(depth: F32, light: F32) -> bool:
+    """Whether a frame is worth learning from: not empty, blocked, bare or dark; ``depth`` in the network's units."""
+    hit = depth > 0
+    if hit.mean() < MIN_SURFACE_SHARE:
+        return False
+    relative = depth[hit] / read_contract(find_model(MODEL)).scene_extent
+    return bool((relative < MIN_DEPTH).mean() <= MAX_NEAR_SHARE and relative.mean() >= MIN_MEAN_DEPTH
+                and relative.std() >= MIN_DEPTH_SPREAD * relative.mean()
+                and (light.max(axis=0)[hit] > 0).mean() >= MIN_LIT_SHARE)
+
+
+def _trace(renderer: Renderer, camera: Camera, channels: dict[str, F32]) -> GatheredFrame:
+    """``RAYS`` rays from each texel."""
+    scene, surfels = renderer.scene, renderer.surfels
+    view = View.of(camera, SIZE, NEAR * scene.longest_edge)
+    scale = scene.longest_edge / read_contract(find_model(MODEL)).scene_extent
+    relative, normal = (channels[name].reshape(3, -1).T @ view.rotation
+                        for name in ("position.view.xyz", "normal.view.xyz"))
+    shown = np.flatnonzero((normal**2).sum(axis=1) > 0.5)
+    off = normal[shown] - unit_rows(relative[shown])
+    shift = view.eye - surfels.caster.origin
+    origin = (relative[shown] * scale + shift + off * surfels.caster.ray_epsilon).astype(np.float32)
+    sent = (renderer.resource("surfel_tensor_surfels")[6:9] + renderer.resource("surfel_indirect")).T
+    rays = gather(surfels.caster, surfels.lookup, np.ascontiguousarray(sent), float(surfels.world.median_radius),
+                  origin, normal[shown].astype(np.float32), sequence(*SIZE, 0, RAYS, 0.0)[shown])
+    mean = max(float(channels["interpolated.rgb"].mean()), 1e-20)
+    light, distance = np.zeros((SIZE[0] * SIZE[1], RAYS, 3), np.float16), np.ones((SIZE[0] * SIZE[1], RAYS), np.float16)
+    light[shown], distance[shown] = np.minimum(rays.light / mean, 6e4), rays.distance
+    return GatheredFrame(light.reshape(*SIZE[::-1], RAYS, 3), distance.reshape(*SIZE[::-1], RAYS),
+                         channels["interpolated.rgb"] / np.float32(mean), channels["normal.view.xyz"],
+                         channels["position.view.xyz"])

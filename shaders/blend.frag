@@ -1,0 +1,102 @@
+// A layer of blended and transmissive surfaces over what is behind it: its own light, and the share of the light behind
+// that passes it, which comes from elsewhere where it is refracted, and from around there where the surface is rough.
+#include "numbers.glsl"
+#include "camera.glsl"
+#include "noise.glsl"
+
+const int BLUR_TAPS = 8;
+const float GOLDEN_ANGLE = 2.39996323;
+const float MIN_BLUR = 0.5;  // pixels
+const int INDIRECT_TAPS = 8;
+const float INDIRECT_RADIUS = 24.0;  // pixels
+
+uniform sampler2D behind;
+uniform sampler2D albedo;
+uniform sampler2D direct;
+uniform sampler2D depth;     // of the layer
+uniform sampler2D opaque_depth;
+uniform sampler2D passage;   // a: coverage
+#ifdef HAS_SPECULAR
+uniform sampler2D specular;
+#endif
+#ifdef HAS_EMISSION
+uniform sampler2D emission;
+#endif
+#ifdef HAS_INDIRECT
+uniform sampler2D indirect;  // of what is opaque
+#endif
+#ifdef HAS_REFRACTION
+uniform sampler2D refraction;
+#endif
+
+layout(location = 0) out vec4 out_lit;
+
+#ifdef HAS_REFRACTION
+// Light behind a surface at depth d that is seen through rough or thick glass.
+vec3 transmitted_light(float d, vec3 from)
+{
+    vec2 pixel = gl_FragCoord.xy + from.xy;
+    float there = texelFetch(opaque_depth, ivec2(clamp(pixel, vec2(0.0), image.xy - 1.0)), 0).r;
+    // What lies before the surface is not seen through it.
+    bool is_behind = !is_surface(there) || there > d;
+    pixel = is_behind ? pixel : gl_FragCoord.xy;
+    there = is_behind ? there : texelFetch(opaque_depth, ivec2(gl_FragCoord.xy), 0).r;
+#ifdef ORTHOGRAPHIC
+    float share = is_surface(there) ? max(there - d, 0.0) : depth_scale(d);  // of a unit, as lens.y is in scene units
+#else
+    float share = is_surface(there) ? max(there - d, 0.0) / there : 1.0;  // of the way from the eye
+#endif
+    float radius = from.z * share * 0.5 * image.y / lens.y;
+    if (radius < MIN_BLUR) return sanitize_radiance(textureLod(behind, pixel * image.zw, 0.0).rgb);
+    float turn = 6.2831853 * texel_noise(gl_FragCoord.xy), lod = log2(max(radius * 0.7, 1.0));
+    vec3 sum = vec3(0.0);
+    for (int i = 0; i < BLUR_TAPS; ++i) {
+        float angle = turn + GOLDEN_ANGLE * float(i), u = (float(i) + 0.5) / float(BLUR_TAPS);
+        vec2 at = pixel + radius * sqrt(u / (1.0 - u)) * vec2(cos(angle), sin(angle));  // as GGX spreads its slopes
+        sum += sanitize_radiance(textureLod(behind, clamp(at * image.zw, 0.0, 1.0), lod).rgb);
+    }
+    return sum / float(BLUR_TAPS);
+}
+#endif
+
+#ifdef HAS_INDIRECT
+// The mean of what arrives at opaque surfaces around, whose outlines would show in the light of one of them.
+vec3 indirect_around(vec2 pixel)
+{
+    vec4 sum = vec4(0.0);
+    for (int i = 0; i < INDIRECT_TAPS; ++i) {
+        float angle = GOLDEN_ANGLE * float(i), radius = INDIRECT_RADIUS * sqrt((float(i) + 0.5) / float(INDIRECT_TAPS));
+        ivec2 t = ivec2(clamp(pixel + radius * vec2(cos(angle), sin(angle)), vec2(0.0), image.xy - 1.0));
+        bool is_known = is_surface(texelFetch(opaque_depth, t, 0).r);
+        sum += is_known ? vec4(sanitize_radiance(texelFetch(indirect, t, 0).rgb), 1.0) : vec4(0.0);
+    }
+    return sum.rgb / max(sum.a, 1.0);
+}
+#endif
+
+void main()
+{
+    ivec2 texel = ivec2(gl_FragCoord.xy);
+    vec3 light = sanitize_radiance(texelFetch(behind, texel, 0).rgb);
+    float d = texelFetch(depth, texel, 0).r;
+    if (is_surface(d)) {
+        vec4 passing = texelFetch(passage, texel, 0);
+        float coverage = sanitize_albedo(passing.aaa).x;
+#ifdef HAS_REFRACTION
+        vec3 from = texelFetch(refraction, texel, 0).xyz;
+        light = transmitted_light(d, clamp(mix(from, vec3(0.0), isnan(from)), -HALF_MAX, HALF_MAX));
+#endif
+        light *= sanitize_albedo(passing.rgb);
+        light += sanitize_radiance(texelFetch(direct, texel, 0).rgb);
+#ifdef HAS_SPECULAR
+        light += coverage * sanitize_radiance(texelFetch(specular, texel, 0).rgb);
+#endif
+#ifdef HAS_EMISSION
+        light += sanitize_radiance(texelFetch(emission, texel, 0).rgb);
+#endif
+#ifdef HAS_INDIRECT
+        light += sanitize_albedo(texelFetch(albedo, texel, 0).rgb) * indirect_around(gl_FragCoord.xy);
+#endif
+    }
+    out_lit = vec4(min(light, HALF_MAX), 1.0);
+}

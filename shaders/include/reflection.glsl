@@ -1,0 +1,15 @@
+// What all passes of reflections agree on.
+const float FULL_RAY_ROUGHNESS = 0.4;  // perceptual; up to here reflections are traced,
+const float MAX_RAY_ROUGHNESS = 0.6;   // from here on they are the diffuse light that arrives
+
+// Share of a surface's reflections that is traced. A roughness that is no number counts as 1.
+float ray_share(float roughness)
+{
+    return is_finite(roughness) ? 1.0 - smoothstep(FULL_RAY_ROUGHNESS, MAX_RAY_ROUGHNESS, roughness) : 0.0;
+}
+
+// Whether a surface reflects mostly by its specular lobe, so that the light it sends to the eye says little about others.
+bool is_metallic(vec3 albedo, vec3 f0)
+{
+    return max(max(f0.r, f0.g), f0.b) > max(max(albedo.r, albedo.g), albedo.b);
+}

@@ -1,0 +1,40 @@
+// What blended and transmissive surfaces leave of a light: the product of all of them in a texel of the light's map, for
+// receivers behind the nearest of them.
+#include "shadow_map.glsl"
+
+const float OWN_TEXELS = 3.0;  // a surface does not shade what is nearer behind it, which may be itself
+
+uniform sampler2D shadow_transmittance;
+uniform sampler2D shadow_transmittance_depth;  // distance of the nearest of these surfaces
+
+vec3 transmittance(Light light, vec3 p)
+{
+    vec2 corner = light.tile.xy, fraction = vec2(0.5);
+    float distance = 0.0, texel = 2.0 / light.tile.z;
+#ifdef HAS_PARALLEL_MAP
+    if (int(light.tile.w) == PARALLEL_MAP) {
+        fraction = vec2(dot(light.frame_x.xyz, p) + light.frame_x.w, dot(light.frame_y.xyz, p) + light.frame_y.w)
+            * (0.5 / light.u.x) + 0.5;
+        distance = dot(light.frame_z.xyz, p) + light.frame_z.w;
+        texel *= light.u.x;
+    }
+#endif
+#if defined(HAS_CUBE_MAP) || defined(HAS_SINGLE_MAP)
+    if (int(light.tile.w) != PARALLEL_MAP) {
+        vec3 q = p - light.position.xyz;
+        fraction = map_fraction(light, q, corner);
+        distance = length(q);
+        texel *= distance;
+    }
+#endif
+    vec2 at = fraction * light.tile.z - 0.5, base = floor(at), f = at - base;
+    vec3 sum = vec3(0.0);
+    for (int i = 0; i < 4; ++i) {
+        ivec2 offset = ivec2(i % 2, i / 2);
+        ivec2 t = ivec2(corner + clamp(base + vec2(offset), vec2(0.0), vec2(light.tile.z - 1.0)));
+        bool is_behind = distance > texelFetch(shadow_transmittance_depth, t, 0).r + OWN_TEXELS * texel;
+        vec2 weight = mix(1.0 - f, f, vec2(offset));
+        sum += weight.x * weight.y * (is_behind ? texelFetch(shadow_transmittance, t, 0).rgb : vec3(1.0));
+    }
+    return sum;
+}

@@ -1,0 +1,103 @@
+// Unshadowed light of all rectangles whose shadows are traced. Diffuse and specular light are the same integrals of other
+// cosines; the texels of a quad that shows one flat surface evaluate one each, at the quad's centre, and share the sums.
+#include "lights.glsl"
+#include "ggx.glsl"
+#include "quad_surface.glsl"
+
+// How much the texels of a quad may differ from its centre:
+const float MAX_PARALLAX = 0.02;          // radians between a light's directions
+const float MAX_SHIFT = 0.04;             // of a light in the lobe, in widths of the lobe, at the light's outline
+const float MAX_ALPHA_DIFFERENCE = 0.05;  // relative
+
+struct TracedRects {
+    vec3 irradiance;
+    vec3 specular;  // radiance that the lobe reflects
+};
+
+// What a cosine gathers of all of them. Loops have their tests at the end, as in direct.frag.
+vec3 gather_rects(vec3 p, vec3 n, Cosine cosine, bool is_lit)
+{
+    vec3 sum = vec3(0.0);
+    int i = RECTS_BEGIN, end = is_lit ? LIGHT_COUNT : RECTS_BEGIN;
+    do {
+        sum += lights[i].color.rgb * rect_light(lights[i], p, n, cosine);
+    } while (++i < end);
+    return sum;
+}
+
+vec3 rects_irradiance(vec3 p, vec3 n, bool is_lit)
+{
+    return max(gather_rects(p, n, Cosine(mat3(1.0), n), is_lit), 0.0);
+}
+
+// The rectangles as seen from a receiver.
+struct Outlook {
+    float nearest;   // square of the distance of the nearest
+    float outline;   // smallest angle, about, between the mirrored view and the outline of one
+    vec3 brightest;  // largest radiance in each channel
+};
+
+Outlook rects_outlook(vec3 p, vec3 mirrored)
+{
+    Outlook o = Outlook(1e30, 1.0, vec3(0.0));
+    int i = RECTS_BEGIN;
+    do {
+        Light light = lights[i];
+        vec3 to = light.position.xyz - p;
+        vec3 at = vec3(dot(to, light.frame_x.xyz), dot(to, light.frame_y.xyz), dot(to, light.frame_z.xyz));
+        vec3 along = vec3(dot(mirrored, light.frame_x.xyz), dot(mirrored, light.frame_y.xyz), dot(mirrored, light.frame_z.xyz));
+        vec2 size = vec2(light.frame_x.w, light.frame_y.w), gap = max(abs(at.xy) - size, 0.0);
+        bool is_in_plane = abs(at.z) <= light.u.w;  // where it gives nothing
+        o.nearest = is_in_plane ? o.nearest : min(o.nearest, dot(gap, gap) + at.z * at.z);
+        // Where the mirrored view meets the plane; if it does not, the angle to the plane is as large as that.
+        float inverse_t = along.z / (at.z == 0.0 ? 1e-30 : at.z);
+        vec2 beyond = abs(along.xy - at.xy * inverse_t) - size * inverse_t;
+        float miss = inverse_t > 0.0 ? min(abs(max(beyond.x, beyond.y)), 1.0) : 1.0;
+        o.outline = min(o.outline, miss * abs(along.z));
+        o.brightest = max(o.brightest, light.color.rgb);
+    } while (++i < LIGHT_COUNT);
+    return o;
+}
+
+// Whether a texel at point p with normal n and a lobe of slopes sees the same light as its quad's centre. Both the
+// light's direction and the mirrored view may differ by little, most at the outline of a highlight.
+bool sees_the_same(vec3 p, vec3 n, vec2 slopes, Outlook o, QuadSurface quad)
+{
+    vec3 to = p - quad.p;
+    float distance_square = dot(quad.p, quad.p), square = dot(to, to), along = dot(to, quad.p);
+    float parallax = sqrt(square / max(o.nearest, 1e-30)), tilt = distance(n, quad.n);
+    float sway = sqrt(max(square - along * along / distance_square, 0.0) / distance_square);  // of the view
+    float shift = (parallax + sway + 2.0 * tilt) * slopes.y, from_outline = o.outline * slopes.y;
+    return parallax + tilt < MAX_PARALLAX && shift < MAX_SHIFT * (1.0 + from_outline * from_outline);
+}
+
+TracedRects rects_light(vec3 p, vec3 n, Lobe lobe, bool is_lit, bool is_shiny, QuadSurface quad)
+{
+    float alpha = 0.25 * quad_sum(lobe.alpha);
+    vec3 toward = normalize(along_view(quad.p));
+    Outlook o = rects_outlook(quad.p, reflect(toward, quad.n));
+    bool agrees = is_shiny && abs(lobe.alpha - alpha) < MAX_ALPHA_DIFFERENCE * alpha
+        && sees_the_same(p, n, lobe_slopes(max(-dot(toward, quad.n), MIN_COSINE), alpha), o, quad);
+    bool is_shared = quad.is_flat && quad_all(agrees);
+    is_lit = is_shared ? quad_any(is_lit) : is_lit;
+    p = is_shared ? quad.p : p;
+    n = is_shared ? quad.n : n;
+    RectLobe rect = rect_lobe(n, is_shared ? -toward : lobe.v, is_shared ? alpha : lobe.alpha);
+
+    vec3 irradiance = vec3(0.0), specular = vec3(0.0);
+    int i = 0, end = is_shared || !is_lit || !is_shiny ? 1 : 1 + rect.cosines;
+    do {
+        int index = is_shared ? int(quad_lane()) : i;  // 0: Lambert's cosine
+        Cosine cosine = lobe_cosine(rect, max(index - 1, 0));
+        cosine.transform = index == 0 ? mat3(1.0) : cosine.transform;
+        cosine.axis = index == 0 ? n : cosine.axis;
+        vec3 sum = gather_rects(p, n, cosine, is_lit);
+        irradiance += index == 0 ? sum : vec3(0.0);
+        specular += index == 0 ? vec3(0.0) : sum;
+    } while (++i < end);
+    vec3 shared_irradiance = quad_sum(irradiance), shared_specular = quad_sum(specular);
+    irradiance = is_shared ? shared_irradiance : irradiance;
+    specular = is_shared ? shared_specular : specular;
+    specular = clamp(specular, vec3(0.0), lobe.albedo * o.brightest);
+    return TracedRects(max(irradiance, 0.0), specular * rect_reflectance(lobe, rect));
+}

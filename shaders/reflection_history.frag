@@ -1,0 +1,118 @@
+// Gathers reflected light over frames. It follows the mirror image rather than the surface: the point as far behind a mirror as
+// what it shows is before it, closer for rough surfaces (Zimmer et al. 2015, "Path-space Motion Estimation and Decomposition
+// for Robust Animation Filtering"; the factor is that of Lagarde and de Rousiers 2014, section 4.9.3).
+#include "numbers.glsl"
+#include "grid.glsl"
+#include "projection.glsl"
+#include "nearest_texel.glsl"
+
+const float PLANE_TOLERANCE = 0.01;  // of depth_scale, between surfaces of both frames
+const float SAME_NORMAL = 0.9;       // cosine
+const float MIN_SHARE = 0.05;        // of the texels around that must show the same surface
+const float MIN_NEIGHBOURS = 4.0;    // with samples, that bound the history
+const float MAX_BRIGHTENING = 4.0;   // history counts as at most this many times what is around now, or a flash would linger
+const float SIGMAS = 2.0;            // of their mean, within which history counts
+
+uniform sampler2D reflection_now;  // radiance; a: length of the ray / depth where it starts, 0 for none
+#ifdef HAS_REFLECTION_LOW_PREV
+uniform sampler2D reflection_gbuffer;
+uniform sampler2D specular_roughness;
+uniform sampler2D motion;
+uniform sampler2D reflection_low_prev;
+uniform sampler2D reflection_distance_prev;
+uniform sampler2D reflection_gbuffer_prev;
+uniform vec2 ratio;            // full-resolution texels per low-resolution texel
+uniform mat4 previous_from_relative;  // camera space of the frame before, from this frame's relative space
+uniform vec4 previous_lens;    // half the image's size; where the view axis met it
+uniform vec2 max_frames;       // of the history of mirrors, and of rough surfaces
+uniform bool history_valid;
+uniform bool bounded;          // whether history counts only within what the texels around show now
+#endif
+
+layout(location = WRITE_REFLECTION_LOW) out vec4 out_reflection_low;       // radiance; a: frames
+layout(location = WRITE_REFLECTION_DISTANCE) out float out_reflection_distance;  // length of the rays / depth
+
+#ifdef HAS_REFLECTION_LOW_PREV
+vec3 previous_point(vec2 pixel, float depth)
+{
+    return unproject(pixel, depth, previous_lens.xy, previous_lens.zw);
+}
+
+// Adds a texel of the frame before, if it shows the surface with the plane through p, in that frame's camera space.
+void add(ivec2 low, float closeness, vec3 p, vec3 n, float tolerance, inout vec4 sum, inout float distances, inout float weight)
+{
+    bool inside = all(greaterThanEqual(low, ivec2(0))) && all(lessThan(low, textureSize(reflection_gbuffer_prev, 0)));
+    low = inside ? low : ivec2(0);
+    vec4 surface = texelFetch(reflection_gbuffer_prev, low, 0), old = texelFetch(reflection_low_prev, low, 0);
+    float length_before = texelFetch(reflection_distance_prev, low, 0).r;
+    vec3 q = previous_point(vec2(nearest_texel(low, ratio)) + 0.5, surface.a), m = mat3(previous_from_relative) * surface.xyz;
+    bool same = inside && is_surface(surface.a) && abs(dot(n, q - p)) <= tolerance && dot(n, m) > SAME_NORMAL
+        && is_finite(dot(old, vec4(1.0))) && old.a >= 1.0 && is_finite(length_before);
+    sum += same ? vec4(clamp(old.rgb, 0.0, HALF_MAX), old.a) * closeness : vec4(0.0);
+    distances += same ? max(length_before, 0.0) * closeness : 0.0;
+    weight += same ? closeness : 0.0;
+}
+#endif
+
+void main()
+{
+    ivec2 low = ivec2(gl_FragCoord.xy);
+    vec4 now = texelFetch(reflection_now, low, 0);
+    bool sampled = is_finite(dot(now, vec4(1.0))) && now.a > 0.0;
+    now = sampled ? max(now, 0.0) : vec4(0.0);
+    out_reflection_low = sampled ? vec4(now.rgb, 1.0) : vec4(0.0);
+    out_reflection_distance = now.a;
+#ifdef HAS_REFLECTION_LOW_PREV
+    ivec2 last = textureSize(reflection_now, 0) - 1, full = nearest_texel(low, ratio);
+    vec4 surface = texelFetch(reflection_gbuffer, low, 0);
+    vec3 moved = texelFetch(motion, full, 0).xyz;
+    float roughness = texelFetch(specular_roughness, full, 0).a;
+    if (!(history_valid && is_surface(surface.a) && is_finite(dot(moved, vec3(1.0))) && roughness <= 1.0)) return;
+
+    // What the texels around show now.
+    vec3 mean = vec3(0.0), square = vec3(0.0);
+    float count = 0.0, distances = 0.0, brightest = 0.0;
+    for (int i = 0; i < 9; ++i) {
+        vec4 t = texelFetch(reflection_now, clamp(low + ivec2(i % 3, i / 3) - 1, ivec2(0), last), 0);
+        bool counts = is_finite(dot(t, vec4(1.0))) && t.a > 0.0;
+        vec3 light = counts ? clamp(t.rgb, 0.0, HALF_MAX) : vec3(0.0);
+        mean += light;
+        brightest = max(brightest, max(max(light.r, light.g), light.b));
+        square += light * light;
+        distances += counts ? t.a : 0.0;
+        count += counts ? 1.0 : 0.0;
+    }
+    float scale = 1.0 / max(count, 1.0);
+    mean *= scale;
+    vec3 deviation = sqrt(max(square * scale - mean * mean, 0.0));
+    float reach = sampled ? now.a : distances * scale;
+
+    float smoothness = 1.0 - clamp(roughness, 0.0, 1.0), depth = surface.a;
+    vec3 p = surface_point(vec2(full) + 0.5, depth);
+    vec3 behind = normalize(along_view(p)) * (min(reach, HALF_MAX) * depth * smoothness * (sqrt(smoothness) + roughness));
+    vec3 view = mat3(view_from_relative) * p;
+    vec2 pixel = project(view, lens.xy, center.xy).xy - moved.xy * vec2(1.0, -1.0);
+    vec3 before = previous_point(pixel, depth * moved.z), image_before = before + mat3(previous_from_relative) * behind;
+    vec2 image_now = project(view + mat3(view_from_relative) * behind, lens.xy, center.xy).xy;
+    vec2 at = vec2(low) - (image_now - project(image_before, previous_lens.xy, previous_lens.zw).xy) / ratio, f = fract(at);
+    ivec2 base = ivec2(floor(at));
+    vec3 n = mat3(previous_from_relative) * surface.xyz;
+    float tolerance = PLANE_TOLERANCE * depth_scale(depth * moved.z);
+    vec4 sum = vec4(0.0);
+    float old_distances = 0.0, weight = 0.0;
+    add(base, (1.0 - f.x) * (1.0 - f.y), before, n, tolerance, sum, old_distances, weight);
+    add(base + ivec2(1, 0), f.x * (1.0 - f.y), before, n, tolerance, sum, old_distances, weight);
+    add(base + ivec2(0, 1), (1.0 - f.x) * f.y, before, n, tolerance, sum, old_distances, weight);
+    add(base + ivec2(1, 1), f.x * f.y, before, n, tolerance, sum, old_distances, weight);
+    if (!(weight > MIN_SHARE)) return;
+    vec4 history = sum / weight;
+    float old_distance = old_distances / weight;
+    vec3 margin = SIGMAS * deviation;
+    history.rgb = count > 0.0 ? min(history.rgb, MAX_BRIGHTENING * brightest) : history.rgb;
+    history.rgb = bounded && count >= MIN_NEIGHBOURS ? clamp(history.rgb, mean - margin, mean + margin) : history.rgb;
+    float frames = clamp(history.a * weight, 1.0, mix(max_frames.x, max_frames.y, clamp(roughness, 0.0, 1.0)));
+    float share = sampled ? 1.0 / (frames + 1.0) : 0.0;
+    out_reflection_low = vec4(mix(history.rgb, now.rgb, share), sampled ? frames + 1.0 : frames);
+    out_reflection_distance = mix(old_distance, now.a, share);
+#endif
+}

@@ -1,0 +1,148 @@
+// One reflected ray for each low-resolution texel of a smooth surface, and where the screen shows its end. Directions follow
+// the visible normals of GGX (Heitz 2018, "Sampling the GGX Distribution of Visible Normals", section 3). The ray is marched
+// in equal shares of the image (McGuire and Mara 2014, "Efficient GPU Screen-Space Ray Tracing").
+#include "numbers.glsl"
+#include "grid.glsl"
+#include "projection.glsl"
+#include "octahedral.glsl"
+#include "nearest_texel.glsl"
+#include "noise.glsl"
+#include "ggx_lobe.glsl"
+#include "reflection.glsl"
+
+const float MIN_EPSILON = 0.05;     // of ray_epsilon, which covers the rounding of positions
+const float START = 1.5;            // low-resolution texels, before which nothing is met
+const float BIAS = 1e-3;            // of depth_scale, by which a ray is behind what it meets
+const float PLANE_TOLERANCE = 0.01; // of depth_scale, between a ray's end and the surface there
+const float MAX_LENGTH = 1e3;       // of depth_scale
+const float TRIM = 0.98;            // of the lobe, whose far tail would be speckles
+const float MIN_FACING = 0.1;       // cosine, of the face within a texel's footprint
+const float MAX_APPROACH = 0.98;    // of the depth, by which a ray may come towards the eye
+const float NOT_SHOWN = -1.0;
+
+uniform sampler2D reflection_gbuffer;
+uniform sampler2D normal;
+uniform sampler2D albedo;
+uniform sampler2D specular_roughness;
+uniform vec2 ratio;          // full-resolution texels per low-resolution texel
+uniform vec2 noise_offset;   // of the two noise patterns in this frame
+uniform vec2 shift;          // full-resolution texels off a texel's centre, so that frames cover it
+uniform float ray_epsilon;   // by which rays start off their surface at most, scene units
+uniform int steps;           // of the march
+uniform int refinements = 5; // halvings of the step that meets a surface; no constant, so that the loop stays a loop
+
+layout(location = WRITE_REFLECTION_ORIGIN) out vec4 out_origin;  // relative space
+layout(location = WRITE_REFLECTION_RAY) out vec4 out_ray;  // unit vector; a: length, 0 for no ray, NOT_SHOWN
+
+// A normal in the frame of the surface that v sees, with probability in proportion to what it sees.
+vec3 visible_normal(vec3 v, float alpha, vec2 u)
+{
+    vec3 stretched = normalize(vec3(alpha * v.xy, v.z));
+    float sine = dot(stretched.xy, stretched.xy);
+    vec3 first = sine > 1e-12 ? vec3(-stretched.y, stretched.x, 0.0) * inversesqrt(sine) : vec3(1.0, 0.0, 0.0);
+    vec3 second = cross(stretched, first);
+    float radius = sqrt(TRIM * u.x), angle = 2.0 * PI * u.y, upper = 0.5 * (1.0 + stretched.z);
+    float a = radius * cos(angle), b = mix(sqrt(1.0 - a * a), radius * sin(angle), upper);
+    vec3 h = a * first + b * second + sqrt(max(1.0 - a * a - b * b, 0.0)) * stretched;
+    return normalize(vec3(alpha * h.xy, max(h.z, 1e-6)));
+}
+
+// Direction of a reflected ray, above the face.
+vec3 reflected(vec3 v, vec3 n, vec3 face, float alpha, vec2 u)
+{
+    vec3 side = normalize(abs(n.z) < 0.9 ? vec3(-n.y, n.x, 0.0) : vec3(0.0, -n.z, n.y)), up = cross(n, side);
+    vec3 h = visible_normal(vec3(dot(v, side), dot(v, up), max(dot(v, n), 1e-3)), alpha, u);
+    vec3 l = reflect(-v, h.x * side + h.y * up + h.z * n);
+    float height = dot(l, face);
+    return normalize(height < 0.0 ? l - 2.0 * height * face : l);
+}
+
+// Where the face through p is seen at a pixel position beside p.
+vec3 on_face(vec2 pixel, float depth, vec3 p, vec3 face)
+{
+    vec3 beside = surface_point(pixel, depth), along = normalize(along_view(beside));
+    return beside + along * (dot(face, p - beside) / min(dot(face, along), -MIN_FACING));
+}
+
+// Depth of what the march has interpolated over the image.
+float marched_depth(float k)
+{
+#ifdef ORTHOGRAPHIC
+    return k;
+#else
+    return 1.0 / k;
+#endif
+}
+
+bool is_behind(vec3 at)
+{
+    float there = texelFetch(reflection_gbuffer, clamp(ivec2(at.xy / ratio), ivec2(0), textureSize(reflection_gbuffer, 0) - 1), 0).a;
+    return is_surface(there) && marched_depth(at.z) > there + BIAS * depth_scale(there);
+}
+
+// Length at which the ray from p along l meets what the screen shows, or NOT_SHOWN.
+float march(vec3 p, vec3 l, float jitter, int count)
+{
+    vec3 view = mat3(view_from_relative) * p, along = mat3(view_from_relative) * l;
+    float scale = depth_scale(-view.z), reach = MAX_LENGTH * scale;
+    reach = along.z > 0.0 ? min(reach, MAX_APPROACH * -view.z / along.z) : reach;
+    vec3 from = project(view, lens.xy, lens.zw), to = project(view + reach * along, lens.xy, lens.zw);
+    vec2 moves = to.xy - from.xy, room = mix(from.xy, image.xy - from.xy, greaterThan(moves, vec2(0.0)));
+    float border = min(min(room.x / max(abs(moves.x), 1e-6), room.y / max(abs(moves.y), 1e-6)), 1.0);
+    float begin = START * ratio.x / max(length(moves), 1e-6);
+    bool behind = false;
+    float before = begin, at = begin;
+    int i = 0;
+    do {
+        float share = (float(i) + jitter) / float(count);
+        before = at;
+        at = mix(begin, border, share * share);
+        behind = is_behind(mix(from, to, at));
+    } while (!behind && ++i < count);
+    if (!behind || begin >= border) return NOT_SHOWN;
+    for (int j = 0; j < refinements; ++j) {
+        float middle = 0.5 * (before + at);
+        bool is_hit = is_behind(mix(from, to, middle));
+        at = is_hit ? middle : at;
+        before = is_hit ? before : middle;
+    }
+#ifdef ORTHOGRAPHIC
+    float t = at * reach;
+#else
+    float t = reach * at * to.z / ((1.0 - at) * from.z + at * to.z);
+#endif
+    ivec2 low = clamp(ivec2(mix(from, to, at).xy / ratio), ivec2(0), textureSize(reflection_gbuffer, 0) - 1);
+    vec4 there = texelFetch(reflection_gbuffer, low, 0);
+    ivec2 full = nearest_texel(low, ratio);
+    vec3 point = surface_point(vec2(full) + 0.5, there.a);
+    float away = dot(there.xyz, point - (p + t * l));
+    float facing = dot(there.xyz, l);
+    bool meets = facing < 0.0 && abs(away) <= PLANE_TOLERANCE * depth_scale(there.a)
+        && !is_metallic(texelFetch(albedo, full, 0).rgb, texelFetch(specular_roughness, full, 0).rgb);
+    return meets && t > 0.0 ? t : NOT_SHOWN;
+}
+
+void main()
+{
+    ivec2 low = ivec2(gl_FragCoord.xy), full = nearest_texel(low, ratio);
+    vec4 surface = texelFetch(reflection_gbuffer, low, 0), reflectance = texelFetch(specular_roughness, full, 0);
+    vec3 n = surface.xyz, face = octahedral_decode(vec2(texelFetch(normal, full, 0).a, texelFetch(albedo, full, 0).a));
+    bool reflects = is_surface(surface.a) && dot(n, n) > 0.5 && is_finite(dot(face, face)) && ray_share(reflectance.a) > 0.0
+        && max(max(reflectance.r, reflectance.g), reflectance.b) > 0.0;
+    vec2 u = fract(vec2(texel_noise(vec2(low)), texel_noise(vec2(low.y, textureSize(reflection_gbuffer, 0).x - low.x))) + noise_offset);
+    vec2 pixel = vec2(full) + 0.5;
+    vec3 p = on_face(pixel + shift, surface.a, surface_point(pixel, surface.a), face);
+    vec3 v = -normalize(along_view(p));
+    float alpha = max(reflectance.a * reflectance.a, MIN_ALPHA);
+    vec3 l = reflected(v, n, face, alpha, u);
+#ifdef ORTHOGRAPHIC
+    float width = 2.0 * lens.y * image.w;  // of a pixel
+#else
+    float width = 2.0 * lens.y * image.w * surface.a;
+#endif
+    // Half a pixel, within limits, off the surface and towards the eye, where nothing is in the way, also in a corner.
+    vec3 origin = p + (face + v) * clamp(0.5 * width, MIN_EPSILON * ray_epsilon, ray_epsilon);
+    float t = march(origin, l, fract(u.x + u.y), reflects ? steps : 1);
+    out_origin = reflects ? vec4(origin, 1.0) : vec4(0.0);
+    out_ray = reflects ? vec4(l, t) : vec4(0.0);
+}

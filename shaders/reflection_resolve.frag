@@ -1,0 +1,67 @@
+// The light at the ends of reflected rays: what the screen shows there, if it does, or what was found where they were traced.
+// Reflected surfaces count as diffuse, as they do where rays are traced: their highlights are those of another viewer.
+#include "numbers.glsl"
+#include "grid.glsl"
+#include "projection.glsl"
+#include "reflection.glsl"
+
+const float PLANE_TOLERANCE = 0.01;  // of depth_scale, between a ray's end and the surface that the screen shows there
+const float MIN_RATIO = 1e-4;        // of a ray's length to the depth where it starts
+
+uniform sampler2D reflection_gbuffer;
+uniform sampler2D reflection_origin;  // relative space
+uniform sampler2D reflection_ray;     // direction; a: length if the screen shows the end
+uniform sampler2D reflection_traced;  // radiance; a: length, 0 where no ray was traced
+uniform sampler2D normal;
+uniform sampler2D depth;
+uniform sampler2D direct;
+uniform sampler2D albedo;
+uniform sampler2D indirect;
+uniform sampler2D specular_roughness;
+#ifdef HAS_OCCLUSION
+uniform sampler2D occlusion;
+#endif
+#ifdef HAS_EMISSION
+uniform sampler2D emission;           // a: 0 on what stands for an analytic light, whose reflection is direct light
+#endif
+
+layout(location = 0) out vec4 out_now;  // radiance; a: length of the ray / depth where it starts, 0 for none
+
+vec3 sent_by(ivec2 texel)
+{
+    vec3 arriving = sanitize_radiance(texelFetch(indirect, texel, 0).rgb);
+    vec3 diffuse = sanitize_albedo(texelFetch(albedo, texel, 0).rgb) * arriving;
+#ifdef HAS_OCCLUSION
+    diffuse *= texelFetch(occlusion, texel, 0).r;
+#endif
+    vec3 sum = sanitize_radiance(texelFetch(direct, texel, 0).rgb) + diffuse
+        + sanitize_albedo(texelFetch(specular_roughness, texel, 0).rgb) * arriving;
+#ifdef HAS_EMISSION
+    vec4 emitted = texelFetch(emission, texel, 0);
+    sum += emitted.a > 0.5 ? sanitize_radiance(emitted.rgb) : vec3(0.0);
+#endif
+    return sum;
+}
+
+void main()
+{
+    ivec2 low = ivec2(gl_FragCoord.xy);
+    vec4 ray = texelFetch(reflection_ray, low, 0), traced = texelFetch(reflection_traced, low, 0);
+    float here = texelFetch(reflection_gbuffer, low, 0).a;
+    bool is_shown = ray.a > 0.0 && is_finite(ray.a), is_traced = !is_shown && traced.a > 0.0 && is_finite(traced.a);
+    float t = is_shown ? ray.a : is_traced ? traced.a : 0.0;
+    vec3 end = texelFetch(reflection_origin, low, 0).xyz + t * ray.xyz;
+    vec3 view = mat3(view_from_relative) * end;
+    ivec2 texel = ivec2(floor(project(view, lens.xy, lens.zw).xy));
+    bool inside = -view.z > 0.0 && all(greaterThanEqual(texel, ivec2(0))) && all(lessThan(texel, textureSize(depth, 0)));
+    texel = inside ? texel : ivec2(0);
+    float d = texelFetch(depth, texel, 0).r;
+    vec3 n = sanitize_normal(texelFetch(normal, texel, 0).xyz);
+    float away = dot(n, end - surface_point(vec2(texel) + 0.5, d));
+    bool seen = inside && is_surface(d) && dot(n, ray.xyz) < 0.0
+        && (is_shown || (abs(away) <= PLANE_TOLERANCE * depth_scale(d)
+            && !is_metallic(texelFetch(albedo, texel, 0).rgb, texelFetch(specular_roughness, texel, 0).rgb)));
+    vec3 light = seen ? sent_by(texel) : is_traced ? sanitize_radiance(traced.rgb) : vec3(0.0);
+    bool counts = is_surface(here) && (seen || is_traced);
+    out_now = counts ? vec4(min(light, HALF_MAX), clamp(t / here, MIN_RATIO, HALF_MAX)) : vec4(0.0);
+}

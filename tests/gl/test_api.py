@@ -1,0 +1,190 @@
+"""Scenes and pictures from Python."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+import app.api as afterglow
+from app.errors import AfterglowError
+from app.io.image import read_exr, read_png
+from app.load import load_scene
+from app.network.selection import find_model
+from app.renderer import Renderer as Engine
+from app.settings import SETTLE_FRAMES, Settings
+from tests.tiny_network import write_tiny_network
+
+pytestmark = pytest.mark.gl
+SIZE = (48, 36)
+LIGHT = afterglow.PointLight((0.5, 2.0, 1.5), (4.0, 4.0, 4.0))
+CAMERA = afterglow.Camera((0.0, 1.0, 4.0), (0.0, 0.0, 0.0))
+
+
+def floor_and_box() -> afterglow.Scene:
+    scene = afterglow.Scene()
+    scene.add(trimesh.creation.box((4.0, 0.1, 4.0)), afterglow.Material(albedo=(0.7, 0.7, 0.7)), name="floor")
+    scene.add(trimesh.creation.box((0.6, 0.6, 0.6)), afterglow.Material(albedo=(0.7, 0.2, 0.1)), moved(0.0), name="box")
+    scene.lights.append(LIGHT)
+    return scene
+
+
+def moved(x: float) -> np.ndarray:
+    return trimesh.transformations.translation_matrix((x, 0.5, 0.0))
+
+
+def draw(scene: afterglow.Scene, **options: object) -> np.ndarray:
+    with afterglow.Renderer(scene, SIZE, None, taa=False, **options) as renderer:
+        return renderer.render(CAMERA)["final"]
+
+
+def test_arrays_and_a_file_of_them_give_the_same_bits(tmp_path: Path) -> None:
+    mesh = trimesh.creation.icosphere(2)
+    mesh.vertex_normals  # noqa: B018  # which the file then has too
+    mesh.export(tmp_path / "ball.ply", vertex_normal=True, encoding="binary")
+    stored = trimesh.load(tmp_path / "ball.ply", process=False)
+    from_file, from_arrays = afterglow.load(tmp_path / "ball.ply"), afterglow.Scene()
+    from_arrays.add((stored.vertices, stored.faces), normals=stored.vertex_normals)
+    for scene in (from_file, from_arrays):
+        scene.lights.append(LIGHT)
+    assert np.array_equal(draw(from_file), draw(from_arrays))
+
+
+def test_a_still_is_that_of_the_command_line(tmp_path: Path) -> None:
+    with afterglow.Renderer(afterglow.load(), SIZE, write_tiny_network(tmp_path / "tiny.onnx")) as renderer:
+        renderer.render(CAMERA)
+        frame = renderer.render()
+    path = Path("app/data/cornell-box.obj")
+    scene = load_scene(Path(__file__).parents[2] / path)
+    camera = scene.cameras[scene.default_camera].at(0.0)
+    with Engine(scene, Settings(size=SIZE), [find_model(str(tmp_path / "tiny.onnx"))]) as engine:
+        for _ in range(SETTLE_FRAMES):
+            engine.advance(camera)
+        images = engine.render(camera)
+    assert np.array_equal(frame["final"], images["final"])
+    assert np.array_equal(frame.display, images["display"])
+
+
+def test_an_object_moves_between_frames() -> None:
+    scene, placed = floor_and_box(), floor_and_box()
+    with afterglow.Renderer(scene, SIZE, None, taa=False) as renderer:
+        before = renderer.render(CAMERA)["final"]
+        for x in (0.4, 0.8):
+            scene["box"].transform = moved(x)
+            after = renderer.render(CAMERA)["final"]
+    placed["box"].transform = moved(0.8)
+    assert np.abs(after - before).max() > 0.05
+    assert np.allclose(after, draw(placed), atol=2e-3)
+
+
+def test_objects_of_a_file_move() -> None:
+    scene = afterglow.load()
+    name = next(name for name in scene.objects if "tall" in name.lower() or "box" in name.lower())
+    with afterglow.Renderer(scene, SIZE, None, taa=False) as renderer:
+        before = renderer.render()["final"]
+        scene[name].transform = trimesh.transformations.translation_matrix((0.0, 0.3, 0.0))
+        assert np.abs(renderer.render()["final"] - before).max() > 0.05
+
+
+def test_a_light_changes_between_frames() -> None:
+    scene = floor_and_box()
+    with afterglow.Renderer(scene, SIZE, None, taa=False) as renderer:
+        before = renderer.render(CAMERA)["final"]
+        scene.lights[0] = replace(LIGHT, intensity=(2.0, 2.0, 2.0))
+        assert np.allclose(renderer.render(CAMERA)["final"], before / 2, rtol=2e-3, atol=1e-4)
+        scene.lights.append(afterglow.DirectionalLight((0.0, -1.0, 0.0), (1.0, 1.0, 1.0)))
+        assert renderer.render(CAMERA)["final"].mean() > before.mean() / 2
+
+
+def test_added_and_removed_objects_follow() -> None:
+    scene = floor_and_box()
+    with afterglow.Renderer(scene, SIZE, None, taa=False) as renderer:
+        before = renderer.render(CAMERA)["final"]
+        scene.add(trimesh.creation.icosphere(), transform=moved(1.2), name="box")
+        assert list(scene.objects) == ["floor", "box", "box.1"]
+        assert np.abs(renderer.render(CAMERA)["final"] - before).max() > 0.05
+        scene.remove("box.1")
+        assert np.array_equal(renderer.render(CAMERA)["final"], before)
+
+
+def test_a_batch_does_not_depend_on_the_order_of_its_cameras() -> None:
+    scene = afterglow.load()
+    camera = scene.cameras[next(iter(scene.cameras))].at(0.0)
+    cameras = [replace(camera, fov_y_deg=camera.fov_y_deg + 5 * i) for i in range(3)]
+    with afterglow.Renderer(scene, (24, 18)) as renderer:
+        forward = renderer.render_batch(cameras)
+        renderer.render(cameras[1])
+        backward = renderer.render_batch(cameras[::-1])
+    for a, b in zip(forward, backward[::-1], strict=True):
+        assert a.camera == b.camera and np.array_equal(a["final"], b["final"])
+
+
+def test_a_trimesh_scene_keeps_its_parts_and_materials() -> None:
+    parts = trimesh.Scene()
+    red = trimesh.visual.TextureVisuals(material=trimesh.visual.material.PBRMaterial(
+        baseColorFactor=(255, 0, 0, 255), metallicFactor=0.0))
+    parts.add_geometry(trimesh.Trimesh(**trimesh.creation.box((1.0, 1.0, 1.0)).to_dict(), visual=red), "red",
+                       transform=moved(-1.0))
+    parts.add_geometry(trimesh.creation.box((1.0, 1.0, 1.0)), "grey", transform=moved(1.0))
+    scene = afterglow.Scene()
+    scene.add(parts)
+    with afterglow.Renderer(scene, SIZE, None, taa=False, outputs=("albedo",)) as renderer:
+        albedo = renderer.render(CAMERA)["albedo"]
+    left, right = albedo[15, 14], albedo[15, 34]
+    assert left[0] > 0.9 and left[1] < 0.01 and np.ptp(right) < 0.01 < right[0]
+
+
+def test_colours_of_a_trimesh_are_srgb() -> None:
+    scene, mesh = afterglow.Scene(), trimesh.creation.box((2.0, 2.0, 2.0))
+    mesh.visual.vertex_colors = (188, 0, 0, 255)
+    scene.add(mesh)
+    with afterglow.Renderer(scene, SIZE, None, taa=False, outputs=("albedo",)) as renderer:
+        assert renderer.render(CAMERA)["albedo"][18, 24] == pytest.approx([0.5, 0.0, 0.0], abs=0.01)
+
+
+def test_a_frame_is_shown_saved_and_shared(tmp_path: Path) -> None:
+    with afterglow.Renderer(floor_and_box(), SIZE, None, taa=False, outputs=("final", "depth")) as renderer:
+        frame = renderer.render(CAMERA)
+    frame.save(tmp_path / "a.exr")
+    frame.save(tmp_path / "a.png")
+    assert np.array_equal(read_exr(tmp_path / "a.exr")["depth"], frame["depth"])
+    assert np.array_equal(read_png(tmp_path / "a.png"), frame.display)
+    assert np.array_equal(np.asarray(Image.open(io.BytesIO(frame._repr_png_()))), frame.display)
+    shared = np.from_dlpack(frame["depth"])
+    frame["depth"][0, 0] = 7.0
+    assert shared[0, 0] == 7.0
+
+
+def test_compare_gives_all_metrics() -> None:
+    pytest.importorskip("flip_evaluator")
+    with afterglow.Renderer(floor_and_box(), SIZE, None, taa=False) as renderer:
+        frame = renderer.render(CAMERA)
+    errors = afterglow.compare(frame, frame["final"] * np.float32(1.1))
+    assert set(errors) == {"psnr", "ssim", "rel_mse", "flip"} and errors["flip"] > 0
+    assert afterglow.compare(frame, frame)["flip"] == 0
+
+
+@pytest.mark.parametrize("mistake", [
+    lambda: afterglow.Scene().add(([[0, 0]], [[0, 1, 2]])),
+    lambda: afterglow.Scene().add((np.zeros((3, 3)), np.array([[0, 1, 9]]))),
+    lambda: afterglow.Scene().add((np.zeros((3, 3)), np.array([[0, 1, 2]]))),
+    lambda: afterglow.Scene().add((np.eye(3), np.array([[0.0, 1.0, 2.0]]))),
+    lambda: afterglow.Scene().add((np.eye(3), np.array([[0, 1, 2]])), uvs=np.zeros((2, 2))),
+    lambda: afterglow.Scene().add((np.eye(3), np.array([[0, 1, 2]])), transform=np.eye(3)),
+    lambda: afterglow.Scene().add(42),
+    lambda: afterglow.Scene()["nothing"],
+    lambda: afterglow.load("missing.glb"),
+    lambda: afterglow.Renderer(floor_and_box(), (0, 1)),
+    lambda: afterglow.Renderer(floor_and_box(), model="embers"),
+    lambda: afterglow.Renderer(afterglow.Scene()).render(),
+    lambda: afterglow.compare(np.zeros((4, 4)), np.zeros((4, 4))),
+])
+def test_mistakes_are_one_line(mistake: object) -> None:
+    with pytest.raises(AfterglowError) as caught:
+        mistake()
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,133 @@
+"""Batches: resumable, and nothing is lost but the job in which something goes wrong."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.batch import jobs as batch_jobs
+from app.batch.draw import TaskDrawer
+from app.batch.jobs import BadLine, Job, Task, read_jobs, tasks_of
+from app.io.image import read_exr
+
+pytestmark = pytest.mark.gl
+ROOT = Path(__file__).parents[2]
+BOX = ROOT / "app" / "data" / "cornell-box.obj"
+FAST = {"scene": str(BOX), "model": "none", "size": [24, 18]}
+CLOSE = {"eye": [0, 1, 3], "target": [0, 1, 0]}
+
+
+def write_jobs(path: Path, *jobs: object) -> Path:
+    path.write_text("\n".join(job if isinstance(job, str) else json.dumps(job) for job in jobs))
+    return path
+
+
+def start(file: Path, out: Path) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "app", "batch", str(file), "--out", str(out), "--workers", "2"]
+    return subprocess.Popen(command, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+
+
+def contents(out: Path) -> dict[str, bytes]:
+    return {str(file.relative_to(out)): file.read_bytes() for file in sorted(out.rglob("*")) if file.is_file()}
+
+
+def workers_of(process: subprocess.Popen[str]) -> list[int]:
+    threads = Path(f"/proc/{process.pid}/task")
+    try:
+        return [int(pid) for thread in threads.iterdir() for pid in (thread / "children").read_text().split()]
+    except OSError:
+        return []  # a thread has just ended
+
+
+def test_a_bad_job_is_a_line_and_an_exit_code(tmp_path: Path) -> None:
+    (tmp_path / "broken.glb").write_bytes(b"glTF, but not really")
+    file = write_jobs(tmp_path / "jobs.jsonl", {**FAST, "name": "good"}, {**FAST, "scene": "missing.obj"}, "{]",
+                      {**FAST, "scene": "broken.glb"}, {**FAST, "cameras": ["nowhere"]}, {**FAST, "sizes": [1, 1]},
+                      {**FAST, "cameras": [CLOSE, CLOSE], "name": "two"})
+    process = start(file, tmp_path / "out")
+    table, _ = process.communicate()
+    assert process.returncode == 1
+    assert sorted(contents(tmp_path / "out")) == [
+        "good/000.exr", "good/000.png", "good/stills.json", "two/000.exr", "two/000.png", "two/001.exr", "two/001.png",
+        "two/stills.json"]
+    for words in ("no such scene file", "valid JSON", "broken.glb", "nowhere", "sizes"):
+        assert words in " ".join(table.split())
+
+
+def test_what_is_done_is_left_alone(tmp_path: Path) -> None:
+    file, out = write_jobs(tmp_path / "jobs.jsonl", {**FAST, "name": "a"}, {**FAST, "name": "b"}), tmp_path / "out"
+    assert start(file, out).wait() == 0
+    before = {f: f.stat().st_mtime_ns for f in out.rglob("*")}
+    write_jobs(file, {**FAST, "name": "a"}, {**FAST, "name": "b", "exposure": 2.0})
+    process = start(file, out)
+    process.communicate()
+    changed = {f.parent.name for f in out.rglob("*.*") if f.stat().st_mtime_ns != before[f]}
+    assert process.returncode == 0 and changed == {"b"}
+
+
+@pytest.mark.parametrize(("count", "kills"), [(10, 3), pytest.param(200, 10, marks=pytest.mark.long)])
+def test_killed_workers_lose_nothing(tmp_path: Path, count: int, kills: int) -> None:
+    cameras = [{**CLOSE, "eye": [0.01 * index, 1, 3]} for index in range(count)]
+    file = write_jobs(tmp_path / "jobs.jsonl", *({**FAST, "cameras": [camera]} for camera in cameras))
+    assert start(file, tmp_path / "undisturbed").wait() == 0
+    out, rng, killed = tmp_path / "disturbed", random.Random(0), 0
+    process = start(file, out)
+    while killed < kills and process.poll() is None:
+        done = len(list(out.glob("*/stills.json")))
+        if done >= count * (killed + 1) // (kills + 2) and (alive := workers_of(process)):
+            os.kill(rng.choice(alive), signal.SIGKILL)
+            killed += 1
+        time.sleep(0.02)
+    process.communicate()
+    assert process.returncode == 0 and killed == kills
+    assert contents(out) == contents(tmp_path / "undisturbed")
+
+
+def test_a_killed_batch_continues(tmp_path: Path) -> None:
+    file = write_jobs(tmp_path / "jobs.jsonl", *({**FAST, "exposure": 1 + index} for index in range(6)))
+    out = tmp_path / "out"
+    process = start(file, out)
+    while not list(out.glob("*/stills.json")):
+        time.sleep(0.05)
+    process.kill()
+    process.communicate()
+    first = {f: f.stat().st_mtime_ns for f in out.glob("*/stills.json")}
+    assert start(file, out).wait() == 0
+    assert len(list(out.glob("*/stills.json"))) == 6
+    assert all(f.stat().st_mtime_ns == when for f, when in first.items())
+
+
+def test_long_videos_are_cut_without_visible_seams(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batch_jobs, "CHUNK", 20)
+    job = Job("v", str(BOX), size=(48, 36), model="none", frames=30, formats=("exr",))
+    assert [(t.first, t.last) for t in tasks_of(job)] == [(0, 20), (20, 30)]
+    drawer = TaskDrawer(tmp_path)
+    for task in tasks_of(job):
+        drawer.draw(task)
+    cut = read_exr(tmp_path / "v" / "000" / "0020.exr")[""]
+    drawer.draw(Task(job, 0, 0, 30))
+    drawer.close()
+    whole = read_exr(tmp_path / "v" / "000" / "0020.exr")[""]
+    before = read_exr(tmp_path / "v" / "000" / "0019.exr")[""]
+    assert np.abs(cut - whole).mean() < 0.01 * whole.mean()
+    assert np.abs(cut - before).mean() < 0.01 * whole.mean()
+
+
+def test_lines_are_jobs_with_names_and_files_beside_them(tmp_path: Path) -> None:
+    file = write_jobs(tmp_path / "jobs.jsonl", {"scene": "a.glb"}, {"scene": "b.glb", "name": "b"},
+                      {"scene": "c.glb", "name": "b"}, {"scene": "d.glb", "name": "../d"},
+                      {"scene": "e.glb", "cameras": [7]})
+    first, second, third, fourth, fifth = read_jobs(file)
+    assert first == Job("0000", str(tmp_path / "a.glb")) and second.name == "b"
+    assert isinstance(third, BadLine) and "taken" in third.error
+    assert isinstance(fourth, BadLine) and f"{file}: [4]" in fourth.error
+    assert isinstance(fifth, BadLine) and "expected a string or an object" in fifth.error

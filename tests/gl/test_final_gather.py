@@ -1,0 +1,133 @@
+"""Final gathering through the whole renderer: its passes, closed boxes, contact shadows, light over time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from app.network.selection import find_model
+from app.radiance_scale import radiance_scale
+from app.renderer import Renderer
+from app.scene import Camera, Material, RectLight, Scene
+from app.settings import Settings
+from app.surfels.final_gather import gather, sequence
+from tests.gl.scenes import box, floor, make_scene
+
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "coarse_shadows")]
+
+MODEL = find_model("final-gather")
+SIZE = (128, 96)
+WHITE = Material(albedo=(0.7,) * 3)
+LAMP = RectLight((-0.5, 2.9, -0.5), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (8.0,) * 3)
+CAMERA = Camera((0.0, 1.0, 1.9), (0.0, 0.2, 0.0), fov_y_deg=55)
+
+
+def table_in_a_room() -> Scene:
+    """A board just above the floor of a white room: little light gets below it."""
+    return make_scene([box((-2, 0, -2), (4, 3, 4), WHITE), box((-0.5, 0.12, -0.5), (1.0, 0.05, 1.0), WHITE)], [LAMP],
+                      CAMERA)
+
+
+def settings(*outputs: str, taa: bool = True) -> Settings:
+    return Settings(SIZE, outputs, taa=taa, provider="cpu")
+
+
+@pytest.fixture(scope="module")
+def table(egl: None) -> Iterator[Renderer]:
+    with Renderer(table_in_a_room(), settings("indirect", "position", "normal"), MODEL) as renderer:
+        yield renderer
+
+
+def settled(renderer: Renderer, camera: Camera, frames: int = 48) -> dict[str, NDArray[np.float32]]:
+    renderer.cut()
+    for _ in range(frames):
+        renderer.advance(camera)
+    return renderer.render(camera)
+
+
+def relative_error(light: NDArray[np.float32], reference: NDArray[np.float32]) -> float:
+    """Root of the mean square, relative to the mean."""
+    return float(np.sqrt(((light - reference) ** 2).mean()) / reference.mean())
+
+
+def test_only_a_network_that_reads_gathered_light_has_its_passes() -> None:
+    scene = make_scene([floor(1.0)], [LAMP])
+    names = {}
+    for model in ("ember", "final-gather"):
+        for taa in (True, False):
+            with Renderer(scene, settings("final", taa=taa), find_model(model)) as renderer:
+                names[model, taa] = {p.name for p in renderer.plan.passes}
+                culled = renderer.plan.culled
+    passes = {"gather_rays", "gather_history", "surfel_indirect"}
+    assert not passes & (names["ember", True] | names["ember", False])
+    assert passes <= names["final-gather", True]
+    assert names["final-gather", False] & passes == passes - {"gather_history"}
+    assert "no-taa" in culled["gather_history"]
+
+
+def test_a_closed_glowing_box_is_uniform() -> None:
+    """Every surface emits 1 and reflects 0.6, so 1 / (1 − 0.6) arrives everywhere."""
+    glowing = Material(albedo=(0.6,) * 3, emission=(1.0,) * 3)
+    scene = make_scene([box((-2, 0, -2), (4, 3, 4), glowing), box((-0.5, 0.0, -0.5), (0.6, 0.9, 0.6), glowing)], (),
+                       CAMERA)
+    with Renderer(scene, settings("indirect"), MODEL) as renderer:
+        light = renderer.render(CAMERA)["indirect"]
+    np.testing.assert_allclose(light, 2.5, rtol=0.03)
+    np.testing.assert_allclose(light.mean(), 2.5, rtol=0.01)
+
+
+def test_the_floor_below_a_board_is_as_dark_as_many_rays_say(table: Renderer) -> None:
+    """1024 rays that end at the same surfels. Texels as wide as two pixels average across the board's edge."""
+    images = settled(table, CAMERA)
+    on_floor = (images["normal"][..., 1] > 0.9) & (images["position"][..., 1] < 0.01)
+    x, z = (np.abs(images["position"][..., axis]) for axis in (0, 2))
+    rows = np.flatnonzero((on_floor & (np.maximum(x, z) < 1.0)).ravel())[::7]
+    below = np.maximum(x, z).ravel()[rows] < 0.45
+    expected = many_rays(table, images["position"].reshape(-1, 3)[rows])
+    found = images["indirect"].reshape(-1, 3)[rows, 0]
+    assert below.sum() > 20 and (~below).sum() > 20
+    assert expected[below].mean() < 0.5 * expected[~below].mean()
+    np.testing.assert_allclose(found[below].mean(), expected[below].mean(), rtol=0.2)
+    np.testing.assert_allclose(found[~below].mean(), expected[~below].mean(), rtol=0.05)
+
+
+def many_rays(renderer: Renderer, points: NDArray[np.float32], rays: int = 1024) -> NDArray[np.float32]:
+    """Light at points of the floor, from the surfels of the newest frame."""
+    surfels, scale = renderer.surfels, radiance_scale(renderer.scene)
+    direct, indirect = renderer.resource("surfel_tensor_surfels")[6:9], renderer.resource("surfel_indirect")
+    up = np.tile(np.array([[0, 1, 0]], np.float32), (len(points), 1))
+    origin = (points - surfels.caster.origin).astype(np.float32) + surfels.caster.ray_epsilon * up
+    numbers = np.broadcast_to(sequence(1, 1, 0, rays, 0.25), (len(points), rays, 2))
+    sent = np.ascontiguousarray((direct + indirect).T) / np.float32(scale)
+    return gather(surfels.caster, surfels.lookup, sent, 0.3, origin, up, numbers).light.mean(axis=1)[:, 0]
+
+
+def test_rays_of_many_frames_bring_the_light_nearer_to_where_it_settles(table: Renderer) -> None:
+    reference = settled(table, CAMERA, 200)["indirect"]
+    errors = {frames: relative_error(settled(table, CAMERA, frames)["indirect"], reference) for frames in (0, 8, 48)}
+    assert errors[48] < errors[8] < errors[0]
+    assert errors[0] < 0.1
+
+
+def test_a_moving_camera_leaves_no_light_behind(table: Renderer) -> None:
+    """Below and beside the board, whose light differs, as it passes before the floor and the wall."""
+    step = 0.03
+    table.cut()
+    for frame in range(13):
+        camera = Camera((step * (frame - 12), 1.0, 1.9), (step * (frame - 12), 0.2, 0.0), fov_y_deg=55)
+        moving = table.render(camera)["indirect"]
+    still = settled(table, camera, 48)["indirect"]
+    assert relative_error(moving, still) < 0.08
+    assert abs(float(moving.mean() / still.mean()) - 1) < 0.02
+
+
+def test_two_renderers_agree_to_the_bit() -> None:
+    def frames() -> NDArray[np.float32]:
+        with Renderer(table_in_a_room(), settings("indirect"), MODEL) as renderer:
+            renderer.advance(CAMERA)
+            return renderer.render(CAMERA)["indirect"]
+
+    np.testing.assert_array_equal(frames(), frames())

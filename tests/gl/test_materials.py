@@ -1,0 +1,362 @@
+"""Maps and layers of materials, against plain materials that must look the same and against closed forms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.load import load_scene
+from app.network.selection import SSGI
+from app.renderer import Renderer
+from app.scene import (
+    Camera,
+    Clearcoat,
+    DirectionalLight,
+    Instance,
+    Light,
+    Material,
+    Mesh,
+    PointLight,
+    RectLight,
+    Scene,
+    Sheen,
+    SpotLight,
+    Texture,
+    bounds_of,
+)
+from app.settings import Settings
+from tests.gl.scenes import GREY, Images, draw, floor, make_scene, quad
+from tests.robustness import valid_files
+
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+
+F64 = np.ndarray
+SIZE = (64, 48)
+FRONT = Camera((0.3, 0.2, 2.0), (0.0, 0.0, 0.0), fov_y_deg=30.0)
+LIGHT = PointLight((0.8, 0.9, 1.5), (3.0, 3.0, 3.0))
+OUTPUTS = ("albedo", "normal", "direct", "specular")
+METAL = Material(albedo=(0.9, 0.5, 0.2), metallic=1.0, roughness=0.3, specular=(0.04,) * 3)
+
+
+def constant(*texel: float, is_color: bool = False, **options: object) -> Texture:
+    """A texture of one float colour."""
+    pixels = np.tile(np.array((*texel, *(1.0,) * 3)[:4], np.float32), (2, 2, 1))
+    return Texture(pixels, is_color=is_color, **options)  # type: ignore[arg-type]
+
+
+def normal_map(normal: tuple[float, float, float]) -> Texture:
+    return constant(*(0.5 + 0.5 * np.asarray(normal) / np.linalg.norm(normal)).tolist())
+
+
+def card(material: Material, normal: tuple[float, float, float] = (0, 0, 1), tangent: tuple[float, ...] = (1, 0, 0, 1),
+         place: F64 | None = None) -> Scene:
+    """A square across z, with vertex normals and tangents, that fills the picture; its uv is (x, y) + 1/2."""
+    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32)
+    unit = np.asarray(normal) / np.linalg.norm(normal)
+    mesh = Mesh("card", corners, np.tile(unit, (4, 1)).astype(np.float32), np.array([[0, 1, 2], [0, 2, 3]], np.uint32),
+                uvs=corners[:, :2] + np.float32(0.5), second_uvs=corners[:, :2] * np.float32(3),
+                tangents=np.tile(tangent, (4, 1)).astype(np.float32))
+    instances = (Instance("card", 0, np.eye(4) if place is None else place),)
+    scene = make_scene([floor(1.0)], [LIGHT], FRONT)
+    return replace(scene, meshes=(mesh,), instances=instances, materials=(material,),
+                   bounds=bounds_of((mesh,), instances))
+
+
+def assert_alike(images: Images, expected: Images, names: tuple[str, ...] = OUTPUTS, atol: float = 2e-3) -> None:
+    for name in names:
+        scale = max(float(np.abs(expected[name]).max()), 1e-6)
+        np.testing.assert_allclose(images[name] / scale, expected[name] / scale, atol=atol, err_msg=name)
+
+
+@pytest.mark.parametrize("tilt", [(0.0, 0.0, 1.0), (0.4, 0.0, 1.0), (0.1, -0.5, 1.0)])
+@pytest.mark.parametrize(("tangent", "to_world"), [
+    ((1, 0, 0, 1), np.eye(3)),
+    ((0, 1, 0, 1), [[0, -1, 0], [1, 0, 0], [0, 0, 1]]),   # columns: tangent, bitangent, normal
+    ((1, 0, 0, -1), np.diag([1, -1, 1])),
+])
+@pytest.mark.parametrize("place", [np.eye(4), np.diag([-1.0, 1, 1, 1]), np.diag([2.0, 2, 2, 1])])
+def test_a_tilted_normal_map_is_a_tilted_normal(tilt: tuple[float, float, float], tangent: tuple[float, ...],
+                                                to_world: F64, place: F64) -> None:
+    normal = np.asarray(to_world) @ tilt
+    images = draw(card(replace(METAL, metallic=0.5, normal_map=normal_map(tilt)), tangent=tangent, place=place),
+                  SIZE, OUTPUTS)
+    expected = draw(card(replace(METAL, metallic=0.5), normal=tuple(normal), place=place), SIZE, OUTPUTS)
+    assert_alike(images, expected, atol=1e-2)
+
+
+def test_the_scale_acts_on_x_and_y() -> None:
+    images = draw(card(replace(METAL, normal_map=normal_map((0.4, 0.2, 1.0)), normal_scale=0.5)), SIZE, OUTPUTS)
+    assert_alike(images, draw(card(METAL, normal=(0.2, 0.1, 1.0)), SIZE, OUTPUTS))
+
+
+def test_from_behind_a_bump_is_a_dent() -> None:
+    behind = Camera((0.3, 0.2, -2.0), (0.0, 0.0, 0.0), fov_y_deg=30.0)
+    scene = card(replace(METAL, normal_map=normal_map((0.4, 0.0, 1.0))))
+    normals = draw(scene, SIZE, ("normal",), behind)["normal"].reshape(-1, 3)
+    np.testing.assert_allclose(normals, np.tile([-0.371, 0, -0.928], (len(normals), 1)), atol=2e-3)
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.02, 0.6])
+def test_light_from_behind_the_face_gives_nothing(radius: float) -> None:
+    """From lights with hard, soft and traced shadows; the surface is open, so nothing else hides them."""
+    behind = (PointLight((1.5, 0.0, -0.7), (5.0,) * 3, radius),
+              DirectionalLight((-1.0, 0.0, 0.1 + radius), (5.0,) * 3, 5 * radius),
+              SpotLight((1.5, 0.0, -0.7), (-1.0, 0.0, 0.4), (5.0,) * 3, 30.0, 40.0, radius),
+              RectLight((1.5, 0.0, -0.7), (0.0, 0.1 + radius, 0.0), (0.1 + radius, 0.0, 0.1 + radius), (5.0,) * 3,
+                        two_sided=True))
+    steep = card(replace(METAL, metallic=0.5, normal_map=normal_map((1.0, 0.0, 0.5))))
+    images = draw(steep.with_lights(*behind), SIZE, OUTPUTS)
+    assert not images["direct"].any() and not images["specular"].any()
+    assert draw(steep.with_lights(PointLight((1.5, 0.0, 0.7), (5.0,) * 3, radius)), SIZE, OUTPUTS)["direct"].min() > 0
+
+
+def test_mirror_directions_are_above_the_face() -> None:
+    grazing = Camera((2.0, 0.0, 0.25), (0.0, 0.0, 0.0), fov_y_deg=20.0)
+    scene = card(replace(METAL, normal_map=normal_map((-1.0, 0.3, 1.0))))
+    images = draw(scene, SIZE, ("normal", "position", "depth"), grazing)
+    on = images["depth"][..., 0] > 0
+    assert on.mean() > 0.2
+    n = images["normal"][on].astype(np.float64)
+    v = np.asarray(grazing.eye) - images["position"][on]
+    v /= np.linalg.norm(v, axis=1, keepdims=True)
+    mirrored = 2 * (n * v).sum(axis=1, keepdims=True) * n - v
+    assert mirrored[:, 2].min() > -2e-3 and (n * v).sum(axis=1).min() > 0
+
+
+@pytest.mark.parametrize("metallic", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("is_mapped", [False, True])
+def test_metallic_mixes_diffuse_and_specular(metallic: float, is_mapped: bool) -> None:
+    base, f0 = np.array([0.9, 0.5, 0.2]), 0.04
+    mixed = f0 + (base - f0) * metallic
+    plain = Material(albedo=tuple(base * (1 - metallic)), specular=tuple(mixed), roughness=0.4)
+    options = {"metallic_roughness_map": constant(0.9, 0.5, metallic)} if is_mapped else {}
+    material = Material(albedo=tuple(base), specular=(f0,) * 3, roughness=0.8 if is_mapped else 0.4,
+                        metallic=1.0 if is_mapped else metallic, **options)  # type: ignore[arg-type]
+    assert_alike(draw(card(material), SIZE, OUTPUTS), draw(card(plain), SIZE, OUTPUTS))
+
+
+def test_a_metallic_map_halves_the_albedo_texel_by_texel() -> None:
+    pixels = np.zeros((1, 2, 4), np.uint8)
+    pixels[0, 1, 2] = 128  # linear
+    texture = Texture(pixels, is_color=False, magnified="nearest", repeat=(False, False))
+    images = draw(card(replace(METAL, metallic_roughness_map=texture)), SIZE, ("albedo", "position"))
+    right = images["position"][..., 0] > 0
+    np.testing.assert_allclose(images["albedo"][right], np.tile(np.multiply(METAL.albedo, 127 / 255), (right.sum(), 1)),
+                               atol=1e-3)
+    np.testing.assert_allclose(images["albedo"][~right], np.tile(METAL.albedo, ((~right).sum(), 1)), atol=1e-3)
+
+
+def test_a_specular_map_multiplies_by_colour_and_alpha() -> None:
+    plain = Material(albedo=(0.1,) * 3, roughness=0.4, specular=(0.2, 0.1, 0.05))
+    mapped = replace(plain, specular=(0.8, 0.8, 0.8), specular_map=constant(0.5, 0.25, 0.125, 0.5))
+    assert_alike(draw(card(mapped), SIZE, OUTPUTS), draw(card(plain), SIZE, OUTPUTS))
+
+
+def gradient(**options: object) -> Texture:
+    pixels = np.random.default_rng(0).uniform(0, 1, (16, 16, 4)).astype(np.float32)
+    return Texture(pixels, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", ["emission_map", "specular_map", "metallic_roughness_map"])
+def test_a_map_of_the_second_uv_set_is_one_of_the_first_with_its_transform(name: str) -> None:
+    material = replace(METAL, metallic=0.5, specular=(0.5,) * 3, emission=(1.0,) * 3, albedo_map=gradient())
+    second = np.array([[0.0, 0.5, 0.1], [-0.5, 0.0, 0.2], [0, 0, 1]])
+    to_second = np.array([[3.0, 0, -1.5], [0, 3.0, -1.5], [0, 0, 1]])  # the uv sets of ``card``
+    images, expected = (draw(card(replace(material, **{name: texture})), SIZE, (*OUTPUTS, "emission"))
+                        for texture in (gradient(transform=second, uv_set=1), gradient(transform=second @ to_second)))
+    assert_alike(images, expected, (*OUTPUTS, "emission"), atol=5e-3)
+
+
+def test_nearest_magnification_has_no_colours_between() -> None:
+    pixels = np.zeros((2, 2, 4), np.uint8)
+    pixels[:, 1] = 255
+    albedos = {mode: draw(card(Material(albedo=(1.0,) * 3, albedo_map=Texture(pixels, magnified=mode))), SIZE,
+                          ("albedo",))["albedo"][..., 0] for mode in ("linear", "nearest")}
+    assert set(np.unique(albedos["nearest"])) == {0.0, 1.0}
+    assert len(np.unique(albedos["linear"])) > 10
+
+
+def test_occlusion_dims_indirect_light_alone() -> None:
+    parts = [floor(2.0, material=replace(GREY, occlusion_map=constant(0.25), occlusion_strength=0.8)),
+             quad((-1.0, 0.0, -1.0), (2.0, 0, 0), (0, 2.0, 0))]
+    camera = Camera((0.0, 1.5, 3.0), (0.0, 0.3, 0.0), fov_y_deg=50.0)
+    scene = make_scene(parts, [PointLight((0.0, 1.0, 1.0), (3.0,) * 3)], camera)
+    images = draw(scene, (128, 96), ("lit", "direct", "indirect", "albedo", "normal"), model=SSGI)  # type: ignore[arg-type]
+    is_floor = images["normal"][..., 1] > 0.9
+    share = np.where(is_floor, 1 + 0.8 * (0.25 - 1), 1.0)[..., None]
+    expected = images["direct"] + images["albedo"] * images["indirect"] * share
+    assert images["indirect"][is_floor].max() > 0.01
+    np.testing.assert_allclose(images["lit"], expected, rtol=5e-3, atol=1e-3)
+
+
+def test_unlit_shows_its_colour_and_lights_nothing() -> None:
+    sign = Material(albedo=(0.9, 0.5, 0.1), is_unlit=True)
+    camera = Camera((0.0, 1.5, 3.0), (0.0, 0.3, 0.0), fov_y_deg=50.0)
+    for power in (0.0, 3.0):
+        lights = [PointLight((0.0, 1.0, 1.0), (power,) * 3)]
+        images, black = (draw(make_scene([floor(2.0), quad((-1.0, 0.0, -1.0), (2.0, 0, 0), (0, 2.0, 0), material)],
+                                         lights, camera), (128, 96), ("final", "normal", "depth"),
+                              model=SSGI)  # type: ignore[arg-type]
+                         for material in (sign, Material(albedo=(0.0,) * 3)))
+        on = images["normal"][..., 2] > 0.9
+        np.testing.assert_allclose(images["final"][on], np.tile(sign.albedo, (on.sum(), 1)), atol=1e-3)
+        np.testing.assert_allclose(images["final"][~on], black["final"][~on], atol=1e-3)
+
+
+@pytest.mark.parametrize("power", [1e-6, 1.0, 1e3])
+def test_unlit_colours_do_not_depend_on_the_scale_of_light(power: float) -> None:
+    scene = card(Material(albedo=(0.9, 0.5, 0.1), is_unlit=True)).with_lights(PointLight((0, 1, 2), (power,) * 3))
+    final = draw(scene, SIZE, ("final",))["final"].reshape(-1, 3)
+    np.testing.assert_allclose(final, np.tile((0.9, 0.5, 0.1), (len(final), 1)), rtol=5e-3)
+
+
+def schlick(f0: float, c: F64) -> F64:
+    return f0 + (1 - f0) * (1 - c) ** 5
+
+
+def view_cosine(images: Images) -> F64:
+    v = np.asarray(FRONT.eye) - images["position"].astype(np.float64)
+    v /= np.linalg.norm(v, axis=-1, keepdims=True)
+    return (v * images["normal"]).sum(axis=-1)[..., None]
+
+
+@pytest.mark.parametrize("is_mapped", [False, True])
+def test_a_clear_coat_is_a_lobe_over_what_it_lets_through(is_mapped: bool) -> None:
+    base = Material(albedo=(0.6, 0.3, 0.2), roughness=0.6, specular=(0.3,) * 3, emission=(0.2,) * 3)
+    coat = (Clearcoat(1.0, 1.0, constant(0.8, 0, 0), constant(0, 0.3, 0)) if is_mapped else Clearcoat(0.8, 0.3))
+    outputs = (*OUTPUTS, "position", "emission")
+    images = draw(card(replace(base, clearcoat=coat)), SIZE, outputs)
+    bare = draw(card(base), SIZE, outputs)
+    lobe = draw(card(Material(roughness=0.3, specular=(0.04,) * 3)), SIZE, OUTPUTS)["specular"]
+    below = 1 - 0.8 * schlick(0.04, view_cosine(bare))
+    np.testing.assert_allclose(images["direct"], bare["direct"] * below, rtol=5e-3)
+    np.testing.assert_allclose(images["emission"], bare["emission"] * below, rtol=5e-3)
+    np.testing.assert_allclose(images["specular"], bare["specular"] * below + 0.8 * lobe, rtol=1e-2, atol=1e-4)
+
+
+def test_a_clear_coat_has_its_own_normal() -> None:
+    """That of the mesh, or of its own map, whatever the normal map of the surface."""
+    base = Material(albedo=(0.0,) * 3, normal_map=normal_map((0.5, 0.3, 1.0)))
+    for own, normal in ((None, (0, 0, 1)), (normal_map((0.2, 0.3, 1.0)), (0.2, 0.3, 1.0))):
+        images = draw(card(replace(base, clearcoat=Clearcoat(1.0, 0.3, normal_map=own))), SIZE, OUTPUTS)
+        expected = draw(card(Material(albedo=(0.0,) * 3, roughness=0.3, specular=(0.04,) * 3), normal=normal), SIZE,
+                        OUTPUTS)
+        assert_alike(images, expected, ("specular",), atol=5e-3)
+
+
+def charlie(n_l: F64, n_v: F64, n_h: F64, roughness: float) -> F64:
+    """The sheen lobe, in float64 and by the paper's formulae."""
+    alpha = roughness**2
+    share = (1 - alpha) ** 2
+    a, b, c, d, e = (x * (1 - share) + y * share for x, y in (
+        (21.5473, 25.3245), (3.82987, 3.32435), (0.19823, 0.16801), (-1.97760, -1.27393), (-4.32054, -4.85967)))
+
+    def curve(x: F64) -> F64:
+        return a / (1 + b * x**c) + d * x + e
+
+    def masking(x: F64) -> F64:
+        return np.exp(np.where(x < 0.5, curve(x), 2 * curve(np.float64(0.5)) - curve(np.clip(1 - x, 1e-9, 1))))
+
+    distribution = (2 + 1 / alpha) * (1 - n_h**2) ** (0.5 / alpha) / (2 * np.pi)
+    return distribution / ((1 + masking(n_l) + masking(n_v)) * 4 * n_l * n_v)
+
+
+@pytest.mark.parametrize("roughness", [0.3, 0.6, 1.0])
+@pytest.mark.parametrize("elevation", [15.0, 45.0, 80.0])
+@pytest.mark.parametrize("is_mapped", [False, True])
+def test_sheen_against_the_closed_form(roughness: float, elevation: float, is_mapped: bool) -> None:
+    color = np.array([0.8, 0.5, 0.3])
+    to_light = np.array([-np.cos(np.radians(elevation)), 0.0, np.sin(np.radians(elevation))])
+    sheen = (Sheen((1.0,) * 3, 1.0, constant(*color), constant(0, 0, 0, roughness)) if is_mapped
+             else Sheen(tuple(color), roughness))
+    scene = card(Material(albedo=(0.0,) * 3, sheen=sheen)).with_lights(DirectionalLight(tuple(-to_light), (2.0,) * 3))
+    images = draw(scene, SIZE, (*OUTPUTS, "position"))
+    v = np.asarray(FRONT.eye) - images["position"].astype(np.float64)
+    v /= np.linalg.norm(v, axis=-1, keepdims=True)
+    h = v + to_light
+    h /= np.linalg.norm(h, axis=-1, keepdims=True)
+    expected = 2.0 * to_light[2] * color * charlie(to_light[2], v[..., 2:], h[..., 2:], roughness)
+    np.testing.assert_allclose(images["specular"], expected, rtol=0.02, atol=0.005 * float(expected.max()) + 1e-6)
+
+
+@pytest.mark.parametrize("roughness", [0.2, 0.5, 1.0])
+def test_sheen_takes_from_the_base_what_it_scatters(roughness: float) -> None:
+    """The albedo of the lobe, by quadrature over all directions of light."""
+    steps = 400
+    z = (np.arange(steps) + 0.5) / steps
+    phi = (np.arange(steps) + 0.5) / steps * np.pi
+    z, phi = z[:, None], phi[None, :]
+    for elevation in (20.0, 60.0):
+        v = np.array([np.cos(np.radians(elevation)), 0.0, np.sin(np.radians(elevation))])
+        sine = np.sqrt(1 - z * z)
+        lights = np.stack(np.broadcast_arrays(sine * np.cos(phi), sine * np.sin(phi), z), -1)
+        h = (lights + v) / np.linalg.norm(lights + v, axis=-1, keepdims=True)
+        albedo = 2 * np.pi * float((charlie(lights[..., 2], v[2], h[..., 2], roughness) * lights[..., 2]).mean())
+        camera = Camera(tuple(40 * v), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 0.5)
+        images = draw(card(Material(albedo=(0.5,) * 3, sheen=Sheen((0.2, 0.8, 0.4), roughness))), SIZE, ("albedo",),
+                      camera)
+        np.testing.assert_allclose(images["albedo"] / 0.5, 1 - 0.8 * albedo, atol=0.04)
+
+
+@pytest.mark.parametrize("is_mirrored", [False, True])
+def test_culled_backs_are_invisible(is_mirrored: bool) -> None:
+    place = np.diag([-1.0 if is_mirrored else 1.0, 1, 1, 1])
+    behind = Camera((0.3, 0.2, -2.0), (0.0, 0.0, 0.0), fov_y_deg=30.0)
+    for material in (GREY, replace(GREY, is_back_culled=True)):
+        scene = card(material, place=place)
+        assert draw(scene, SIZE, ("depth",))["depth"].min() > 0
+        assert (draw(scene, SIZE, ("depth",), behind)["depth"].max() > 0) is not material.is_back_culled
+
+
+LAMPS: dict[str, Light] = {
+    "point": PointLight((0.0, 2.0, 0.0), (3.0,) * 3), "sphere": PointLight((0.0, 2.0, 0.0), (3.0,) * 3, 0.01),
+    "spot": SpotLight((0.0, 2.0, 0.0), (0.0, -1.0, 0.0), (3.0,) * 3, 30.0, 40.0),
+    "wide spot": SpotLight((0.0, 2.0, 0.0), (0.0, -1.0, 0.0), (3.0,) * 3, 60.0, 70.0),
+    "sun": DirectionalLight((0.0, -1.0, 0.0), (1.0,) * 3),
+    "traced": RectLight((0.0, 2.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (1.0,) * 3),
+}
+
+
+@pytest.mark.parametrize("name", LAMPS)
+def test_light_passes_culled_backs(name: str) -> None:
+    """A blind whose front or back faces the light, also where its instance is mirrored."""
+    below = Camera((0.0, 0.5, 2.5), (0.0, 0.0, 0.0))
+    free = draw(make_scene([floor(0.5)], [LAMPS[name]], below), SIZE, ("direct",))["direct"]
+    for is_mirrored, faces_light in ((False, True), (False, False), (True, True), (True, False)):
+        edges = (0.0, 0.0, -2.0), (2.0, 0.0, 0.0)  # their product points down
+        u, v = reversed(edges) if faces_light else edges
+        blind = quad((-1.0, 1.0, 1.0), u, v, replace(GREY, is_back_culled=True))
+        blind = replace(blind, place=np.diag([-1.0 if is_mirrored else 1.0, 1, 1, 1]))
+        lit = draw(make_scene([floor(0.5), blind], [LAMPS[name]], below), SIZE, ("direct",))["direct"]
+        if faces_light:
+            assert not lit.any()
+        else:
+            np.testing.assert_allclose(lit, free, atol=1e-3)
+
+
+@pytest.mark.parametrize("mode", ["MASK", "BLEND"])
+def test_all_maps_and_layers_of_a_file_go_together(mode: str, tmp_path: Path) -> None:
+    """No two of them may use one name in the shader."""
+    file = valid_files.gltf()
+    file.json["materials"][0]["alphaMode"] = mode
+    scene = load_scene(file.save(tmp_path))
+    assert max(len(material.maps) for material in scene.materials) == 13
+    image = draw(scene, SIZE, ("final",))["final"]
+    assert np.isfinite(image).all() and image.any()
+
+
+def test_targets_exist_only_for_what_a_material_has() -> None:
+    plain = {"albedo", "normal", "depth"}
+    for material, more in ((GREY, set()), (replace(GREY, occlusion_map=constant(0.5)), {"occlusion"}),
+                           (replace(GREY, normal_map=normal_map((0, 0, 1))), set()),
+                           (replace(GREY, is_unlit=True), {"emission"}),
+                           (replace(GREY, metallic=0.5), {"specular_roughness"}),
+                           (replace(GREY, clearcoat=Clearcoat(1, 0.5)), {"specular_roughness", "clearcoat"}),
+                           (replace(GREY, sheen=Sheen((1, 1, 1), 0.5)), {"specular_roughness", "sheen"})):
+        settings = Settings(size=SIZE, taa=False, provider="cpu")
+        with Renderer(card(material), settings, SSGI) as renderer:  # type: ignore[arg-type]
+            written = [w for p in renderer.plan.passes if p.name.startswith("gbuffer") for w in p.writes]
+            assert set(written) == plain | more

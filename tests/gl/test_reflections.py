@@ -1,0 +1,172 @@
+"""Indirect light on glossy surfaces: what mirrors show, where, and what reflections cost where there are none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from app.network.selection import SSGI, Model
+from app.renderer import Renderer
+from app.scene import Camera, Environment, Material, PointLight, Scene, Texture
+from app.settings import Settings
+from tests.gl.scenes import Part, box, make_scene, quad
+
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "coarse_shadows")]
+
+Image = NDArray[np.float32]
+SIZE = (96, 72)
+MIRROR = Material("mirror", albedo=(1.0, 1.0, 1.0), metallic=1.0, roughness=0.0)
+ROUGH_METAL = Material("rough metal", albedo=(0.9, 0.9, 0.9), metallic=1.0, roughness=0.5)
+WHITE, RED, BLUE = (Material(name, albedo=albedo) for name, albedo in (
+    ("white", (0.7, 0.7, 0.7)), ("red", (0.7, 0.02, 0.02)), ("blue", (0.02, 0.02, 0.7))))
+LAMP = PointLight((0.0, 1.6, 0.0), (3.0, 3.0, 3.0), radius=0.05)
+CAMERA = Camera((0.0, 1.0, 0.5), (0.0, 1.0, -1.0), fov_y_deg=50.0)
+
+
+def room(front: Material = MIRROR) -> Scene:
+    """A cube of edge 2; behind the camera its wall is red on the left as the camera looks, blue on the right."""
+    walls = [quad((-1, 0, -1), (2, 0, 0), (0, 2, 0), front),
+             quad((0, 0, 1), (-1, 0, 0), (0, 2, 0), RED), quad((1, 0, 1), (-1, 0, 0), (0, 2, 0), BLUE),
+             quad((-1, 0, 1), (2, 0, 0), (0, 0, -2), WHITE), quad((-1, 2, -1), (2, 0, 0), (0, 0, 2), WHITE),
+             quad((-1, 0, 1), (0, 0, -2), (0, 2, 0), WHITE), quad((1, 0, -1), (0, 0, 2), (0, 2, 0), WHITE)]
+    return make_scene(walls, [LAMP], CAMERA)
+
+
+def draw(scene: Scene, model: Model, cameras: Sequence[Camera] = (CAMERA,), size: tuple[int, int] = SIZE,
+         reflections: bool = True) -> list[dict[str, Image]]:
+    """All images of consecutive frames."""
+    settings = Settings(size=size, outputs=("final", "reflection", "specular"), reflections=reflections, provider="cpu")
+    with Renderer(scene, settings, model) as renderer:
+        return [renderer.render(camera) for camera in cameras]
+
+
+def passes(scene: Scene, model: Model | None, reflections: bool = True) -> tuple[set[str], dict[str, str]]:
+    """Names of the passes that run, and why others don't."""
+    with Renderer(scene, Settings(size=(32, 24), reflections=reflections, provider="cpu"), model or ()) as renderer:
+        return {p.name for p in renderer.plan.passes}, dict(renderer.plan.culled)
+
+
+def test_a_mirror_shows_the_walls_behind_the_camera_where_they_are(small_ember: Path) -> None:
+    """The mirror is at distance 1.5, the wall at 1.5 + 2 from the eye: the wall's middle is the picture's."""
+    image = draw(room(), small_ember)[-1]["reflection"]
+    row = image[30:42].mean(axis=0)
+    # The wall's half width 1 is seen at a distance of 3.5; half the picture's is tan 25° · 4 / 3 at a distance of 1.
+    half_wall = 1 / 3.5 / (np.tan(np.radians(25)) * 4 / 3) * SIZE[0] / 2
+    left, right = row[int(48 - half_wall) + 4:45], row[51:int(48 + half_wall) - 4]
+    assert (left[:, 0] > 5 * left[:, 2]).all()
+    assert (right[:, 2] > 5 * right[:, 0]).all()
+    outside = row[:int(48 - half_wall) - 4]
+    assert (outside[:, 2] > 0.3 * outside[:, 0]).all()  # the white side wall
+
+
+def test_a_mirror_shows_as_much_light_as_the_wall_sends(small_ember: Path) -> None:
+    """Compared with a view of the wall itself, from the eye's mirror image."""
+    from_behind = Camera((0.0, 1.0, -2.5), (0.0, 1.0, 1.0), fov_y_deg=50.0)  # the mirror has no back
+    scene = room(replace(MIRROR, is_back_culled=True))
+    seen = draw(scene, small_ember, (CAMERA,) * 4)[-1]["reflection"]
+    there = draw(scene, small_ember, (from_behind,) * 4)[-1]["final"][:, ::-1]
+    part = slice(24, 48), slice(36, 60)
+    np.testing.assert_allclose(seen[part].mean(axis=(0, 1)), there[part].mean(axis=(0, 1)), rtol=0.2)
+
+
+def test_reflections_can_be_switched_off(small_ember: Path) -> None:
+    names, culled = passes(room(), small_ember, reflections=False)
+    assert not any(name.startswith("reflection") for name in names)
+    assert culled["reflection"] == "switched off by --no-reflections"
+    image = draw(room(), small_ember, reflections=False)[-1]
+    assert not image["reflection"].any()
+    assert image["final"][36:42, 40:56].max() < 1e-3  # the mirror shows the lamp's highlight alone
+
+
+def test_a_scene_without_shiny_surfaces_has_no_reflections(small_ember: Path) -> None:
+    names, culled = passes(room(WHITE), small_ember)
+    assert not any(name.startswith("reflection") for name in names)
+    assert culled["reflection"] == "no material has a specular lobe"
+
+
+def test_rough_surfaces_trace_no_rays(small_ember: Path) -> None:
+    names, culled = passes(room(replace(ROUGH_METAL, roughness=0.7)), small_ember)
+    assert {name for name in names if name.startswith("reflection")} == {"reflection"}
+    assert culled["reflection_rays"] == "all surfaces are too rough for rays"
+
+
+def test_without_a_model_there_are_none() -> None:
+    names, culled = passes(room(), None)
+    assert "reflection" not in names
+    assert culled["reflection"] == "no model was chosen"
+
+
+def test_a_model_without_surfels_gets_some() -> None:
+    """Rays' ends send direct light then."""
+    image = draw(room(), SSGI)[-1]["reflection"]
+    assert image[30:42, 40:45, 0].min() > 0.02
+
+
+def test_the_inside_of_a_metal_box_is_lit(small_ember: Path) -> None:
+    scene = make_scene([box((-1, 0, -1), (2, 2, 2), ROUGH_METAL)], [LAMP], CAMERA)
+    image = draw(scene, small_ember, (CAMERA,) * 3)[-1]["final"]
+    assert np.isfinite(image).all()
+    assert (image.max(axis=2) > 0).mean() > 0.9
+
+
+def test_a_mirror_that_faces_a_mirror_stays_bounded(small_ember: Path) -> None:
+    parts: list[Part] = [quad((-1, 0, -1), (2, 0, 0), (0, 2, 0), MIRROR),
+                         quad((1, 0, 1), (-2, 0, 0), (0, 2, 0), MIRROR),
+                         quad((-1, 0, 1), (2, 0, 0), (0, 0, -2), WHITE)]
+    frames = draw(make_scene(parts, [LAMP], CAMERA), small_ember, (CAMERA,) * 8)
+    brightest = [frame["reflection"].max() for frame in frames]
+    assert all(np.isfinite(frame["final"]).all() for frame in frames)
+    assert brightest[-1] <= 2 * brightest[0]
+
+
+def test_rays_that_meet_nothing_show_the_environment(small_ember: Path) -> None:
+    """A mirror under a constant sky reflects exactly its radiance, which is not counted as direct light too."""
+    sky = Environment(np.full((2, 4, 3), 0.5, np.float32))
+    scene = replace(make_scene([quad((-2, 0, 2), (4, 0, 0), (0, 0, -4), MIRROR)], [], CAMERA), environment=sky)
+    down = Camera((0.0, 1.0, 0.0), (0.0, 0.0, -0.2), fov_y_deg=30.0)
+    image = draw(scene, small_ember, (down,) * 2)[-1]
+    np.testing.assert_allclose(image["reflection"], 0.5, rtol=0.02)
+    assert not image["specular"].any()
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 40), (40, 1), (2, 3)])
+def test_pictures_of_any_size(size: tuple[int, int], small_ember: Path) -> None:
+    image = draw(room(), small_ember, (CAMERA,) * 2, size)[-1]["final"]
+    assert np.isfinite(image).all()
+    assert image.max() > 0
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, -100.0])
+def test_broken_roughness_stays_alone(value: float, small_ember: Path) -> None:
+    pixels = np.ones((8, 8, 4), np.float32)
+    pixels[..., 1] = 0.1
+    pixels[3, 3, 1] = value
+    broken = replace(MIRROR, roughness=1.0, metallic_roughness_map=Texture(pixels))
+    image, whole = (draw(room(material), small_ember, (CAMERA,) * 3)[-1] for material in (
+        broken, replace(broken, metallic_roughness_map=None, roughness=0.1)))
+    assert np.isfinite(image["final"]).all()
+    assert image["reflection"].max() < 1.1 * whole["reflection"].max()
+
+
+def test_reflections_follow_a_moving_camera(small_ember: Path) -> None:
+    """Frames of a moving camera differ little from frames without history, and no more than these from each other."""
+    cameras = [replace(CAMERA, eye=(0.02 * k, 1.0, 0.5)) for k in range(8)]
+    moved = draw(room(), small_ember, cameras)
+    first = [draw(room(), small_ember, (camera,) * 2)[-1] for camera in cameras[-2:]]
+    error = np.abs(moved[-1]["reflection"] - first[-1]["reflection"])
+    assert error.mean() < 0.08 * first[-1]["reflection"].mean()
+    change, expected = (np.abs(b["reflection"] - a["reflection"]).mean() for a, b in ((moved[-2], moved[-1]), first))
+    assert change <= 1.3 * expected
+
+
+def test_orthographic_views_have_reflections(small_ember: Path) -> None:
+    """A mirror seen head-on shows the middle of the wall behind the eye over its whole height."""
+    parallel = replace(CAMERA, orthographic_height=1.0)
+    image = draw(room(), small_ember, (parallel,) * 2)[-1]["reflection"][24:48]
+    assert (image[:, 4:44, 0] > 5 * image[:, 4:44, 2]).mean() > 0.95
+    assert (image[:, 52:92, 2] > 5 * image[:, 52:92, 0]).mean() > 0.95

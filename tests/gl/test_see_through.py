@@ -1,0 +1,230 @@
+"""Blended and transmissive surfaces against closed forms."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.renderer import Renderer
+from app.scene import (
+    Camera,
+    DirectionalLight,
+    Environment,
+    Light,
+    Material,
+    PointLight,
+    RectLight,
+    Scene,
+    SpotLight,
+    Texture,
+    Transmission,
+)
+from app.settings import Settings
+from tests.gl.scenes import draw, floor, make_scene, quad, slide
+
+pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
+
+SIZE = (48, 48)
+TOP = Camera((0.0, 2.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 30.0)
+SLANTED = Camera((0.0, 2.0, 2.0), (0.0, 0.0, 0.0), fov_y_deg=30.0)  # the middle of its image shows the origin
+OVERHEAD = DirectionalLight((0.0, -1.0, 0.0), (math.pi, math.pi, math.pi))
+WHITE = (1.0, 1.0, 1.0)
+WALL = floor(4.0, 0.0, Material(albedo=(0.8, 0.6, 0.4), is_unlit=True))
+
+
+def middle(scene: Scene, **settings: object) -> np.ndarray:
+    return draw(scene, SIZE, **settings)["final"][22:26, 22:26].mean(axis=(0, 1))  # type: ignore[arg-type]
+
+
+def veil(color: tuple[float, float, float], alpha: float, **options: object) -> Material:
+    return Material(albedo=color, alpha=alpha, is_blended=True, **options)  # type: ignore[arg-type]
+
+
+def glass(color: tuple[float, float, float] = WHITE, **options: object) -> Material:
+    """Smooth clear glass, without reflections unless asked for."""
+    names = ("ior", "thickness", "attenuation_color", "attenuation_distance", "factor", "factor_map")
+    transmission = {"factor": 1.0, **{k: options.pop(k) for k in names if k in options}}
+    return Material(**{"albedo": color, "roughness": 0.0, **options},  # type: ignore[arg-type]
+                    transmission=Transmission(**transmission))  # type: ignore[arg-type]
+
+
+def test_a_pane_covers_by_its_alpha() -> None:
+    """Half of a red pane, half of the wall; emission is covered too."""
+    pane = floor(1.0, 0.5, veil((1.0, 0.0, 0.0), 0.5, is_unlit=True))
+    np.testing.assert_allclose(middle(make_scene([pane, WALL], camera=TOP)), (0.9, 0.3, 0.2), rtol=2e-3)
+    glowing = floor(1.0, 0.5, Material(albedo=(0.0,) * 3, alpha=0.25, is_blended=True, emission=(4.0, 0.0, 8.0)))
+    np.testing.assert_allclose(middle(make_scene([glowing, WALL], camera=TOP)), (1.6, 0.45, 2.3), rtol=2e-3)
+
+
+def test_a_pane_is_lit_like_other_surfaces() -> None:
+    pane = floor(1.0, 0.5, veil((0.5, 1.0, 0.0), 0.5))
+    scene = make_scene([pane, floor(4.0, 0.0, Material(albedo=(0.0,) * 3))], [OVERHEAD], TOP)
+    np.testing.assert_allclose(middle(scene), (0.25, 0.5, 0.0), rtol=2e-3)
+    lid = floor(0.5, 3.0, Material())  # above the camera
+    assert not middle(make_scene([pane, lid], [OVERHEAD], TOP)).any()
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2, 3), (3, 1, 0, 2), (2, 3, 1, 0)])
+def test_panes_are_blended_in_the_order_of_their_depth(order: tuple[int, ...]) -> None:
+    """However they are listed, and where they cross: every pixel has its own order."""
+    colors = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (1.0, 1.0, 0.0)]
+    panes = [floor(1.0, 0.9 - 0.2 * k, veil(color, 0.5, is_unlit=True)) for k, color in enumerate(colors)]
+    expected = np.array((0.8, 0.6, 0.4))
+    for color in reversed(colors):
+        expected = 0.5 * np.array(color) + 0.5 * expected
+    seen = middle(make_scene([*(panes[k] for k in order), WALL], camera=TOP))
+    np.testing.assert_allclose(seen, expected, rtol=3e-3)
+
+
+def test_crossing_panes_swap_their_order() -> None:
+    red, blue = (quad((-1, 0.5 - s, 1), (2, 2 * s, 0), (0, 0, -2), veil(color, 0.5, is_unlit=True))
+                 for s, color in ((0.2, (1.0, 0.0, 0.0)), (-0.2, (0.0, 0.0, 1.0))))
+    black = floor(4.0, 0.0, Material(albedo=(0.0,) * 3))
+    image = draw(make_scene([red, blue, black], camera=TOP), SIZE)["final"]
+    np.testing.assert_allclose(image[24, 8], (0.25, 0.0, 0.5), rtol=3e-3)
+    np.testing.assert_allclose(image[24, 40], (0.5, 0.0, 0.25), rtol=3e-3)
+
+
+def test_nothing_is_seen_through_what_is_opaque() -> None:
+    hidden = floor(1.0, 0.2, veil((1.0, 0.0, 0.0), 0.5, is_unlit=True))
+    lid = floor(1.0, 0.5, Material(albedo=(0.2, 0.4, 0.6), is_unlit=True))
+    np.testing.assert_allclose(middle(make_scene([hidden, lid, WALL], camera=TOP)), (0.2, 0.4, 0.6), rtol=2e-3)
+
+
+@pytest.mark.parametrize("f0", [0.0, 0.1])
+def test_a_thin_pane_tints_what_is_behind_it(f0: float) -> None:
+    pane = glass((0.5, 1.0, 0.25), specular=(f0,) * 3, ior=2.0)
+    scene = make_scene([floor(1.0, 0.5, pane), WALL], camera=TOP)
+    np.testing.assert_allclose(middle(scene), (1 - f0) * np.array((0.4, 0.6, 0.1)), rtol=3e-3)
+    twice = make_scene([floor(1.0, 0.5, pane), floor(1.0, 0.7, pane), WALL], camera=TOP)
+    np.testing.assert_allclose(middle(twice), (1 - f0) ** 2 * np.array((0.2, 0.6, 0.025)), rtol=4e-3)
+
+
+def test_glass_may_have_a_specular_map() -> None:
+    """What the map takes from the reflection passes."""
+    half = Texture(np.full((1, 1, 4), 0.5, np.float32))
+    mapped = glass((0.5, 1.0, 0.25), specular=(0.4,) * 3, specular_map=half)
+    plain = glass((0.5, 1.0, 0.25), specular=(0.1,) * 3)
+    seen, expected = (middle(make_scene([floor(1.0, 0.5, pane), WALL], camera=TOP)) for pane in (mapped, plain))
+    np.testing.assert_allclose(seen, expected, rtol=2e-3)
+
+
+def test_what_does_not_pass_is_reflected_diffusely() -> None:
+    half = Texture(np.full((1, 1, 4), 128, np.uint8), is_color=False)
+    pane = glass((0.5, 1.0, 0.25), factor=0.8, factor_map=half)
+    black = floor(4.0, 0.0, Material(albedo=(0.0,) * 3))
+    expected = (1 - 0.8 * 128 / 255) * np.array((0.5, 1.0, 0.25))
+    np.testing.assert_allclose(middle(make_scene([floor(1.0, 0.5, pane), black], [OVERHEAD], TOP)), expected, rtol=5e-3)
+
+
+RAMP = Texture(np.linspace(0, 1, 257, dtype=np.float32)[:, None, None].repeat(4, axis=2), repeat=(False, False))
+
+
+def test_a_volume_shifts_what_is_behind_it_by_refraction() -> None:
+    """As seen where the refracted ray leaves the volume; an index of 1 changes nothing at all."""
+    ground = floor(4.0, 0.0, Material(albedo=WHITE, albedo_map=RAMP, is_unlit=True))
+    plain = draw(make_scene([ground], camera=SLANTED), SIZE)["final"]
+    for ior in (1.0, 1.5):
+        pane = floor(2.0, 0.5, glass(ior=ior, thickness=0.5))
+        seen = draw(make_scene([pane, ground], camera=SLANTED), SIZE)["final"]
+        if ior == 1:
+            np.testing.assert_allclose(seen, plain, atol=2e-3)
+        refracted = math.asin(math.sin(math.pi / 4) / ior)
+        below = 0.5 - 0.5 * math.cos(refracted)  # height of the point where the ray leaves
+        z = 0.5 - 0.5 * math.sin(refracted)
+        z -= below * (2 - z) / (2 - below)       # that point is seen over this one of the ground
+        np.testing.assert_allclose(seen[23:25, 23:25].mean(), 1 - (4 - z) / 8, atol=4e-3)
+
+
+def test_a_volume_of_infinite_index_stays_finite() -> None:
+    pane = floor(1.0, 0.5, glass(ior=math.inf, thickness=0.5, roughness=0.5))
+    with Renderer(make_scene([pane, WALL], camera=TOP), Settings(SIZE, taa=False, check=True, provider="cpu")) as r:
+        r.render(TOP)
+        assert not any(p.get("non_finite") for p in r.timing()["passes"].values())
+
+
+def test_a_volume_absorbs() -> None:
+    pane = glass(thickness=0.5, attenuation_color=(0.5, 0.25, 1.0), attenuation_distance=0.25)
+    scene = make_scene([floor(1.0, 0.8, pane), WALL], camera=TOP)
+    np.testing.assert_allclose(middle(scene), np.array((0.8, 0.6, 0.4)) * np.array((0.5, 0.25, 1.0)) ** 2, rtol=3e-3)
+
+
+def test_rough_glass_blurs_what_is_far_behind_it() -> None:
+    """The farther it is behind the glass, the more; light is conserved."""
+    stripes = np.zeros((1, 64, 4), np.float32)
+    stripes[:, ::2] = 1.0
+    ground = floor(2.0, 0.0, Material(albedo=WHITE, albedo_map=Texture(stripes), is_unlit=True))
+    spread = []
+    for height in (0.01, 0.3, 1.0):
+        pane = floor(2.0, height, glass(roughness=0.3))
+        seen = draw(make_scene([pane, ground], camera=TOP), (192, 192))["final"][64:128, 64:128]
+        assert seen.mean() == pytest.approx(0.5, abs=0.02)
+        spread.append(seen.std())
+    assert spread[0] > 3 * spread[1] and spread[1] > spread[2]
+    assert spread[2] < 0.05
+
+
+def test_glass_shows_the_sky_and_its_reflection() -> None:
+    """A smooth pane under an even sky: what it does not let pass it reflects."""
+    pane = floor(3.0, 0.0, glass(specular=(0.04,) * 3))
+    scene = replace(make_scene([pane], camera=SLANTED), environment=Environment(np.ones((4, 8, 3), np.float32)))
+    np.testing.assert_allclose(middle(scene), 1.0, atol=0.02)
+
+
+def test_layers_do_not_ghost() -> None:
+    """A textured pane that moves over a textured wall: history changes it as little as it changes an opaque one."""
+    noise = np.random.default_rng(0).random((16, 16, 1), np.float32).repeat(4, axis=0).repeat(4, axis=1)
+    texture = Texture(np.concatenate([noise.repeat(3, axis=2), np.ones_like(noise)], axis=2))
+    ground = floor(4.0, material=Material(albedo=(0.8, 0.6, 0.4), is_unlit=True, albedo_map=replace(
+        texture, transform=np.diag([8.0, 8.0, 1.0]))))
+    errors = []
+    for material in (veil((1.0, 0.2, 0.0), 0.8), Material(albedo=(1.0, 0.2, 0.0))):
+        pane = quad((-1, 0.5, 0.3), (0.6, 0, 0), (0, 0, -0.6), replace(material, is_unlit=True, albedo_map=texture),
+                    slide((0.0, 1.0), [(0, 0, 0), (1.4, 0, 0)]))
+        scene = make_scene([pane, ground], camera=TOP)
+        with Renderer(scene, Settings((192, 192), provider="cpu")) as renderer:
+            for step in range(10):
+                image = renderer.render(TOP, 0.02 * step)["final"]
+        with Renderer(scene, Settings((192, 192), taa=False, provider="cpu")) as renderer:
+            alone = renderer.render(TOP, 0.18)["final"]
+        errors.append(float(np.sqrt(((image - alone) ** 2).mean())))
+    assert errors[0] < 1.3 * errors[1] < 0.03
+
+
+LAMPS: dict[str, Light] = {
+    "sun": OVERHEAD, "soft sun": replace(OVERHEAD, angular_radius_deg=1.0),
+    "point": PointLight((0.0, 4.0, 0.0), (16 * math.pi,) * 3),
+    "sphere": PointLight((0.0, 4.0, 0.0), (16 * math.pi,) * 3, 0.05),
+    "spot": SpotLight((0.0, 4.0, 0.0), (0.0, -1.0, 0.0), (16 * math.pi,) * 3, 20.0, 30.0),
+}
+
+
+@pytest.mark.parametrize("name", LAMPS)
+def test_shadows_have_the_color_of_what_passes(name: str) -> None:
+    """Of two panes the product; beyond their edges there is none, nor above them."""
+    panes = [quad((-0.2, y, 0.2), (0.4, 0, 0), (0, 0, -0.4), m)
+             for y, m in ((1.0, glass((0.5, 1.0, 0.25))), (1.1, veil((1.0, 0.0, 0.0), 0.5)))]
+    white = floor(2.0, 0.0, Material(albedo=WHITE))
+    camera = Camera((0.0, 1.0, 3.0), (0.0, 0.0, 0.0), fov_y_deg=10.0)  # below the panes
+    shaded, free = (middle(make_scene([*above, white], [LAMPS[name]], camera)) for above in (panes, ()))
+    np.testing.assert_allclose(shaded / free, (0.25, 0.5, 0.125), rtol=0.01)
+    aside = replace(camera, eye=(1.0, 1.0, 3.0), target=(1.0, 0.0, 0.0))
+    beside, plain = (middle(make_scene([*above, white], [LAMPS[name]], aside)) for above in (panes, ()))
+    np.testing.assert_allclose(beside, plain, rtol=1e-3)
+    lid = floor(0.1, 1.5, Material(albedo=WHITE))
+    over = replace(camera, eye=(0.0, 3.0, 0.5), target=(0.0, 1.5, 0.0))
+    above, bare = (middle(make_scene([*parts, lid, white], [LAMPS[name]], over)) for parts in (panes, ()))
+    np.testing.assert_allclose(above, bare, rtol=1e-3)
+
+
+def test_rays_pass_by_the_coverage() -> None:
+    """Shadows of a large light are traced: half of its light passes a pane of alpha 0.5."""
+    lamp = RectLight((0.0, 1.5, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), WHITE)
+    white = floor(2.0, 0.0, Material(albedo=WHITE))
+    camera = Camera((0.0, 0.4, 2.0), (0.0, 0.0, 0.0), fov_y_deg=10.0)
+    shade = floor(3.0, 0.8, veil(WHITE, 0.5))
+    shaded, free = (middle(make_scene([*above, white], [lamp], camera)) for above in ((shade,), ()))
+    np.testing.assert_allclose(shaded / free, 0.5, atol=0.06)

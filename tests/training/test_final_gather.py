@@ -1,0 +1,160 @@
+"""The network that cleans gathered light: energy, exposure, what it keeps apart, and its training."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="export needs torch")
+
+import torch
+from torch import Tensor
+
+from app.errors import SettingsError
+from app.network.selection import find_model
+from app.network.session import Network
+from export.dataset.gathered_frames import GatheredFrame, make_frames, read_frames
+from export.models.final_gather import FinalGather
+from export.training.final_gather import CROP, make_example, relative_error, train
+
+SIZE = (48, 32)
+
+
+def wall(light: np.ndarray, count: float = 8.0) -> np.ndarray:
+    """The network's input of a wall that faces the camera, 10 units away, for gathered and interpolated light."""
+    height, width = light.shape[1:]
+    screen = np.zeros((14, height, width), np.float32)
+    screen[:3] = screen[5:8] = light
+    screen[3], screen[4], screen[10], screen[13] = count, 1.0, 1.0, -10.0
+    screen[11], screen[12] = np.meshgrid(np.linspace(-5, 5, width), np.linspace(4, -4, height))
+    return screen
+
+
+@pytest.fixture(scope="module")
+def network() -> Network:
+    return Network(find_model("final-gather"), SIZE, "cpu")
+
+
+def clean(network: Network, screen: np.ndarray) -> np.ndarray:
+    return network.run({"screen": screen})["indirect.rgb"]
+
+
+def test_uniform_light_stays_and_no_light_is_made(network: Network) -> None:
+    uniform = np.full((3, *SIZE[::-1]), 0.7, np.float32)
+    np.testing.assert_allclose(clean(network, wall(uniform)), 0.7, rtol=1e-4)
+    noisy = np.random.default_rng(0).exponential(1.0, uniform.shape).astype(np.float32)
+    assert clean(network, wall(noisy)).max() <= noisy.max()
+    assert clean(network, wall(noisy)).min() >= noisy.min()
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
+def test_light_times_a_factor_gives_the_result_times_the_factor(network: Network, factor: float) -> None:
+    noisy = np.random.default_rng(1).exponential(1.0, (3, *SIZE[::-1])).astype(np.float32)
+    once, scaled = clean(network, wall(noisy)), clean(network, wall(noisy * np.float32(factor)))
+    np.testing.assert_allclose(scaled, once * factor, rtol=1e-3)
+
+
+def test_few_rays_lose_most_of_their_noise(network: Network) -> None:
+    noise = np.random.default_rng(2).exponential(1.0, (3, *SIZE[::-1])).astype(np.float32)
+    screen = wall(noise, 1.0)
+    screen[5:8] = 1.0
+    assert clean(network, screen).std() < 0.15 * noise.std()
+
+
+def test_light_does_not_creep_around_a_corner(network: Network) -> None:
+    """The left half faces right and is lit by a strip; the right half faces the camera, and is dark up to the edge."""
+    screen = wall(np.zeros((3, *SIZE[::-1]), np.float32), 16.0)
+    left = np.s_[:, : SIZE[0] // 2]
+    rng = np.random.default_rng(3)
+    lit = np.where(np.arange(SIZE[0]) < SIZE[0] // 2, 10.0, 0.1).astype(np.float32)
+    screen[:3] = lit * rng.uniform(0.5, 1.5, (3, *SIZE[::-1]))
+    screen[5:8] = lit
+    screen[8][left], screen[10][left] = 1.0, 0.0
+    screen[13][left] += np.linspace(5, 0, SIZE[0] // 2, dtype=np.float32)
+    screen[11][left] = 0.0
+    dark = clean(network, screen)[:, :, SIZE[0] // 2:]
+    assert dark.max() < 0.2
+
+
+def test_a_contact_shadow_that_many_rays_agree_on_stays_dark(network: Network) -> None:
+    """Three texels wide, on a plane, where nothing but the light and the distance of the rays' ends shows an edge."""
+    light = np.ones((3, *SIZE[::-1]), np.float32)
+    light[:, 14:17] = 0.2
+    screen = wall(light, 2000.0)
+    screen[4, 14:17] = 0.2
+    screen[5:8] = 0.9
+    shadow = clean(network, screen)[:, 15]
+    assert shadow.mean() < 0.5
+
+
+def test_texels_of_the_sky_and_poison_leave_finite_light(network: Network) -> None:
+    screen = wall(np.ones((3, *SIZE[::-1]), np.float32))
+    screen[:, :10] = 0.0
+    cleaned = clean(network, screen)
+    np.testing.assert_array_equal(cleaned[:, :10], 0)
+    np.testing.assert_allclose(cleaned[:, 10:], 1, rtol=1e-3)
+    for value in (np.nan, np.inf, -np.inf, -100.0, 1e30):
+        assert np.isfinite(clean(network, np.full_like(screen, value))).all()
+
+
+def frame(rays: int = 48) -> GatheredFrame:
+    """A wall with a bright and a dark half."""
+    size = 72, 96
+    rng = np.random.default_rng(4)
+    screen = wall(np.where(np.arange(size[1]) < 48, 2.0, 0.5) * np.ones((3, *size)))
+    light = screen[:3].transpose(1, 2, 0)[:, :, None] * rng.exponential(1.0, (*size, rays, 1))
+    return GatheredFrame(light.astype(np.float16), np.ones((*size, rays), np.float16), screen[5:8], screen[8:11],
+                         screen[11:])
+
+
+def test_examples_have_disjoint_rays_of_the_same_light() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(8):
+        screen, target = make_example(frame(), rng)
+        assert screen.shape == (14, CROP, CROP) and target.shape == (3, CROP, CROP)
+        assert screen[3].min() >= 1 and screen[3].max() <= 24
+        assert abs(float(target.mean() / screen[5:8].mean()) - 1) < 0.1
+        assert np.corrcoef((screen[:3] / screen[5:8]).flatten(), (target / screen[5:8]).flatten())[0, 1] < 0.1
+
+
+def test_the_loss_has_its_minimum_at_the_mean_of_noisy_targets() -> None:
+    targets = torch.tensor([0.5, 1.5]).repeat(500).reshape(1, 1, 1, -1).expand(1, 3, 1, -1)
+    normal = torch.ones_like(targets)
+
+    def loss(value: float) -> Tensor:
+        return relative_error(torch.full_like(targets, value), targets, normal) * (value + 0.1) ** 2
+
+    assert loss(1.0) < loss(0.95) and loss(1.0) < loss(1.05)
+
+
+def test_training_lowers_the_loss_and_counts_its_steps() -> None:
+    reports: list[tuple[int, float]] = []
+    network = train([frame()], 6.0, 0, lambda step, seconds, loss: reports.append((step, loss)), report_steps=2)
+    assert isinstance(network, FinalGather)
+    assert [step for step, _ in reports] == list(range(2, 2 * len(reports) + 1, 2))
+    assert all(np.isfinite(loss) for _, loss in reports)
+
+
+@pytest.mark.gl
+@pytest.mark.usefixtures("egl")
+def test_frames_have_rays_whose_mean_is_near_the_interpolated_light(tmp_path: Path) -> None:
+    done: list[int] = []
+    make_frames(tmp_path, 1, 0, done.append)
+    frames = read_frames(tmp_path)
+    assert done == [1] and len(frames) == 3
+    for made in frames:
+        assert (made.distance >= 0).all() and (made.distance <= 1).all() and np.isfinite(made.light).all()
+        shown = np.abs(made.normal).sum(axis=0) > 0
+        mean = made.light[shown].astype(np.float64).mean()
+        assert mean == pytest.approx(made.interpolated[:, shown].mean(), rel=0.25)
+        assert not made.light[~shown].any()
+
+
+def test_a_folder_without_frames_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match="no frames"):
+        read_frames(tmp_path)
+    np.savez(tmp_path / "0000-0.npz", other=np.zeros(1))
+    with pytest.raises(SettingsError, match="not a frame"):
+        read_frames(tmp_path)

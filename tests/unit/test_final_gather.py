@@ -1,0 +1,90 @@
+"""Rays that gather light from surfels: what they find, and how they are spread."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.math3d import View
+from app.raycast.caster import Caster
+from app.scene import Camera, Material, Scene
+from app.surfels.final_gather import TILE, GatheredRays, gather, sequence
+from app.surfels.lookup import SurfelLookup
+from app.surfels.world import WorldSurfels
+from tests.gl.scenes import GREY, Part, Point, box, floor, make_scene, quad
+
+INSIDE = (2.0, 1.5, 3.5)
+ROOM = box((0, 0, 0), (4, 3, 4))
+UP = (0.0, 1.0, 0.0)
+RAYS = 256
+
+
+def gather_at(parts: list[Part], point: Point, normal: Point = UP, reach: float = 0.5,
+              count: int = 256) -> GatheredRays:
+    """What rays from one point find where every surfel sends 2."""
+    scene: Scene = make_scene(parts)
+    caster = Caster(scene)
+    view = View.of(Camera(INSIDE, (2, 1, 0), fov_y_deg=60), (64, 48), 1e-4)
+    world = WorldSurfels(scene, caster, view, count, 16)
+    facing = np.array([normal], np.float32)
+    origin = (np.array([point]) - caster.origin).astype(np.float32) + caster.ray_epsilon * facing
+    return gather(caster, SurfelLookup(world), np.full((count, 3), 2, np.float32), reach, origin, facing,
+                  sequence(1, 1, 0, RAYS, 0.0))
+
+
+@pytest.mark.parametrize(("point", "normal"), [((2.0, 0.0, 2.0), UP), ((0.0, 0.01, 0.01), (1.0, 0.0, 0.0))],
+                         ids=["floor", "corner"])
+def test_in_a_closed_room_every_ray_finds_what_the_walls_reflect(point: Point, normal: Point) -> None:
+    found = gather_at([ROOM], point, normal)
+    np.testing.assert_allclose(found.light, 2 * 0.5, rtol=1e-5)  # GREY reflects half
+
+
+def test_rays_that_end_nowhere_find_nothing() -> None:
+    """A wall that fills half of the hemisphere's cosine-weighted directions, and the sky."""
+    found = gather_at([floor(2.0), quad((-50, 0, -0.001), (100, 0, 0), (0, 1000, 0))], (0.0, 0.0, 0.0))
+    np.testing.assert_allclose(found.light.mean(axis=1), 0.5, atol=0.02)
+
+
+def test_light_of_emissive_surfaces_counts_unless_they_are_analytic_lights() -> None:
+    shining = Material(albedo=(0.0,) * 3, emission=(3.0, 2.0, 1.0))
+    walls = replace(ROOM, material=shining)
+    proxies = replace(ROOM, material=replace(shining, is_light_proxy=True))
+    np.testing.assert_allclose(gather_at([walls], (2, 0, 2)).light.mean(axis=1), [(3, 2, 1)], rtol=1e-5)
+    np.testing.assert_array_equal(gather_at([proxies], (2, 0, 2)).light, 0)
+
+
+def test_distances_are_short_beside_a_wall_and_never_beyond_the_reach() -> None:
+    near, far = (gather_at([ROOM], (x, 0.0, 2.0)).distance.mean() for x in (0.01, 2.0))
+    assert near < 0.75
+    assert far == 1
+
+
+def test_texels_of_a_tile_share_an_even_sequence_that_goes_on_in_the_next_frame() -> None:
+    numbers = sequence(2 * TILE, TILE, 0, 1, 0.0).reshape(TILE, 2 * TILE, 2)
+    assert ((numbers >= 0) & (numbers < 1)).all()
+    tile = numbers[:, :TILE].reshape(-1, 2)
+    cells = np.floor(tile * 4).astype(int)
+    counts = np.bincount(cells[:, 0] * 4 + cells[:, 1], minlength=16)
+    assert counts.min() >= 2 and counts.max() <= 6  # 4 each; of random numbers some cell has 0 or 1, and one 8
+    later = sequence(2 * TILE, TILE, 3, 2, 0.0)
+    np.testing.assert_array_equal(later, sequence(2 * TILE, TILE, 0, 5, 0.0)[:, 3:])
+    assert (sequence(2 * TILE, TILE, 0, 1, 0.5)[:, 0] != numbers.reshape(-1, 2)).all()
+
+
+def test_light_that_is_constant_in_cells_stays_near_the_interpolated_light() -> None:
+    """Of light that varies as smoothly as that of surfels does."""
+    scene = make_scene([ROOM, box((1, 0.01, 0.5), (1, 1, 1), GREY)])
+    caster = Caster(scene)
+    world = WorldSurfels(scene, caster, View.of(Camera(INSIDE, (2, 1, 0), fov_y_deg=60), (64, 48), 1e-4), 512, 16)
+    light = np.repeat(1 + 0.2 * world.position[:, :1], 3, axis=1)
+    rng = np.random.default_rng(0)
+    directions = rng.normal(size=(2000, 3)).astype(np.float32)
+    hits = caster.cast(np.tile((np.array([INSIDE]) - caster.origin).astype(np.float32), (2000, 1)), directions)
+    lookup = SurfelLookup(world)
+    exact = lookup.interpolate(light, hits.position, hits.normal)
+    approximate = lookup.approximate(light, hits.position, hits.normal)
+    assert np.abs(approximate - exact).mean() < 0.02
+    assert abs(float((approximate - exact).mean())) < 0.005
+    np.testing.assert_allclose(lookup.approximate(np.ones_like(light), hits.position, hits.normal), 1, rtol=1e-5)
