@@ -27,7 +27,7 @@ def gather_at(parts: list[Part], point: Point, normal: Point = UP, reach: float 
     scene: Scene = make_scene(parts)
     caster = Caster(scene)
     view = View.of(Camera(INSIDE, (2, 1, 0), fov_y_deg=60), (64, 48), 1e-4)
-    world = WorldSurfels(scene, caster, view, count, 16)
+    world = WorldSurfels(scene, caster, [view], count, 16)
     facing = np.array([normal], np.float32)
     origin = (np.array([point]) - caster.origin).astype(np.float32) + caster.ray_epsilon * facing
     return gather(caster, SurfelLookup(world), np.full((count, 3), 2, np.float32), reach, origin, facing,
@@ -77,7 +77,7 @@ def test_light_that_is_constant_in_cells_stays_near_the_interpolated_light() -> 
     """Of light that varies as smoothly as that of surfels does."""
     scene = make_scene([ROOM, box((1, 0.01, 0.5), (1, 1, 1), GREY)])
     caster = Caster(scene)
-    world = WorldSurfels(scene, caster, View.of(Camera(INSIDE, (2, 1, 0), fov_y_deg=60), (64, 48), 1e-4), 512, 16)
+    world = WorldSurfels(scene, caster, [View.of(Camera(INSIDE, (2, 1, 0), fov_y_deg=60), (64, 48), 1e-4)], 512, 16)
     light = np.repeat(1 + 0.2 * world.position[:, :1], 3, axis=1)
     rng = np.random.default_rng(0)
     directions = rng.normal(size=(2000, 3)).astype(np.float32)
