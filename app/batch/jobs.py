@@ -85,6 +85,13 @@ class Task:
                 digest.update(file.read_bytes())
         return digest.hexdigest()[:32]
 
+    def is_done(self, out: Path) -> bool:
+        """Whether its pictures are in the folder ``out``, drawn from the same files."""
+        try:
+            return bool(json.loads((out / self.record).read_text("utf-8"))["key"] == self.key())
+        except (OSError, ValueError, KeyError, TypeError):
+            return False
+
 
 def read_jobs(path: Path) -> list[Job | BadLine]:
     """The jobs of a file; names of files in it are relative to its folder.

@@ -20,11 +20,11 @@ def task_from_json(spec: dict[str, Any]) -> Task:
 def main() -> None:
     """Draw until the standard input ends; an error, whatever it is, is the answer of its task alone."""
     answers, sys.stdout = sys.stdout, sys.stderr
-    drawer = TaskDrawer(Path(sys.argv[1]))
+    drawer = TaskDrawer()
     for line in sys.stdin:
-        error = ""
+        message, error = json.loads(line), ""
         try:
-            drawer.draw(task_from_json(json.loads(line)))
+            drawer.draw(task_from_json(message["task"]), Path(message["out"]))
         except AfterglowError as problem:
             error = str(problem)
         except Exception as problem:  # of a library, for a scene that nobody has tried yet
