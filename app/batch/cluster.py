@@ -37,7 +37,8 @@ def run_on_cluster(tasks: Sequence[Task], out: Path, scheduler: str, on_done: Ca
         for future in extra_module("distributed", EXTRA).as_completed(tasks_of):
             on_done(tasks_of[future], _receive(future, out))
             future.release()
-        client.run(end_idle_processes, on_error="ignore")
+        with suppress(OSError):  # the scheduler may have been lost
+            client.run(end_idle_processes, on_error="ignore")
 
 
 def draw_files(task: Task) -> tuple[str, dict[str, bytes]]:

@@ -1,8 +1,8 @@
 """Tasks on the cores of this machine."""
 
 import queue
-import threading
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
@@ -36,8 +36,6 @@ def run_on_cores(tasks: Sequence[Task], out: Path, workers: int, on_done: Callab
                     waiting.put((task, deaths + 1))  # last, so that it does not hold up the others
         process.end()
 
-    threads = [threading.Thread(target=work) for _ in range(min(workers, len(tasks)))]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(workers) as threads:
+        for thread in [threads.submit(work) for _ in range(min(workers, len(tasks)))]:
+            thread.result()
