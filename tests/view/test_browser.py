@@ -47,7 +47,7 @@ def page(browser: Any, viewer: Viewer) -> Iterator[Any]:
     page.on("pageerror", lambda error: errors.append(str(error)))
     page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
     page.goto(viewer.link)
-    wait_until(page, "window.afterglow?.state && afterglow.screen.header")
+    wait_until(page, "window.afterglow?.state && afterglow.screen.header && String(afterglow.state.size) === '320,240'")
     page.evaluate("""() => { window.start ??= structuredClone(afterglow.state); }""")
     assert page.evaluate("start.camera.eye") == [0, 1, 3.9]  # the test before has left nothing behind
     settle(page)
