@@ -344,6 +344,24 @@ def test_the_wheel_zooms_towards_the_surface_under_the_cursor(page: Any) -> None
         assert seen == pytest.approx((40, 130), abs=0.1)
 
 
+def test_an_orbit_stops_at_walls_and_slides_along_them(page: Any) -> None:
+    """A wall at the yaws from 20° to 25°, and at pitches above 10°; beyond the wall it is free again."""
+    turned = page.evaluate("""async () => {
+        const {Orbit} = await import('/page/orbit.js');
+        const row = '1111' + '0' + '1'.repeat(67), step = Math.PI / 36;
+        const camera = {eye: [0, 0, 3], target: [0, 0, 0], up: [0, 1, 0]};
+        return [[10, 0], [60, 0], [-60, 0], [60, 5], [0, 60]].map(angles => {
+            const orbit = new Orbit(camera, [0, 0, 0], {step, first_row: -1, free: [row, row, row]});
+            const {eye} = orbit.turn(...angles.map(a => a * Math.PI / 180));
+            return [Math.atan2(eye[0], eye[2]), Math.asin(-eye[1] / 3)].map(a => a * 180 / Math.PI);
+        });
+    }""")
+    (free, at_wall, around, along, up) = turned
+    assert free == pytest.approx([10, 0], abs=0.01) and around == pytest.approx([-60, 0], abs=0.01)
+    assert 17 < at_wall[0] < 20 and 17 < along[0] < 20 and along[1] == pytest.approx(5, abs=0.01)
+    assert up[0] == pytest.approx(0, abs=0.01) and 7 < up[1] < 10
+
+
 def test_a_drag_in_a_room_looks_around(browser: Any, tmp_path: Path) -> None:
     (tmp_path / "room.obj").write_text(trimesh.creation.box((4, 3, 5)).export(file_type="obj"))
     (tmp_path / "room.json").write_text(json.dumps(
