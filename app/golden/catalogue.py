@@ -68,6 +68,8 @@ def catalogue() -> dict[str, Case]:
         replace(_settled("mirrors", scenes.mirrors(), SSGI), size=(64, 48), stages=REFLECTION_STAGES, reflections=True),
         replace(_single("glossy", scenes.materials(), SSGI), size=(64, 48), reflections=True,
                 stages=("direct", "reflection_history", "reflection")),
+        replace(_single("glass_reflected", scenes.glass(), SSGI), size=(64, 48), reflections=True,
+                stages=("reflection_march",)),
         replace(_settled("parallel_mirrors", scenes.parallel(scenes.mirrors(), 1.6), SSGI), size=(64, 48),
                 stages=REFLECTION_STAGES[-2:], reflections=True),
         replace(_settled("ssgi", scenes.room(), SSGI), stages=SSGI_STAGES),
