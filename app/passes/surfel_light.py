@@ -18,7 +18,7 @@ from app.graph import BoundPass, Pass, Tex
 from app.surfels.tracked import TrackedSurfels
 from app.surfels.world import MAX_LIGHT_SAMPLES
 
-SAMPLES = 8  # shadow rays of a light sample
+SAMPLES = 16  # shadow rays of a light sample
 
 
 def declare(surfels: TrackedSurfels, lights: LightSet) -> Pass:

@@ -18,9 +18,8 @@ from app.surfels.farthest_points import neighbour_distance, sample_farthest
 from app.surfels.random_walks import sample_sphere, trace_walks
 from app.surfels.ray_bundle import RayBundle, trace_cosine_rays
 
-CANDIDATES = 16            # hits of random walks for each surfel
-CANDIDATE_STEP = 2         # one in so many may become a surfel; the choice takes long
-MAX_LIGHT_SAMPLES = 16     # of a surfel, whose mean is its direct light
+CANDIDATES = 8             # hits of random walks for each surfel
+MAX_LIGHT_SAMPLES = 8      # of a surfel, whose mean is its direct light
 NORMAL_SPACING = 4.0       # surfel spacings that a unit of difference between normals counts as in the choice
 RADIUS_NEIGHBOUR = 8       # a surfel's radius is the distance to this neighbour
 COVERAGE_RAYS = 64         # rays from an eye; it is covered when few of them
@@ -77,7 +76,7 @@ class WorldSurfels:
         candidates = trace_walks(self._caster, views, CANDIDATES * count, rng)
         spacing = _estimate_spacing(candidates.position, count, scene.longest_edge)
         features = np.concatenate([candidates.position, NORMAL_SPACING * spacing * candidates.normal], axis=1)
-        chosen = CANDIDATE_STEP * sample_farthest(features[::CANDIDATE_STEP], count)
+        chosen = sample_farthest(features, count)
         self.used = len(chosen)
         surfels = candidates.select(chosen)
         self._surfels = AttachedPoints(self._caster, surfels.position, surfels.normal, surfels.anchors)
