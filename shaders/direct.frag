@@ -117,7 +117,7 @@ void main()
     traced += rects.irradiance;
     traced_specular += rects.specular;
 #else
-    traced += rects_irradiance(p, n, is_lit);
+    traced += rects_irradiance(p, n, is_lit, quad);
 #endif
 #endif
 #ifdef LAYERS

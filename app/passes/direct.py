@@ -50,7 +50,8 @@ def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] |
              *(("sky_irradiance",) if has_sky else ()), *(("sky_specular",) if has_sky and has_specular else ()))
     defines = {**lights.defines, **({"NORMAL_MAPS": 1} if has_normal_maps else {}),
                **{f"HAS_{name.upper()}": 1 for name in layers}, **({"WIDE_SHADOW_RATIO": 1} if prefix else {}),
-               **({"SKY_IS_REFLECTED": 1} if sky_is_reflected else {})}
+               **({"SKY_IS_REFLECTED": 1} if sky_is_reflected else {}),
+               **({"HAS_SPECULAR_SURFACES": 1} if has_specular else {})}
 
     return Pass(prefix + "direct", reads=reads, optional=("environment_diffuse", "environment_specular"), writes=writes,
                 make=lambda device, bound: _make(device, bound, defines, shadow_grid, bool(layers), layer))

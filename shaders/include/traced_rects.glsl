@@ -25,11 +25,6 @@ vec3 gather_rects(vec3 p, vec3 n, Cosine cosine, bool is_lit)
     return sum;
 }
 
-vec3 rects_irradiance(vec3 p, vec3 n, bool is_lit)
-{
-    return max(gather_rects(p, n, Cosine(mat3(1.0), n), is_lit), 0.0);
-}
-
 // The rectangles as seen from a receiver.
 struct Outlook {
     float nearest;   // square of the distance of the nearest
@@ -59,16 +54,39 @@ Outlook rects_outlook(vec3 p, vec3 mirrored)
     return o;
 }
 
-// Whether a texel at point p with normal n and a lobe of slopes sees the same light as its quad's centre. Both the
-// light's direction and the mirrored view may differ by little, most at the outline of a highlight.
-bool sees_the_same(vec3 p, vec3 n, vec2 slopes, Outlook o, QuadSurface quad)
+// How much the directions of lights at point p with normal n may differ from those at the quad's centre, in radians.
+float parallax(vec3 p, vec3 n, Outlook o, QuadSurface quad)
 {
     vec3 to = p - quad.p;
-    float distance_square = dot(quad.p, quad.p), square = dot(to, to), along = dot(to, quad.p);
-    float parallax = sqrt(square / max(o.nearest, 1e-30)), tilt = distance(n, quad.n);
-    float sway = sqrt(max(square - along * along / distance_square, 0.0) / distance_square);  // of the view
-    float shift = (parallax + sway + 2.0 * tilt) * slopes.y, from_outline = o.outline * slopes.y;
-    return parallax + tilt < MAX_PARALLAX && shift < MAX_SHIFT * (1.0 + from_outline * from_outline);
+    return sqrt(dot(to, to) / max(o.nearest, 1e-30)) + distance(n, quad.n);
+}
+
+// Whether all four texels get the irradiance of the quad's centre; this must not depend on their lobes, which may be unknown.
+bool shares_irradiance(vec3 p, vec3 n, Outlook o, QuadSurface quad)
+{
+    return quad.is_flat && quad_all(parallax(p, n, o, quad) < MAX_PARALLAX);
+}
+
+// Whether a lobe of slopes sees the same light at point p with normal n as at the quad's centre. Both the light's
+// direction and the mirrored view may differ by little, most at the outline of a highlight.
+bool reflects_the_same(vec3 p, vec3 n, vec2 slopes, Outlook o, QuadSurface quad)
+{
+    vec3 to = p - quad.p;
+    float distance_square = dot(quad.p, quad.p), along = dot(to, quad.p);
+    float sway = sqrt(max(dot(to, to) - along * along / distance_square, 0.0) / distance_square);  // of the view
+    float shift = (parallax(p, n, o, quad) + sway + distance(n, quad.n)) * slopes.y, from_outline = o.outline * slopes.y;
+    return shift < MAX_SHIFT * (1.0 + from_outline * from_outline);
+}
+
+// Irradiance where no specular light is written, the same as beside it.
+vec3 rects_irradiance(vec3 p, vec3 n, bool is_lit, QuadSurface quad)
+{
+#ifdef HAS_SPECULAR_SURFACES
+    bool is_shared = shares_irradiance(p, n, rects_outlook(quad.p, quad.n), quad);
+    p = is_shared ? quad.p : p;
+    n = is_shared ? quad.n : n;
+#endif
+    return max(gather_rects(p, n, Cosine(mat3(1.0), n), is_lit), 0.0);
 }
 
 TracedRects rects_light(vec3 p, vec3 n, Lobe lobe, bool is_lit, bool is_shiny, QuadSurface quad)
@@ -76,22 +94,23 @@ TracedRects rects_light(vec3 p, vec3 n, Lobe lobe, bool is_lit, bool is_shiny, Q
     float alpha = 0.25 * quad_sum(lobe.alpha);
     vec3 toward = normalize(along_view(quad.p));
     Outlook o = rects_outlook(quad.p, reflect(toward, quad.n));
+    bool is_matte_shared = shares_irradiance(p, n, o, quad);
     bool agrees = is_shiny && abs(lobe.alpha - alpha) < MAX_ALPHA_DIFFERENCE * alpha
-        && sees_the_same(p, n, lobe_slopes(max(-dot(toward, quad.n), MIN_COSINE), alpha), o, quad);
-    bool is_shared = quad.is_flat && quad_all(agrees);
+        && reflects_the_same(p, n, lobe_slopes(max(-dot(toward, quad.n), MIN_COSINE), alpha), o, quad);
+    bool is_shared = is_matte_shared && quad_all(agrees);
     is_lit = is_shared ? quad_any(is_lit) : is_lit;
-    p = is_shared ? quad.p : p;
-    n = is_shared ? quad.n : n;
-    RectLobe rect = rect_lobe(n, is_shared ? -toward : lobe.v, is_shared ? alpha : lobe.alpha);
+    RectLobe rect = rect_lobe(is_shared ? quad.n : n, is_shared ? -toward : lobe.v, is_shared ? alpha : lobe.alpha);
 
     vec3 irradiance = vec3(0.0), specular = vec3(0.0);
     int i = 0, end = is_shared || !is_lit || !is_shiny ? 1 : 1 + rect.cosines;
     do {
         int index = is_shared ? int(quad_lane()) : i;  // 0: Lambert's cosine
+        bool is_central = is_shared || (is_matte_shared && index == 0);
+        vec3 at = is_central ? quad.p : p, normal = is_central ? quad.n : n;
         Cosine cosine = lobe_cosine(rect, max(index - 1, 0));
         cosine.transform = index == 0 ? mat3(1.0) : cosine.transform;
-        cosine.axis = index == 0 ? n : cosine.axis;
-        vec3 sum = gather_rects(p, n, cosine, is_lit);
+        cosine.axis = index == 0 ? normal : cosine.axis;
+        vec3 sum = gather_rects(at, normal, cosine, is_lit);
         irradiance += index == 0 ? sum : vec3(0.0);
         specular += index == 0 ? vec3(0.0) : sum;
     } while (++i < end);

@@ -11,12 +11,12 @@ from tests.gl.scenes import draw
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "path_tracer")]
 
 SIZE = (128, 96)
-LITTLE = pytest.mark.xfail(reason=(
-    "so little light passes that no ray of a surfel finds the gap: one of 300000 at 2 degrees, 25 at 4"))
+NARROW = pytest.mark.xfail(reason=(
+    "most light is in pixels that look into the gap, which is narrower than surfels and the network's grid resolve"))
 
 
-@pytest.mark.parametrize("degrees", [pytest.param(2.0, marks=LITTLE), pytest.param(4.0, marks=LITTLE), 6.0, 8.0, 25.0,
-                                     60.0])
+@pytest.mark.parametrize("degrees", [pytest.param(1.0, marks=NARROW), pytest.param(2.0, marks=NARROW),
+                                     pytest.param(4.0, marks=NARROW), 6.0, 8.0, 12.0, 25.0, 60.0])
 def test_the_dark_room_has_its_light(degrees: float) -> None:
     from export.reference.still import Still
     from export.reference.trace import trace_reference
