@@ -15,7 +15,7 @@ from app.surfels.lookup import SurfelLookup
 from app.surfels.tracked import TrackedSurfels
 
 FIRST_RAYS = 2**17    # of a frame without history: all of them
-FRAME_RAYS = {MotionKind.NONE: 2**14, MotionKind.CAMERA: 2**13, MotionKind.OBJECTS: 2**13}  # of other frames
+FRAME_RAYS = {MotionKind.NONE: 2**14, MotionKind.CAMERA: 2**12, MotionKind.OBJECTS: 2**13}  # of other frames
 SKY_DISTANCE = 100.0  # of the scene's longest edge, at which the environment is
 MAX_UNIT_ERROR = 0.1  # of a direction's squared length
 
@@ -62,8 +62,9 @@ def _read(resources: Resources, name: str) -> F32:
 
 def _choose(ray: F32, threshold: F32, budget: int) -> Ints:
     """At most about ``budget`` of the rays whose end the screen does not show, spread evenly, others in each frame."""
+    rows = np.flatnonzero(ray[:, 3] < 0)
     with np.errstate(invalid="ignore", over="ignore"):
-        rows = np.flatnonzero((ray[:, 3] < 0) & (np.abs((ray[:, :3] ** 2).sum(axis=1) - 1) < MAX_UNIT_ERROR))
+        rows = rows[np.abs((ray[rows, :3] ** 2).sum(axis=1) - 1) < MAX_UNIT_ERROR]
     return rows if len(rows) <= budget else rows[threshold[rows] < budget / len(rows)]
 
 
