@@ -66,7 +66,7 @@ def test_against_a_reference_every_layer_has_its_errors(tmp_path: Path) -> None:
     (tmp_path / "reference" / "reference.json").write_text('{"spp": 7, "notices": ["a notice"]}')
     page = compare(tmp_path / "page.html", "--models", "reference,none", "--reference", str(tmp_path / "reference"))
     assert list(read_images(page)) == ["none", "reference"]
-    assert "full-material reference of 7 samples per pixel; a notice" in page
+    assert "reference of 7 samples per pixel; a notice" in page
     for layer in ("final", "direct", "indirect"):
         assert f"<th colspan=4>{layer}" in page
 
