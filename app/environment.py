@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from app.arrays import F32, F64, Bools, Floats, Ints
+from app.math3d import GOLDEN_RATIO
 from app.scene import Environment
 
 ORDER = 4            # of spherical harmonics
@@ -14,7 +15,6 @@ CELLS = (32, 64)     # rows and columns of the map that light is sampled from
 CELL_EXTENT = 2 * math.pi / CELLS[1], math.pi / CELLS[0]  # of azimuth and polar angle, radians
 MIN_CELL_TEXELS = 4  # along a cell
 UNIFORM_SHARE = 0.2  # of the directions, spread over the whole sphere; the others go where the light is
-GOLDEN_RATIO = (math.sqrt(5) - 1) / 2
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from app.errors import SettingsError
 from app.gl.lights import LightSet
 from app.gl.peeling import PeeledLayer
 from app.graph import Absent, Pass, Plan, compile_graph
-from app.network.channels import DIFFUSE, GLOBALS, INDIRECT, SCREEN, SPECULAR, SURFEL_INDIRECT, SURFELS
+from app.network.channels import DIFFUSE, GLOBALS, INDIRECT, SCREEN, SPECULAR, SURFEL_INDIRECT
 from app.network.selection import Models
 from app.passes import (
     accumulate,
@@ -366,7 +366,7 @@ def _reflections(inputs: FrameInputs) -> Iterator[Step]:
     if inputs.has_reflected_rays:
         yield lowres_gbuffer.declare("reflection_gbuffer", grid)
         yield reflection.declare_march(grid, scene.longest_edge, settings.taa)
-        yield reflection_rays.declare(grid, inputs.surfels, inputs.caster, scene.environment, settings.taa)
+        yield reflection_rays.declare(grid, inputs.surfels, scene.environment, settings.taa)
         yield from reflection.declare_gathering(grid, settings.taa)
     else:
         yield from _absent("all surfaces are too rough for rays", *REFLECTED_RAY_PASSES)
@@ -404,9 +404,7 @@ def _gathered_light(inputs: FrameInputs, source: Network, grid: Size) -> Iterato
     yield pack_surfels.declare(inputs.surfels, contract, tensors, inputs.scene.longest_edge)
     yield _pack_globals("surfel_pack_globals", contract, tensors, inputs.scene.environment, None)
     yield surfel_indirect.declare(source, tensors)
-    packed = next(t for t, spec in contract.inputs.items() if spec.grid == SURFELS)
-    light = final_gather.SurfelLight(inputs.surfels, tensors[packed], contract.inputs[packed])
-    yield from final_gather.declare(light, grid, settings.taa)
+    yield from final_gather.declare(inputs.surfels, grid, settings.taa)
     if not settings.taa:
         yield Absent("gather_history", "switched off by --no-taa")
 

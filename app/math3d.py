@@ -5,6 +5,7 @@ Clip space has z in [0, 1] (``glClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE)``).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -130,6 +131,7 @@ def boxes_in_frustum(boxes: F64, planes: F64) -> Bools:
 
 # Increments per axis of Roberts' R2 sequence ("The Unreasonable Effectiveness of Quasirandom Sequences").
 R2 = (0.7548776662, 0.569840291)
+GOLDEN_RATIO = (math.sqrt(5) - 1) / 2  # the same in one dimension
 
 
 def halton(index: int, base: int) -> float:

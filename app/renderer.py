@@ -20,7 +20,7 @@ from app.gl.pool import Pixels, Pool, Resources
 from app.gl.timer import MAX_FRAMES, Timer, Yardstick
 from app.graph import BoundPass
 from app.io.color_management import display_view, find_view
-from app.math3d import View, halton
+from app.math3d import GOLDEN_RATIO, View, halton
 from app.network.selection import Model, load_models
 from app.radiance_scale import radiance_scale
 from app.raycast.caster import Caster
@@ -31,7 +31,6 @@ from app.surfels.tracked import TrackedSurfels
 
 NEAR = 1e-4           # of the scene's longest edge
 JITTER_PERIOD = 64    # frames after which the sub-pixel offsets repeat
-GOLDEN_RATIO = 0.61803398875
 COMPONENTS = {"depth": 1, "motion": 2, "instance": 1, "material": 1, "flow": 2}
 
 AfterPass = Callable[[BoundPass, Pool], None]

@@ -14,33 +14,31 @@ uniform sampler2D indirect;
 uniform sampler2D reflection_filtered;  // radiance; a: depth of its surface, 0 where no light is known
 uniform vec2 ratio;  // full-resolution texels per low-resolution texel
 
-const float ROUGHNESS_SIGMA = 0.1;
-const float MIN_LIKENESS = 1e-3;  // so that the most similar texel counts
-
-// Weighted by the distance from the receiver's plane, which parts surfaces that meet at an edge too, and by roughness.
-vec4 tap(ivec2 low, float along, float closeness, float roughness, BilateralReceiver r)
+// Weighted by the distance from the receiver's plane, which parts surfaces that meet at an edge too.
+vec4 tap(ivec2 low, float along, float closeness, BilateralReceiver r)
 {
-    float rougher = (texelFetch(specular_roughness, nearest_texel(low, ratio), 0).a - roughness) / ROUGHNESS_SIGMA;
-    float likeness = MIN_LIKENESS + 1.0 / (1.0 + rougher * rougher * rougher * rougher);
     vec4 light = texelFetch(reflection_filtered, low, 0);
 #ifdef ORTHOGRAPHIC
     float plane = (along + r.slope.z * light.a - r.here) * r.inverse_sigma;
 #else
     float plane = ((along + r.slope.z) * light.a - r.here) * r.inverse_sigma;
 #endif
-    bool counts = light.a > 0.0 && is_finite(dot(light, vec4(1.0))) && is_finite(likeness);
-    return counts ? vec4(clamp(light.rgb, 0.0, HALF_MAX), 1.0) * ((closeness + MIN_WEIGHT) * likeness / (1.0 + plane * plane)) : vec4(0.0);
+    bool counts = light.a > 0.0 && is_finite(dot(light, vec4(1.0)));
+    return counts ? vec4(clamp(light.rgb, 0.0, HALF_MAX), 1.0) * ((closeness + MIN_WEIGHT) / (1.0 + plane * plane)) : vec4(0.0);
 }
 
-vec3 upsampled(vec3 n, float d, float roughness, vec3 otherwise)
+// From ``count`` of the four texels around; the others are not needed where nothing is traced.
+vec3 upsampled(vec3 n, float d, int count, vec3 otherwise)
 {
     BilateralReceiver r = bilateral_receiver(gl_FragCoord.xy, n, d);
     Around t = texels_around(gl_FragCoord.xy, textureSize(reflection_filtered, 0), ratio, r);
-    vec2 f = t.f, g = 1.0 - f;
-    vec4 sum = tap(t.low, t.along_low.x + t.along_low.y, g.x * g.y, roughness, r)
-        + tap(ivec2(t.high.x, t.low.y), t.along_high.x + t.along_low.y, f.x * g.y, roughness, r)
-        + tap(ivec2(t.low.x, t.high.y), t.along_low.x + t.along_high.y, g.x * f.y, roughness, r)
-        + tap(t.high, t.along_high.x + t.along_high.y, f.x * f.y, roughness, r);
+    vec4 sum = vec4(0.0);
+    int i = 0;
+    do {
+        bvec2 second = bvec2(i % 2 == 1, i > 1);
+        vec2 along = mix(t.along_low, t.along_high, second), close = mix(1.0 - t.f, t.f, second);
+        sum += tap(ivec2(second.x ? t.high.x : t.low.x, second.y ? t.high.y : t.low.y), along.x + along.y, close.x * close.y, r);
+    } while (++i < count);
     return sum.a > 0.0 ? sum.rgb / sum.a : otherwise;
 }
 #endif
@@ -55,7 +53,8 @@ void main()
     vec4 reflectance = texelFetch(specular_roughness, texel, 0);
     vec3 light = sanitize_radiance(texelFetch(indirect, texel, 0).rgb);
 #ifdef HAS_REFLECTION_FILTERED
-    light = mix(light, upsampled(n, d, reflectance.a, light), ray_share(reflectance.a));
+    float share = ray_share(reflectance.a);
+    light = mix(light, upsampled(n, d, share > 0.0 ? 4 : 1, light), share);
 #endif
     float n_v = dot(n, -normalize(along_view(surface_point(gl_FragCoord.xy, d))));
     vec3 reflected = specular_albedo(sanitize_albedo(reflectance.rgb), reflectance.a, n_v) * light;

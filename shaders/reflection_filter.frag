@@ -4,6 +4,7 @@
 #include "numbers.glsl"
 #include "grid.glsl"
 #include "nearest_texel.glsl"
+#include "reflection.glsl"
 
 const float PLANE_TOLERANCE = 0.01;  // of depth_scale
 const float MIN_COSINE = 0.9;        // between normals
@@ -42,10 +43,19 @@ void main()
 #endif
     float radius = min(is_finite(texels) ? max(texels, 0.0) : 0.0, MAX_RADIUS) / (1.0 + frames / NOISY_FRAMES);
     radius = frames > 0.0 ? radius : max(radius, HOLE_RADIUS);
+    // Most texels have nothing to average, and take one step.
+#ifdef WRITE_REFLECTION_FILTERED
+    bool needed = false;
+    for (int i = 0; i < 9; ++i)
+        needed = needed || texelFetch(light_low, clamp(low + spacing * (ivec2(i % 3, i / 3) - 1), ivec2(0), last), 0).a > 0.0;
+#else
+    bool needed = is_surface(surface.a) && ray_share(roughness) > 0.0;
+#endif
+    int i = 0, count = needed ? 9 : 1;
     float falloff = 0.5 / max(radius * radius, 1e-3);
     vec4 sum = vec4(0.0), others = vec4(0.0);
     float depths = 0.0;
-    for (int i = 0; i < 9; ++i) {
+    do {
         ivec2 offset = spacing * (ivec2(i % 3, i / 3) - 1), at = clamp(low + offset, ivec2(0), last);
         vec4 there = texelFetch(reflection_gbuffer, at, 0), light = texelFetch(light_low, at, 0);
         float away = dot(surface.xyz, surface_point(vec2(nearest_texel(at, ratio)) + 0.5, there.a) - p);
@@ -57,8 +67,8 @@ void main()
         sum += counts ? vec4(clamp(light.rgb, 0.0, HALF_MAX), 1.0) * (weight * min(light.a, MAX_FRAMES)) : vec4(0.0);
         depths += known ? there.a : 0.0;
         others += known ? vec4(clamp(light.rgb, 0.0, HALF_MAX), 1.0) : vec4(0.0);
-    }
-    bool known = sum.a > 0.0 && is_surface(surface.a);
+    } while (++i < count);
+    bool known = needed && sum.a > 0.0 && is_surface(surface.a);
 #ifdef WRITE_REFLECTION_FILTERED
     vec4 spread = others.a > 0.0 ? vec4(others.rgb, depths) / others.a : vec4(0.0);
     out_light = known ? vec4(sum.rgb / sum.a, surface.a) : spread;

@@ -5,6 +5,7 @@
 #include "grid.glsl"
 #include "projection.glsl"
 #include "nearest_texel.glsl"
+#include "reflection.glsl"
 
 const float PLANE_TOLERANCE = 0.01;  // of depth_scale, between surfaces of both frames
 const float SAME_NORMAL = 0.9;       // cosine
@@ -72,7 +73,8 @@ void main()
     // What the texels around show now.
     vec3 mean = vec3(0.0), square = vec3(0.0);
     float count = 0.0, distances = 0.0, brightest = 0.0;
-    for (int i = 0; i < 9; ++i) {
+    int i = 0, taps = ray_share(roughness) > 0.0 ? 9 : 1;  // most texels have no rays, and take one step
+    do {
         vec4 t = texelFetch(reflection_now, clamp(low + ivec2(i % 3, i / 3) - 1, ivec2(0), last), 0);
         bool counts = is_finite(dot(t, vec4(1.0))) && t.a > 0.0;
         vec3 light = counts ? clamp(t.rgb, 0.0, HALF_MAX) : vec3(0.0);
@@ -81,7 +83,7 @@ void main()
         square += light * light;
         distances += counts ? t.a : 0.0;
         count += counts ? 1.0 : 0.0;
-    }
+    } while (++i < taps);
     float scale = 1.0 / max(count, 1.0);
     mean *= scale;
     vec3 deviation = sqrt(max(square * scale - mean * mean, 0.0));

@@ -63,7 +63,7 @@ def _scene(scene: Json) -> str:
     noise = ", ".join(f"{layer} {value:.2%}" for layer, value in reference["noise"].items() if value is not None)
     about = (f"{scene['triangles']} triangles, {scene['lights']} light{'s' * (scene['lights'] != 1)}"
              + (f" (lighting {scene['lighting']})" if scene["lighting"] else "")
-             + (f"; reference of {reference['spp']} samples per pixel" if "spp" in reference else "")
+             + (f"; full-material reference of {reference['spp']} samples per pixel" if "spp" in reference else "")
              + (f", noise {noise}" if noise else "") + "".join(f"; {notice}" for notice in reference["notices"]))
     return (f'<h2>{name}</h2><p class=note>{escape(about)}</p><div data-scene="{name}" data-first="{first}">'
             '<div class=pair><img alt=right><img class=over alt=left></div><div class=controls><select></select>'

@@ -8,6 +8,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from app.arrays import F32
 from app.errors import DeviceError, GraphError, SettingsError
 from app.gl.context import Device
 from app.gl.shader import Program
@@ -146,6 +147,11 @@ class Resources:
     def buffer(self, name: str) -> moderngl.Buffer:
         self._check(name, (*self._bound.reads, *self._bound.writes))
         return self._pool.buffer(name)
+
+    def rows(self, name: str) -> F32:
+        """A buffer of shape (C, N) as N rows, shape (N, C)."""
+        self.buffer(name)
+        return np.ascontiguousarray(self._pool.read(name).T)
 
     def target(self, *names: str, with_depth: bool = False) -> moderngl.Framebuffer:
         """The framebuffer of ``names``, or of everything the pass writes, bound for drawing."""

@@ -4,9 +4,9 @@ import numpy as np
 
 from app.arrays import F32, Bytes, Floats
 from app.io.image import srgb_encode, to_8bit
+from app.math3d import GOLDEN_RATIO
 
 LABELS = ("instance", "material")
-GOLDEN_RATIO = 0.61803398875
 RATIOS = ("albedo", "roughness")  # which exposure does not apply to
 
 

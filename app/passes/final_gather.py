@@ -10,49 +10,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.arrays import F32, Ints
-from app.gl.context import Device
 from app.gl.frame_state import Execute, FrameState, MotionKind
 from app.gl.fullscreen import make_fullscreen, ratio_to
 from app.gl.pool import Resources
+from app.gl.ray_budget import RayBudget
 from app.graph import BoundPass, Pass, Resource, Tex
 from app.math3d import unit_rows
-from app.network.contract import TensorSpec
 from app.surfels.final_gather import gather, sequence
 from app.surfels.tracked import TrackedSurfels
 
-FIRST_RAYS = 2**17          # of a frame without history,
-MAX_FIRST_SAMPLES = 16      # and of a texel in it
-FRAME_RAYS = 2**14          # of the other frames,
-CHANGED_FRAME_RAYS = 2**15  # of frames in which objects or lights change,
-MAX_FRAME_SAMPLES = 4       # and of a texel in these
+RAYS = RayBudget(first_rays=2**17, max_first_samples=16, changed_rays=2**15, rays=2**14, max_samples=4)
 MAX_SAMPLES = {MotionKind.NONE: 4096.0, MotionKind.CAMERA: 64.0, MotionKind.OBJECTS: 16.0}  # of its history
 SIZES = {"gathered_light": 4, "gathered_distance": 1}  # components of what is accumulated
-
-
-@dataclass(frozen=True, eq=False)
-class SurfelLight:
-    """Where the light of the surfels is.
-
-    Attributes
-    ----------
-    surfels : TrackedSurfels
-    tensor : str
-        The graph's buffer that holds their direct light.
-    spec : TensorSpec
-        Of this buffer; with the channel ``irradiance.rgb``.
-    """
-
-    surfels: TrackedSurfels
-    tensor: str
-    spec: TensorSpec
-
-    def read(self, resources: Resources) -> tuple[F32, F32]:
-        """Direct and indirect light as radiance of white surfels, shapes (S, 3)."""
-        packed = np.empty(self.spec.shape((0, 0)), np.float32)
-        indirect = np.empty((3, self.surfels.count), np.float32)
-        resources.buffer(self.tensor).read_into(packed)
-        resources.buffer("surfel_indirect").read_into(indirect)
-        return packed[dict(self.spec.rows())["irradiance.rgb"]].T, indirect.T
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,13 +42,13 @@ class Receivers:
     direction: F32
 
 
-def declare(light: SurfelLight, grid: tuple[int, int], has_history: bool) -> Iterator[Pass]:
+def declare(surfels: TrackedSurfels, grid: tuple[int, int], has_history: bool) -> Iterator[Pass]:
     """The passes over a ``grid`` of width and height; ``has_history`` says whether frames are accumulated."""
     means: dict[str, Resource] = {name: Tex("f4", size, size=grid) for name, size in SIZES.items()}
     now = {f"{name}_now": tex for name, tex in means.items()} if has_history else means
-    yield Pass("gather_rays", reads=("lowres_gbuffer", light.tensor, "surfel_indirect"),
+    yield Pass("gather_rays", reads=("lowres_gbuffer", "surfel_light", "surfel_indirect"),
                writes={**now, "interpolated_light": Tex("f4", 4, size=grid)},
-               make=lambda device, bound: make(device, bound, light, grid, has_history))
+               make=lambda device, bound: make(bound, surfels, grid, has_history))
     if has_history:
         yield Pass("gather_history",
                    reads=(*now, "lowres_gbuffer", "motion", *(f"{name}@prev" for name in means), "lowres_gbuffer@prev"),
@@ -88,25 +57,25 @@ def declare(light: SurfelLight, grid: tuple[int, int], has_history: bool) -> Ite
                        "history_valid": frame.history_valid and not frame.relit}))
 
 
-def make(device: Device, bound: BoundPass, light: SurfelLight, grid: tuple[int, int], has_history: bool) -> Execute:
+def make(bound: BoundPass, surfels: TrackedSurfels, grid: tuple[int, int], has_history: bool) -> Execute:
     suffix = "_now" if has_history else ""
 
     def execute(frame: FrameState, resources: Resources) -> None:
         key = frame.view_and_lighting
         if not has_history and resources.is_current(key):
             return
-        first, count = _samples(frame, math.prod(grid), has_history)
+        chosen = RAYS.samples(frame, math.prod(grid), has_history)
         receivers = _receivers(resources, frame, grid)
-        world, caster, lookup = light.surfels.world, light.surfels.caster, light.surfels.lookup
-        direct, indirect = light.read(resources)
+        world, caster, lookup = surfels.world, surfels.caster, surfels.lookup
+        direct, indirect = resources.rows("surfel_light"), resources.rows("surfel_indirect")
         position = receivers.position + (frame.view.eye - world.origin).astype(np.float32)
         off = receivers.normal - receivers.direction  # the surface, towards the eye, where nothing is in the way
         origin = position + off * caster.ray_epsilon
-        numbers = sequence(*grid, first, count, frame.noise_phase)[receivers.texel]
+        numbers = sequence(*grid, chosen.start, len(chosen), frame.noise_phase)[receivers.texel]
         reach = float(world.median_radius)
         rays = gather(caster, lookup, direct + indirect, reach, origin, receivers.normal, numbers)
         interpolated = lookup.interpolate(indirect, position, receivers.normal)
-        samples = np.full((len(position), 1), count, np.float32)
+        samples = np.full((len(position), 1), len(chosen), np.float32)
         for name, values in (("gathered_light" + suffix, np.concatenate([rays.light.mean(axis=1), samples], axis=1)),
                              ("gathered_distance" + suffix, rays.distance.mean(axis=1, keepdims=True)),
                              ("interpolated_light", np.concatenate([interpolated, samples], axis=1))):
@@ -117,16 +86,6 @@ def make(device: Device, bound: BoundPass, light: SurfelLight, grid: tuple[int, 
         resources.set_current(key)
 
     return execute
-
-
-def _samples(frame: FrameState, texels: int, has_history: bool) -> tuple[int, int]:
-    """The first sample of each texel in this frame, and how many there are."""
-    first = min(MAX_FIRST_SAMPLES, max(1, FIRST_RAYS // texels))
-    if not (has_history and frame.history_valid):
-        return 0, first
-    budget = CHANGED_FRAME_RAYS if frame.motion is MotionKind.OBJECTS else FRAME_RAYS
-    count = min(MAX_FRAME_SAMPLES, max(1, budget // texels))
-    return first + frame.index * count, count
 
 
 def _receivers(resources: Resources, frame: FrameState, grid: tuple[int, int]) -> Receivers:

@@ -66,7 +66,7 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels) -> Execute:
         rows = np.flatnonzero((position[:, 3] > 0) & np.isfinite(position).all(axis=1))
         light = np.zeros_like(position)
         if len(rows):
-            indirect = np.frombuffer(resources.buffer("surfel_indirect").read(), np.float32).reshape(3, -1).T
+            indirect = resources.rows("surfel_indirect")
             at = position[rows, :3] + (frame.view.eye - surfels.world.origin).astype(np.float32)
             found = surfels.lookup.interpolate(indirect, at, surface[rows, :3], MAX_CANDIDATES)
             light[rows] = np.concatenate([np.nan_to_num(found).clip(0, HALF_MAX), position[rows, 3:]], axis=1)

@@ -11,7 +11,6 @@ from app.gl.pool import Resources
 from app.graph import Buf, Pass
 from app.network.channels import RAYS, SURFELS
 from app.network.contract import ModelContract
-from app.surfels.light_samples import mean_light
 from app.surfels.tracked import TrackedSurfels
 from app.surfels.world import WorldSurfels
 
@@ -33,20 +32,10 @@ def declare(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, s
 
 
 def make(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, str], extent: float) -> Execute:
-    direct: F32 = np.zeros((0, 3), np.float32)
-    direct_stamps: tuple[int, ...] | None = None
-
     def execute(frame: FrameState, resources: Resources) -> None:
-        nonlocal direct, direct_stamps
-        world = surfels.world
-        if direct_stamps != resources.read_stamps():
-            texture = resources["surfel_light"]
-            texels = np.frombuffer(texture.read(alignment=1), np.float16).astype(np.float32)
-            direct = mean_light(texels.reshape(texture.height, texture.width, 4), world)
-            direct_stamps = resources.read_stamps()
+        world, irradiance = surfels.world, resources.rows("surfel_light")
         for tensor, spec in contract.inputs.items():
             if spec.grid == SURFELS:
-                irradiance = direct + world.sky_irradiance
                 values = {name: _on_surfels(name, world, frame, extent, irradiance) for name in spec.channels}
             elif spec.grid == RAYS and not resources.is_current(surfels.version, names[tensor]):
                 values = {"ray.surfel": world.index[None], "ray.albedo.rgb": np.moveaxis(world.albedo, -1, 0)}

@@ -1,7 +1,5 @@
 """What reflected rays meet where the screen does not show it: the light that surfels send there, or the environment."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from app.arrays import F32, Bools, Ints
@@ -9,23 +7,21 @@ from app.environment import radiance_along
 from app.gl.frame_state import Execute, FrameState, MotionKind
 from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
-from app.math3d import R2
+from app.math3d import GOLDEN_RATIO, R2
 from app.network.channels import HALF_MAX
 from app.raycast.caster import Caster
 from app.scene import Environment
-from app.surfels.light_samples import mean_light
 from app.surfels.lookup import SurfelLookup
 from app.surfels.tracked import TrackedSurfels
 
 FIRST_RAYS = 2**17    # of a frame without history: all of them
-FRAME_RAYS = {MotionKind.NONE: 2**14, MotionKind.CAMERA: 2**13, MotionKind.OBJECTS: 2**13}  # of other frames
+FRAME_RAYS = {MotionKind.NONE: 2**14, MotionKind.CAMERA: 2**12, MotionKind.OBJECTS: 2**13}  # of other frames
 SKY_DISTANCE = 100.0  # of the scene's longest edge, at which the environment is
-GOLDEN_RATIO = 0.61803398875
 MAX_UNIT_ERROR = 0.1  # of a direction's squared length
 
 
-def declare(grid: tuple[int, int], surfels: TrackedSurfels, caster: Callable[[], Caster],
-            environment: Environment | None, has_history: bool) -> Pass:
+def declare(grid: tuple[int, int], surfels: TrackedSurfels, environment: Environment | None,
+            has_history: bool) -> Pass:
     """Over a low-resolution ``grid`` of width and height.
 
     Parameters
@@ -35,40 +31,26 @@ def declare(grid: tuple[int, int], surfels: TrackedSurfels, caster: Callable[[],
     """
     return Pass("reflection_rays", reads=("reflection_origin", "reflection_ray", "surfel_light"),
                 optional=("surfel_indirect",), writes={"reflection_traced": Tex("f4", 4, size=grid)},
-                make=lambda device, bound: _make(bound, grid, surfels, caster(), environment, has_history))
+                make=lambda device, bound: _make(bound, grid, surfels, environment, has_history))
 
 
-def _make(bound: BoundPass, grid: tuple[int, int], surfels: TrackedSurfels, caster: Caster,
-          environment: Environment | None, has_history: bool) -> Execute:
-    lookup: SurfelLookup | None = None
-    version = -1
+def _make(bound: BoundPass, grid: tuple[int, int], surfels: TrackedSurfels, environment: Environment | None,
+          has_history: bool) -> Execute:
     dither = _dither(grid)
 
     def execute(frame: FrameState, resources: Resources) -> None:
-        nonlocal lookup, version
-        if lookup is None or version != surfels.version:
-            lookup, version = SurfelLookup(surfels.world), surfels.version
         ray = _read(resources, "reflection_ray")
         budget = FRAME_RAYS[frame.motion] if has_history and frame.history_valid else FIRST_RAYS
         rows = _choose(ray, (dither + GOLDEN_RATIO * frame.index) % 1.0, budget)
         traced = np.zeros_like(ray)
         if len(rows):
-            light = _surfel_light(resources, surfels)
-            shift = frame.view.eye - caster.origin
+            indirect = (resources.rows("surfel_indirect") if "surfel_indirect" in bound.reads
+                        else surfels.world.emissive_irradiance)
+            light = np.nan_to_num(resources.rows("surfel_light") + indirect).clip(0, HALF_MAX)
+            shift = frame.view.eye - surfels.caster.origin
             origin = (_read(resources, "reflection_origin")[rows, :3] + shift).astype(np.float32)
-            traced[rows] = _trace(caster, lookup, light, environment, origin, ray[rows, :3])
+            traced[rows] = _trace(surfels.caster, surfels.lookup, light, environment, origin, ray[rows, :3])
         resources["reflection_traced"].write(traced.tobytes())
-
-    def _surfel_light(resources: Resources, surfels: TrackedSurfels) -> F32:
-        """Irradiance / π that surfels receive, shape (S, 3)."""
-        texture, world = resources["surfel_light"], surfels.world
-        texels = np.frombuffer(texture.read(alignment=1), np.float16).astype(np.float32)
-        direct = mean_light(texels.reshape(texture.height, texture.width, 4), world) + world.sky_irradiance
-        if "surfel_indirect" in bound.reads:
-            indirect = np.frombuffer(resources.buffer("surfel_indirect").read(), np.float32).reshape(3, -1).T
-        else:
-            indirect = world.emissive_irradiance
-        return np.nan_to_num(direct + indirect).clip(0, HALF_MAX)
 
     return execute
 
@@ -80,8 +62,9 @@ def _read(resources: Resources, name: str) -> F32:
 
 def _choose(ray: F32, threshold: F32, budget: int) -> Ints:
     """At most about ``budget`` of the rays whose end the screen does not show, spread evenly, others in each frame."""
+    rows = np.flatnonzero(ray[:, 3] < 0)
     with np.errstate(invalid="ignore", over="ignore"):
-        rows = np.flatnonzero((ray[:, 3] < 0) & (np.abs((ray[:, :3] ** 2).sum(axis=1) - 1) < MAX_UNIT_ERROR))
+        rows = rows[np.abs((ray[rows, :3] ** 2).sum(axis=1) - 1) < MAX_UNIT_ERROR]
     return rows if len(rows) <= budget else rows[threshold[rows] < budget / len(rows)]
 
 

@@ -13,16 +13,13 @@ from app.gl.frame_state import Execute, FrameState, MotionKind
 from app.gl.fullscreen import CUBE_PREFIX, cube_defines, make_fullscreen, ratio_to, read_defines, reduced_grid
 from app.gl.lights import LightSet
 from app.gl.pool import Resources
+from app.gl.ray_budget import RayBudget
 from app.gl.shadow_rays import RayScene, ShadowRays, share_of
 from app.graph import BoundPass, Pass, Resource, Tex
 
-MAX_RECEIVERS = 2**17      # of the screen's grid
-FIRST_RAYS = 2**22         # of a frame without history
-MAX_FIRST_SAMPLES = 64     # of a receiver in such a frame
-CUBE_SAMPLES = 16          # of a receiver on the cube, which has no history
-FRAME_RAYS = 2**17         # of the other frames,
-CHANGED_FRAME_RAYS = 2**19  # of frames in which objects or lights change,
-MAX_FRAME_SAMPLES = 8      # of a receiver in these
+MAX_RECEIVERS = 2**17  # of the screen's grid
+RAYS = RayBudget(first_rays=2**22, max_first_samples=64, changed_rays=2**19, rays=2**17, max_samples=8)
+CUBE_SAMPLES = 16      # of a receiver on the cube, which has no history
 MAX_SAMPLES = {MotionKind.NONE: 1024.0, MotionKind.CAMERA: 64.0, MotionKind.OBJECTS: 12.0}  # of its history
 SKY_READS = ("sky_irradiance", "sky_strata")
 SUMS = ("shadow_visible", "shadow_unshadowed")
@@ -74,18 +71,14 @@ def _filter(name: str, source: Sequence[str], target: Mapping[str, Resource], si
 def _make_rays(device: Device, bound: BoundPass, lights: LightSet, scene: RayScene, size: tuple[int, int],
                has_history: bool) -> Execute:
     rays = ShadowRays(device, size, {**lights.defines, **read_defines(bound)}, scene)
-    first = min(MAX_FIRST_SAMPLES, max(1, FIRST_RAYS // math.prod(size)))
 
     def execute(frame: FrameState, resources: Resources) -> None:
         key = frame.view_and_lighting
         if not has_history and resources.is_current(key):
             return
-        budget = CHANGED_FRAME_RAYS if frame.motion is MotionKind.OBJECTS else FRAME_RAYS
-        count = min(MAX_FRAME_SAMPLES, max(1, budget // math.prod(size)))
-        samples = range(first + frame.index * count, first + (frame.index + 1) * count)
         resources.bind(rays.program)
         rays.program.set(ratio=ratio_to(size, frame))
-        sums = rays.trace(frame, samples if has_history and frame.history_valid else range(first))
+        sums = rays.trace(frame, RAYS.samples(frame, math.prod(size), has_history))
         for name, values in zip(bound.writes, sums, strict=True):
             resources[name].write(values.tobytes())
         resources.set_current(key)

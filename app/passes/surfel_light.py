@@ -1,4 +1,4 @@
-"""Direct light at the light samples of world surfels, with shadows from the picture's maps or by rays, as there."""
+"""Direct light at world surfels: the mean over their light samples, with shadows by maps or rays as in the picture."""
 
 import math
 from collections.abc import Mapping
@@ -14,7 +14,8 @@ from app.gl.lights import LightSet
 from app.gl.pool import Resources
 from app.gl.shader import Program
 from app.gl.shadow_rays import ShadowRays, share_of
-from app.graph import BoundPass, Pass, Tex
+from app.graph import BoundPass, Buf, Pass
+from app.surfels.light_samples import mean_light
 from app.surfels.tracked import TrackedSurfels
 from app.surfels.world import MAX_LIGHT_SAMPLES
 
@@ -22,20 +23,22 @@ SAMPLES = 16  # shadow rays of a light sample
 
 
 def declare(surfels: TrackedSurfels, lights: LightSet) -> Pass:
-    """The pass also moves the surfels; it keeps its texels while neither they nor the lights change.
+    """The pass also moves the surfels; it keeps their light, irradiance / π, while neither they nor the lights change.
 
     A light sample takes the four texels of a quad, which search its shadows together.
     """
     columns = math.isqrt(surfels.count * MAX_LIGHT_SAMPLES - 1) + 1
     rows = -(-surfels.count * MAX_LIGHT_SAMPLES // columns)
     return Pass("surfel_light", reads=lights.shadow_maps,
-                writes={"surfel_light": Tex("f2", 4, size=(2 * columns, 2 * rows))},
+                writes={"surfel_light": Buf((3, surfels.count))},
                 make=lambda device, bound: make(device, bound, surfels, lights, (columns, rows)))
 
 
 def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: LightSet,
          layout: tuple[int, int]) -> Execute:
     program = device.fullscreen("surfel_light.frag", {**lights.defines, **read_defines(bound)})
+    texels = device.ctx.texture((2 * layout[0], 2 * layout[1]), 4, dtype="f2")
+    target = device.ctx.framebuffer([texels])
     names = "light_sample_position", "light_sample_normal", "light_sample_visibility"
     textures = {name: device.ctx.texture(layout, 4, dtype="f4") for name in names}
     rays = (ShadowRays(device, layout, {**lights.defines, "GRID_SURFELS": 1}, surfels.caster)
@@ -55,12 +58,15 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
             _bind(rays.program, {name: textures[name] for name in names[:2]}, 0)
             rays.program.set(local_eye=local_eye)
             visibility.write(share_of(*rays.trace(frame, range(SAMPLES))).tobytes())
-        resources.target()
+        target.use()
         device.ctx.enable_only(moderngl.NOTHING)
         resources.bind(program)
         _bind(program, textures, len(bound.reads))
         program.set(noise_phase=frame.noise_phase, local_eye=local_eye)
         device.draw_fullscreen(program)
+        drawn = np.frombuffer(texels.read(alignment=1), np.float16).astype(np.float32)
+        light = mean_light(drawn.reshape(texels.height, texels.width, 4), world) + world.sky_irradiance
+        resources.buffer("surfel_light").write(light.T.tobytes())
         resources.set_current(key)
 
     return execute

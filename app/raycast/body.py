@@ -82,6 +82,11 @@ class Body:
         self.center, self.radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
         self._alpha_tested = np.array([m.alpha_cutoff is not None or m.is_see_through for m in self._materials], bool)
         self._one_sided = np.array([m.is_one_sided for m in self._materials], bool)
+        self._varies = np.array([bool(m.maps) or m.emits for m in self._materials], bool)
+        self._has_specular = np.array([m.has_specular and not m.is_unlit for m in self._materials], bool)
+        self._albedo = _columns([(0.0,) * 3 if m.is_unlit else m.albedo for m in self._materials], 3)
+        self._specular = _columns([m.specular for m in self._materials], 3)
+        self._roughness_metallic = _columns([(m.roughness, m.metallic) for m in self._materials], 2)
         self._light_proxies = np.array([m.is_light_proxy for m in self._materials], bool)
         opaque = ~(self._alpha_tested | self._one_sided)[self._material]
         proxy = self._light_proxies[self._material]
@@ -203,9 +208,9 @@ class Body:
             return share[:, 0]
         at = [self._interpolate(uvs, triangle, uv) for uvs in self._uvs]
         share *= self._interpolate(self._colors, triangle, uv)[:, :3]
-        share *= self._textured((1.0, 1.0, 1.0), m.albedo_map, at, m.alpha_cutoff is not None)
-        share *= self._textured((1.0, 1.0, 1.0), m.transmission.factor_map, at, False)[:, :1]
-        share *= 1 - self._textured((m.metallic,) * 3, m.metallic_roughness_map, at, False)[:, 2:]
+        share *= self._textured(m.albedo_map, at, m.alpha_cutoff is not None)
+        share *= self._textured(m.transmission.factor_map, at)[:, :1]
+        share *= 1 - m.metallic * self._textured(m.metallic_roughness_map, at)[:, 2:]
         mean: F32 = (share.clip(0, 1) ** (0.5 if m.is_volume else 1.0)).mean(axis=1)
         return mean
 
@@ -223,27 +228,25 @@ class Body:
         emission = np.zeros_like(albedo)
         front = self._is_front(triangle, directions)
         n_v = np.abs((normal * directions).sum(axis=1)) / np.linalg.norm(directions, axis=1)
-        for index, rows in self._by_material(np.arange(len(triangle)), triangle):
+        material = self._material[triangle]
+        albedo *= self._albedo[material]
+        specular, (roughness, metallic) = self._specular[material], self._roughness_metallic[material].T[..., None]
+        for index, rows in self._by_material(np.flatnonzero(self._varies[material]), triangle):
             m = self._materials[index]
-            if m.is_unlit:
-                albedo[rows] = 0.0
-                continue
             at = [self._interpolate(uvs, triangle[rows], uv[rows]) for uvs in self._uvs]
-            albedo[rows] *= self._textured(m.albedo, m.albedo_map, at, m.alpha_cutoff is not None)
-            if m.has_specular:
-                albedo[rows] = self._reflectance(m, np.clip(albedo[rows], 0, 1), at, n_v[rows, None])
+            albedo[rows] *= self._textured(m.albedo_map, at, m.alpha_cutoff is not None)
+            specular[rows] *= self._textured(m.specular_map, at)
+            maps = self._textured(m.metallic_roughness_map, at)
+            roughness[rows] *= maps[:, 1:2]
+            metallic[rows] *= maps[:, 2:]
             if m.emits and not m.is_light_proxy:
                 emits = front[rows, None] | m.double_sided
-                emission[rows] = np.where(emits, self._textured(m.emission, m.emission_map, at, False), 0.0)
+                emitted = np.array(m.emission, np.float32) * self._textured(m.emission_map, at)
+                emission[rows] = np.where(emits, emitted, 0.0)
+        shiny = self._has_specular[material]
+        albedo[shiny] = _reflectance(np.clip(albedo[shiny], 0, 1), specular[shiny], roughness[shiny], metallic[shiny],
+                                     n_v[shiny, None])
         return SurfaceInteraction(normal.astype(np.float32), np.clip(albedo, 0.0, 1.0), np.maximum(emission, 0.0))
-
-    def _reflectance(self, m: Material, base: F32, uvs: Sequence[F32], n_v: F32) -> F32:
-        """Diffuse and specular albedo of surfaces of a base colour, at most 1, shape (N, 3)."""
-        _, roughness, metallic = np.split(
-            self._textured((1.0, m.roughness, m.metallic), m.metallic_roughness_map, uvs, False), 3, axis=1)
-        dielectric = self._textured(m.specular, m.specular_map, uvs, False)
-        specular = specular_albedo(dielectric + metallic * (base - dielectric), roughness, n_v)
-        return np.asarray(specular + np.minimum(base * (1 - metallic), 1 - specular))
 
     def _is_front(self, triangle: Ints, directions: F32) -> Bools:
         a, b, c = (self.positions[self.triangles[triangle, i]] for i in range(3))
@@ -256,11 +259,11 @@ class Body:
         interpolated: F32 = (1 - u - v) * a + u * b + v * c
         return interpolated
 
-    def _textured(self, factor: tuple[float, float, float], texture: Texture | None, uvs: Sequence[F32],
-                  alpha_tested: bool) -> F32:
-        """A factor times its texture, at the coordinates of each uv set."""
-        color = np.broadcast_to(np.asarray(factor, np.float32), (len(uvs[0]), 3))
-        return color if texture is None else color * self._textures.sample(texture, uvs[texture.uv_set], alpha_tested)
+    def _textured(self, texture: Texture | None, uvs: Sequence[F32], alpha_tested: bool = False) -> F32:
+        """A texture at the coordinates of each uv set, shape (N, 3); 1 without one."""
+        if texture is None:
+            return np.ones((len(uvs[0]), 3), np.float32)
+        return self._textures.sample(texture, uvs[texture.uv_set], alpha_tested)
 
     def _by_material(self, rows: Ints, triangle: Ints) -> Iterable[tuple[int, Ints]]:
         """Pairs of a material's index and those of ``rows`` whose triangle has it."""
@@ -268,6 +271,16 @@ class Body:
         order = np.argsort(material, kind="stable")
         indices, start = np.unique(material[order], return_index=True)
         return zip(indices.tolist(), np.split(rows[order], start[1:]), strict=True) if len(rows) else ()
+
+
+def _columns(rows: Sequence[Sequence[float]], count: int) -> F32:
+    return np.array(rows, np.float32).reshape(-1, count)
+
+
+def _reflectance(base: F32, dielectric: F32, roughness: F32, metallic: F32, n_v: F32) -> F32:
+    """Diffuse and specular albedo of surfaces of a base colour, at most 1, shape (N, 3)."""
+    specular = specular_albedo(dielectric + metallic * (base - dielectric), roughness, n_v)
+    return np.asarray(specular + np.minimum(base * (1 - metallic), 1 - specular))
 
 
 def _hash(uv: F32) -> F32:

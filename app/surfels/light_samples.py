@@ -12,7 +12,7 @@ def mean_light(texels: F32, world: WorldSurfels) -> F32:
     Parameters
     ----------
     texels : ndarray, float32, shape (H, W, 4)
-        Of the pass ``surfel_light``, bottom row first: a quad for each light sample.
+        Bottom row first: a quad for each light sample.
     """
     quads = (texels[::2, ::2] + texels[::2, 1::2] + texels[1::2, ::2] + texels[1::2, 1::2]) / 4
     samples = quads.reshape(-1, 4)[:len(world.light_sample_surfel)]

@@ -134,7 +134,7 @@ def _trace(renderer: Renderer, camera: Camera, channels: dict[str, F32]) -> Gath
     off = normal[shown] - unit_rows(relative[shown])
     shift = view.eye - surfels.caster.origin
     origin = (relative[shown] * scale + shift + off * surfels.caster.ray_epsilon).astype(np.float32)
-    sent = (renderer.resource("surfel_tensor_surfels")[6:9] + renderer.resource("surfel_indirect")).T
+    sent = (renderer.resource("surfel_light") + renderer.resource("surfel_indirect")).T
     rays = gather(surfels.caster, surfels.lookup, np.ascontiguousarray(sent), float(surfels.world.median_radius),
                   origin, normal[shown].astype(np.float32), sequence(*SIZE, 0, RAYS, 0.0)[shown])
     mean = max(float(channels["interpolated.rgb"].mean()), 1e-20)

@@ -3,11 +3,10 @@
 The views are generated rooms, scene files with mirrors, steel and polished floors, and metal assets under environments.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -17,6 +16,8 @@ from app.evaluation.denoise import denoiser_version
 from app.evaluation.metrics import METRICS, exposure_of, psnr, tone_map
 from app.evaluation.reference import cache_folder, cache_reference
 from app.evaluation.versions import exporter_version
+from app.gl.pool import Pool
+from app.graph import BoundPass
 from app.io.atomic_files import replace_file
 from app.load import auto_camera, load_scene
 from app.network.selection import Model
@@ -40,8 +41,8 @@ FILES = {"bathroom": ("contemporary-bathroom/contemporary-bathroom.glb", "lamp")
          "kitchen-emissive": ("country-kitchen/country-kitchen.glb", "emissive")}
 ASSETS = ("MetalRoughSpheresNoTextures", "CompareMetallic", "ToyCar", "LowPolyGlassTable", "PortalFrame")
 SEED = 5  # first number of the seeds of the assets' environments
-# Settings of the renderer that each row of a view compares; the last one is the renderer as it is.
-VARIANTS: Mapping[str, Mapping[str, Any]] = {"full": {}}
+# The parts of reflections that each row of a view has: none, what the screen or the environment shows, all.
+VARIANTS = ("none", "screen", "full")
 ERRORS = (*METRICS, "mean")  # of a row: those of ``METRICS``, and the picture's mean over the reference's
 
 
@@ -99,8 +100,8 @@ def measure_view(view: View, reference: GlossyReference, models: Sequence[Model]
                  out: Path) -> list[Row]:
     """Errors of each of ``VARIANTS``; writes all pictures side by side, the reference last."""
     rows, pictures = [], []
-    for variant, options in VARIANTS.items():
-        picture = _draw(view.still, models, provider, options)
+    for variant in VARIANTS:
+        picture = _draw(view.still, models, provider, variant)
         row: Row = {"view": view.name, "variant": variant, "own": reference.own_psnr}
         row |= {name: metric.measure(picture, reference.final, None) for name, metric in METRICS.items()}
         rows.append({**row, "mean": float(picture.mean() / reference.final.mean()),
@@ -149,11 +150,21 @@ def _under_environment(path: Path, number: int) -> Scene:
                    cameras={"main": CameraPath.still(camera)}, default_camera="main")
 
 
-def _draw(still: Still, models: Sequence[Model], provider: str, options: Mapping[str, Any]) -> F32:
-    with Renderer(still.scene, Settings(still.size, provider=provider, **options), models) as renderer:
+def _draw(still: Still, models: Sequence[Model], provider: str, variant: str) -> F32:
+    settings = Settings(still.size, provider=provider, reflections=variant != "none")
+    with Renderer(still.scene, settings, models) as renderer:
+        if variant == "screen":
+            renderer.after_pass.append(partial(_forget_surfaces, 2 * still.scene.longest_edge))
         for _ in range(SETTLE_FRAMES - 1):
             renderer.advance(still.camera)
         return renderer.render(still.camera)["final"]
+
+
+def _forget_surfaces(farthest: float, bound: BoundPass, pool: Pool) -> None:
+    """Drop what traced rays have met nearer than ``farthest``, so that only the environment is left."""
+    if bound.name == "reflection_rays":
+        traced = pool.read("reflection_traced")
+        pool.write("reflection_traced", np.where(traced[..., 3:] > farthest, traced, 0))
 
 
 def _write_pictures(path: Path, pictures: Sequence[F32]) -> None:

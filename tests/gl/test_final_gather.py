@@ -97,7 +97,7 @@ def test_the_floor_below_a_board_is_as_dark_as_many_rays_say(table: Renderer) ->
 def many_rays(renderer: Renderer, points: NDArray[np.float32], rays: int = 1024) -> NDArray[np.float32]:
     """Light at points of the floor, from the surfels of the newest frame."""
     surfels, scale = renderer.surfels, radiance_scale(renderer.scene)
-    direct, indirect = renderer.resource("surfel_tensor_surfels")[6:9], renderer.resource("surfel_indirect")
+    direct, indirect = renderer.resource("surfel_light"), renderer.resource("surfel_indirect")
     up = np.tile(np.array([[0, 1, 0]], np.float32), (len(points), 1))
     origin = (points - surfels.caster.origin).astype(np.float32) + surfels.caster.ray_epsilon * up
     numbers = np.broadcast_to(sequence(1, 1, 0, rays, 0.25), (len(points), rays, 2))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -33,6 +34,15 @@ def test_a_white_metal_sphere_disappears_in_a_white_environment(roughness: float
     metal = Material(albedo=(1.0,) * 3, metallic=1.0, roughness=roughness)
     images = draw(sphere(metal), (96, 96), ("final", "depth"))
     assert 0.3 < (images["depth"] > 0).mean() < 0.8
+    np.testing.assert_allclose(images["final"], SKY, rtol=0.02)
+
+
+@pytest.mark.parametrize("roughness", [0.0, 0.2, 0.4, 0.5, 0.6, 0.8, 1.0])
+def test_it_disappears_with_reflections_too(roughness: float, small_ember: Path) -> None:
+    """Traced rays find the environment up to a roughness of 0.4, and direct light has it from 0.6 on."""
+    metal = Material(albedo=(1.0,) * 3, metallic=1.0, roughness=roughness)
+    images = draw(sphere(metal), (96, 96), ("final", "reflection"), model=small_ember)
+    assert images["reflection"].any() == (roughness < 0.6)
     np.testing.assert_allclose(images["final"], SKY, rtol=0.02)
 
 

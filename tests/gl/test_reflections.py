@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from app.network.selection import SSGI, Model
+from app.passes import reflection
 from app.renderer import Renderer
 from app.scene import Camera, Environment, Material, PointLight, Scene, Texture
 from app.settings import Settings
@@ -72,6 +73,16 @@ def test_a_mirror_shows_as_much_light_as_the_wall_sends(small_ember: Path) -> No
     there = draw(scene, small_ember, (from_behind,) * 4)[-1]["final"][:, ::-1]
     part = slice(24, 48), slice(36, 60)
     np.testing.assert_allclose(seen[part].mean(axis=(0, 1)), there[part].mean(axis=(0, 1)), rtol=0.2)
+
+
+def test_a_coarse_grid_is_interpolated(small_ember: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in large pictures: about the same light, and no blocks of pixels that share a texel."""
+    fine = draw(room(), small_ember, (CAMERA,) * 4)[-1]["reflection"]
+    monkeypatch.setattr(reflection, "MAX_TEXELS", SIZE[0] * SIZE[1] // 9)
+    coarse = draw(room(), small_ember, (CAMERA,) * 4)[-1]["reflection"]
+    assert np.abs(coarse - fine).mean() < 0.1 * fine.mean()
+    inside = coarse[24:48, 24:72, 0]
+    assert (inside[:, 1:] != inside[:, :-1]).mean() > 0.9
 
 
 def test_reflections_can_be_switched_off(small_ember: Path) -> None:

@@ -221,7 +221,7 @@ def test_the_page_needs_no_other_file(results: Json) -> None:
     assert not re.search(r"(src|href)\s*=\s*[\"'](?!data:|#)", page)
     assert page.count("</script>") == 1
     for text in ("Speed-up at equal error", "4×", "≥2×", "path tracer, 4 spp", "1.00 ± 0.00", "cpu, 2 logical",
-                 "; no fog"):
+                 "; full-material reference of 8 samples per pixel", "; no fog"):
         assert text in page
     pictures = json.loads(re.search(r"const pictures = (.*);\n", page)[1])  # type: ignore[index]
     assert set(pictures["<box>"]["net"]) == {"picture", "flip"}
