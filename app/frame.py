@@ -155,6 +155,11 @@ class FrameInputs:
                      if any(getattr(m, name) is not None for m in self.scene.materials))
 
     @property
+    def has_see_through(self) -> bool:
+        """Whether some surface is blended or transmits light."""
+        return any(m.is_see_through for m in self.scene.materials)
+
+    @property
     def has_sky(self) -> bool:
         """Whether the environment is direct light with traced shadows; a model that shades it makes them itself."""
         return self.scene.environment is not None and self.models.environment is None
@@ -220,15 +225,14 @@ def _steps(inputs: FrameInputs, finished: str) -> Iterator[Step]:
                          sky_is_reflected=inputs.has_reflected_rays)
     yield from _indirect_light(inputs)
     yield from _reflections(inputs)
-    has_see_through = any(m.is_see_through for m in scene.materials)
-    if has_see_through:
+    if inputs.has_see_through:
         yield composite.declare(inputs.models.indirect is not None, "opaque_lit")
         yield from _peeled_layers(inputs)
     else:
         yield composite.declare(inputs.models.indirect is not None, "lit")
         yield from _absent("no material is blended or transmits light", *LAYER_PASSES)
     if settings.taa:
-        prefix = "front_" if has_see_through else ""
+        prefix = "front_" if inputs.has_see_through else ""
         yield taa.declare(scene.environment is not None, prefix + "motion", prefix + "depth")
     else:
         yield Absent("taa", "switched off by --no-taa")
@@ -246,8 +250,9 @@ def _peeled_layers(inputs: FrameInputs) -> Iterator[Step]:
     shadow_grid = shadow_rays.grid(inputs.settings.size) if inputs.is_traced else None
     for before, layer in zip((None, *layers), layers, strict=False):
         yield gbuffer.declare_peeled(inputs.scene, inputs.layers, layer, before)
-        yield direct.declare(inputs.lights, inputs.has_specular, shadow_grid, inputs.has_sky, inputs.layers,
-                             inputs.has_normal_maps, layer)
+        # A model shades the G-buffer only, so layers have the environment's light without shadows then.
+        yield direct.declare(inputs.lights, inputs.has_specular, shadow_grid, inputs.scene.environment is not None,
+                             inputs.layers, inputs.has_normal_maps, layer)
     behind = "opaque_lit"
     for layer in reversed(layers):
         result = layer.prefix + "lit" if layer.index else "lit"
@@ -261,7 +266,7 @@ def _traced_shadows(inputs: FrameInputs) -> Iterator[Step]:
     environment, settings = inputs.scene.environment, inputs.settings
     if environment is None:
         yield Absent("sky_light", NO_ENVIRONMENT)
-    elif not inputs.has_sky:
+    elif not inputs.has_sky and not inputs.has_see_through:
         yield Absent("sky_light", "a model shades surfaces by the environment")
     else:
         yield sky_light.declare(environment)
