@@ -35,6 +35,7 @@ from app.passes import (
     reflection_rays,
     shadow,
     shadow_rays,
+    sharpen,
     sky_light,
     ssgi,
     surfel_indirect,
@@ -149,6 +150,10 @@ class FrameInputs:
         return any(m.normal_map is not None for m in self.scene.materials)
 
     @property
+    def has_textures(self) -> bool:
+        return any(m.maps for m in self.scene.materials)
+
+    @property
     def layers(self) -> tuple[str, ...]:
         """What lies over some surfaces: names of the G-buffer's targets."""
         return tuple(name for name in ("clearcoat", "sheen")
@@ -197,7 +202,7 @@ class FrameInputs:
 
 def build_frame(inputs: FrameInputs) -> Frame:
     """List the passes of one frame in the order of its flow."""
-    finished = "taa" if inputs.settings.taa else "lit"
+    finished = "lit" if not inputs.settings.taa else "sharpened" if inputs.has_textures else "taa"
     return Frame(tuple(_steps(inputs, finished)), finished)
 
 
@@ -233,9 +238,10 @@ def _steps(inputs: FrameInputs, finished: str) -> Iterator[Step]:
         yield from _absent("no material is blended or transmits light", *LAYER_PASSES)
     if settings.taa:
         prefix = "front_" if inputs.has_see_through else ""
-        yield taa.declare(scene.environment is not None, prefix + "motion", prefix + "depth")
+        yield taa.declare(scene.environment is not None, prefix + "motion", prefix + "depth", inputs.has_textures)
+        yield sharpen.declare() if inputs.has_textures else Absent("sharpen", "no material has a texture")
     else:
-        yield Absent("taa", "switched off by --no-taa")
+        yield from _absent("switched off by --no-taa", "taa", "sharpen")
     if settings.auto_exposure:
         yield auto_exposure.declare(finished)
     else:
