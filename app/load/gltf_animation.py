@@ -64,7 +64,7 @@ def read_poses(file: GltfFile, builder: SceneBuilder) -> Poses:
         rest[path][index] = track.at(0.0)[0]
         local[index] = affine_matrix(quaternion_matrices(rest["rotation"][index, None])[0] * rest["scale"][index],
                                      rest["translation"][index])
-    if period == 0 and (reader.weights or reader.merged()):
+    if period == 0 and (reader.merged() or not all(track.is_constant for track in reader.weights.values())):
         builder.notice("the animation has no key after 0 s, so it stands still")
     tree = NodeTree(parents, local, **rest, tracks=reader.merged(), period=period)
     return Poses(tree, reader.weights, period)

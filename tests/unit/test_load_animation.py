@@ -139,6 +139,12 @@ def test_an_animation_that_ends_at_time_0_stands_still(tmp_path: Path, times: tu
     assert ("the animation has no key after 0 s, so it stands still" in scene.notices) == (len(times) > 1)
 
 
+def test_one_key_of_weights_at_time_0_gives_no_notice(tmp_path: Path) -> None:
+    gltf = morphing()
+    animate(gltf, 0, "weights", [0.5, 0.5], (0,))
+    assert not any("stands still" in notice for notice in load_scene(gltf.save(tmp_path)).notices)
+
+
 def test_lengths_of_a_scene_that_begins_as_a_point_are_those_of_its_animation(tmp_path: Path) -> None:
     gltf = Gltf()
     animate(gltf, 0, "scale", [[0, 0, 0], [100, 100, 100]])
