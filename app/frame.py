@@ -25,6 +25,7 @@ from app.passes import (
     gbuffer,
     labels,
     lowres_gbuffer,
+    missed_pixels,
     network,
     pack_globals,
     pack_screen,
@@ -91,6 +92,7 @@ NETWORK_PASSES = (*CUBE_PASSES, "pack_surfels", *GATHER_PASSES, "pack_globals", 
 REFLECTED_RAY_PASSES = ("reflection_gbuffer", "reflection_march", "reflection_rays", "reflection_resolve",
                         "reflection_history", "reflection_filter_far", "reflection_filter_near")
 REFLECTION_SURFELS = 2048, 1  # and rays of each, where the model reads no surfels
+MISSED_PASSES = ("missed_pixels", "missed_light")
 SSGI_PASSES = ("ssgi_radiance", "ssgi", "ssgi_filter_near", "ssgi_filter_far")
 ENVIRONMENT_NETWORK_PASSES = ("environment_pack_globals", "environment_pack_screen", "environment_network")
 ENVIRONMENT_PASSES = ("environment_lowres_gbuffer", "unshadowed_environment", *ENVIRONMENT_NETWORK_PASSES,
@@ -193,6 +195,12 @@ class FrameInputs:
     def surfels(self) -> TrackedSurfels:
         """The surfels that the network reads, or others that reflections show."""
         return TrackedSurfels(self.scene, self.caster, *(self.network_surfels or REFLECTION_SURFELS))
+
+    @property
+    def has_surfel_indirect(self) -> bool:
+        """Whether a network gives the indirect light of surfels."""
+        model = self.models.surfels or self.models.indirect
+        return not (model is None or isinstance(model, str)) and model.contract.lights_surfels
 
     @property
     def is_traced(self) -> bool:
@@ -328,7 +336,7 @@ def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:
     settings, model = inputs.settings, inputs.models.indirect
     if model is None:
         yield from _absent("no model was chosen", "surfel_light", *NETWORK_PASSES, *SSGI_PASSES, "lowres_gbuffer",
-                           "accumulate", "push_pull", "upsample")
+                           "accumulate", "push_pull", *MISSED_PASSES, "upsample")
         return
     target = "indirect_now" if settings.taa else "indirect_low"
     if inputs.network_surfels is not None or inputs.has_reflected_rays:
@@ -350,7 +358,13 @@ def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:
     else:
         yield Absent("accumulate", "switched off by --no-taa")
     yield push_pull.declare("push_pull", grid, "indirect_low", "lowres_gbuffer", "indirect_filled")
-    yield upsample.declare("upsample", grid, "indirect_filled", "lowres_gbuffer", "indirect", has_history=settings.taa)
+    missed_tile = missed_pixels.tile_side(settings.size) if inputs.has_surfel_indirect else None
+    if missed_tile:
+        yield from missed_pixels.declare(settings.size, grid, inputs.surfels, settings.taa)
+    else:
+        yield from _absent("the model gives no light of surfels", *MISSED_PASSES)
+    yield upsample.declare("upsample", grid, "indirect_filled", "lowres_gbuffer", "indirect", has_history=settings.taa,
+                           missed_tile=missed_tile)
 
 
 def _reflections(inputs: FrameInputs) -> Iterator[Step]:
@@ -389,7 +403,7 @@ def _network(inputs: FrameInputs, model: Network | RepeatedNetwork, grid: Size, 
     yield _pack_globals("pack_globals", contract, tensors, scene.environment, settings.bounces)
     yield pack_screen.declare("pack_screen", contract, settings.size, scene.longest_edge)
     targets = {INDIRECT: target}
-    if any(SURFEL_INDIRECT in spec.channels for spec in contract.outputs.values()):
+    if contract.lights_surfels:
         targets[SURFEL_INDIRECT] = "surfel_indirect"
     yield network.declare("network", model, tensors, grid, targets)
 

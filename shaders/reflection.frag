@@ -34,8 +34,8 @@ vec4 tap(ivec2 low, float along, float closeness, float roughness, BilateralRece
 
 vec3 upsampled(vec3 n, float d, float roughness, vec3 otherwise)
 {
-    BilateralReceiver r = bilateral_receiver(n, d);
-    Around t = texels_around(textureSize(reflection_filtered, 0), ratio, r);
+    BilateralReceiver r = bilateral_receiver(gl_FragCoord.xy, n, d);
+    Around t = texels_around(gl_FragCoord.xy, textureSize(reflection_filtered, 0), ratio, r);
     vec2 f = t.f, g = 1.0 - f;
     vec4 sum = tap(t.low, t.along_low.x + t.along_low.y, g.x * g.y, roughness, r)
         + tap(ivec2(t.high.x, t.low.y), t.along_high.x + t.along_low.y, f.x * g.y, roughness, r)

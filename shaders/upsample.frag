@@ -1,11 +1,11 @@
 // Joint bilateral upsampling (Kopf et al. 2007): low-resolution demodulated light, guided by full-resolution
 // normals and by the distance from the receiver's plane (Xin et al. 2021, section 5.3). Where no low-resolution texel
-// around shows a pixel's surface, which is too thin or at an edge, the pixel keeps its light of earlier frames.
+// around shows a pixel's surface, which is too thin or at an edge, the pixel takes the light of missed pixels around, and
+// keeps its light of earlier frames.
 #include "numbers.glsl"
 #include "joint_bilateral.glsl"
 #include "history.glsl"
 
-const float SHOWN = 0.1;         // weight above which the texels around show the surface
 const float SKY = 1e-30;         // so that filled-in light counts where no texel shows a surface
 
 uniform sampler2D light_filled;
@@ -19,6 +19,15 @@ uniform sampler2D indirect_prev;  // a: inverse depth
 uniform sampler2D normal_prev;
 uniform float max_frames;  // of history
 uniform bool history_valid;
+const float LEAST_FOUND = 0.1;  // so that light which is out of date fades
+#endif
+
+#ifdef HAS_MISSED_LIGHT
+#include "missed_pixels.glsl"
+
+uniform sampler2D missed_surface;  // normal, depth
+uniform sampler2D missed_light;    // a: 1 + number of the pixel in its tile, or 0
+const float REACH = 1.5 * float(TILE);  // pixels
 #endif
 
 layout(location = 0) out vec4 out_light;
@@ -31,9 +40,29 @@ vec4 tap(ivec2 low, float along, float closeness, BilateralReceiver r)
     return vec4(texelFetch(light_filled, low, 0).rgb, 1.0) * (closeness * alike);
 }
 
+#ifdef HAS_MISSED_LIGHT
+// rgb: weighted light, a: weight of the pixels around that have light of their own.
+vec4 missed(ivec2 texel, BilateralReceiver r)
+{
+    ivec2 base = (texel + TILE / 2) / TILE - 1;  // of the four tiles around
+    vec4 sum = vec4(0.0);
+    for (int i = 0; i < 4; ++i) {
+        ivec2 tile = clamp(base + ivec2(i & 1, i >> 1), ivec2(0), textureSize(missed_light, 0) - 1);
+        vec4 light = texelFetch(missed_light, tile, 0);
+        ivec2 at = missed_texel(tile, int(light.a) - 1);
+        vec2 away = vec2(at - texel) / REACH, along = along_normal(at, r);
+        float weight = max(1.0 - dot(away, away), MIN_WEIGHT)
+            * similarity(texelFetch(missed_surface, tile, 0), along.x + along.y, r);
+        sum += light.a > 0.0 ? vec4(light.rgb, 1.0) * weight : vec4(0.0);
+    }
+    return sum;
+}
+#endif
+
 #ifdef HAS_INDIRECT_PREV
-// Light blended with the surface's previous light, the more the less the texels around show of it.
-vec3 with_history(vec3 light, float shown, vec4 moved, float d, BilateralReceiver r)
+// Light blended with the surface's previous light, the more the less the texels around show of it (shown), and where no
+// pixel around has light of its own either (found), as much as a change of light allows.
+vec3 with_history(vec3 light, float shown, float found, vec4 moved, float d, BilateralReceiver r)
 {
     ivec2 at = ivec2(floor(gl_FragCoord.xy - moved.xy * vec2(1.0, -1.0)));
     vec4 old = texelFetch(indirect_prev, at, 0);
@@ -41,7 +70,8 @@ vec3 with_history(vec3 light, float shown, vec4 moved, float d, BilateralReceive
         && same_surface(old.a, moved.w / moved.z, plane_slope(r.normal, gl_FragCoord.xy, d),
                         texelFetch(normal_prev, at, 0).xyz, r.normal)
         && is_finite(dot(old.rgb, vec3(1.0)));
-    return keep ? mix(light, without_flash(old.rgb, light), (1.0 - 1.0 / max_frames) * (1.0 - shown)) : light;
+    float share = 1.0 - max(found, LEAST_FOUND) / max_frames;
+    return keep ? mix(light, without_flash(old.rgb, light), share * (1.0 - shown)) : light;
 }
 #endif
 
@@ -49,18 +79,26 @@ void main()
 {
     ivec2 texel = ivec2(gl_FragCoord.xy);
     float d = texelFetch(depth, texel, 0).r;
-    BilateralReceiver r = bilateral_receiver(sanitize_normal(texelFetch(normal, texel, 0).xyz), d);
-    Around t = texels_around(textureSize(lowres_gbuffer, 0), ratio, r);
+    BilateralReceiver r = bilateral_receiver(gl_FragCoord.xy, sanitize_normal(texelFetch(normal, texel, 0).xyz), d);
+    Around t = texels_around(gl_FragCoord.xy, textureSize(lowres_gbuffer, 0), ratio, r);
     vec2 f = t.f, g = 1.0 - f;
     vec4 sum = tap(t.low, t.along_low.x + t.along_low.y, g.x * g.y, r)
         + tap(ivec2(t.high.x, t.low.y), t.along_high.x + t.along_low.y, f.x * g.y, r)
         + tap(ivec2(t.low.x, t.high.y), t.along_low.x + t.along_high.y, g.x * f.y, r)
         + tap(t.high, t.along_high.x + t.along_high.y, f.x * f.y, r);
+    float shown = min(sum.a / SHOWN, 1.0), found = 1.0;
+#ifdef HAS_MISSED_LIGHT
+    if (is_surface(d) && shown < 1.0) {
+        vec4 own = missed(texel, r);
+        sum += (1.0 - shown) * own;
+        found = clamp(own.a / SHOWN, shown, 1.0);
+    }
+#endif
     // NaN in the light of any tap ends as 0 here.
     vec3 light = is_surface(d) && sum.a > 0.0 ? sanitize_radiance(sum.rgb / sum.a) : vec3(0.0);
 #ifdef HAS_INDIRECT_PREV
     vec4 moved = texelFetch(motion, texel, 0);
-    if (is_surface(d) && sum.a < SHOWN) light = with_history(light, sum.a / SHOWN, moved, d, r);
+    if (is_surface(d) && shown < 1.0) light = with_history(light, shown, found, moved, d, r);
     out_light = vec4(light, moved.w);
 #else
     out_light = vec4(light, 1.0);

@@ -20,7 +20,7 @@ from app.scene import Camera
 from app.scene import Scene as SceneData
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Frame(Mapping[str, NDArray[Any]]):
     """Images by name: ``frame["final"]``; ``list(frame)`` gives the names.
 
@@ -45,6 +45,9 @@ class Frame(Mapping[str, NDArray[Any]]):
     camera: Camera
     scene: SceneData
     time: float = 0.0
+
+    def __repr__(self) -> str:
+        return f"Frame({', '.join(self.images)}; {self.size[0]}x{self.size[1]})"
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         if name not in self.images:

@@ -20,14 +20,15 @@ FRAME_SECONDS = 1 / 30
 class TaskDrawer:
     """Keeps the scene and the renderer of the task before, if the next one needs the same."""
 
-    def __init__(self, out: Path) -> None:
-        self._out = out
+    def __init__(self) -> None:
         self._key: object = None
         self._renderer: Renderer | None = None
 
-    def draw(self, task: Task) -> None:
-        """Draw a task, write its pictures, and last the record that it is done."""
-        job, folder = task.job, self._out / task.job.name
+    def draw(self, task: Task, out: Path) -> None:
+        """Draw a task, write its pictures into the folder ``out``, and last the record that it is done."""
+        if task.is_done(out):
+            return  # by a worker that died before it could say so
+        job, folder = task.job, out / task.job.name
         folder.mkdir(parents=True, exist_ok=True)
         renderer = self._renderer_for(job)
         if task.camera is None:
@@ -36,7 +37,7 @@ class TaskDrawer:
                 _write(frame, folder / f"{index:03d}", job)
         else:
             self._draw_chunk(renderer, task, folder / f"{task.camera:03d}")
-        write_text(self._out / task.record, json.dumps({"key": task.key()}) + "\n")
+        write_text(out / task.record, json.dumps({"key": task.key()}) + "\n")
 
     def _draw_chunk(self, renderer: Renderer, task: Task, folder: Path) -> None:
         assert task.camera is not None

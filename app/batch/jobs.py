@@ -4,6 +4,7 @@ import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -82,8 +83,16 @@ class Task:
         digest = hashlib.sha256(json.dumps([asdict(self), __version__], sort_keys=True).encode())
         for file in (Path(self.job.scene), Path(self.job.scene).with_suffix(".json"), Path(self.job.model)):
             if file.is_file():
-                digest.update(file.read_bytes())
+                status = file.stat()
+                digest.update(_digest_of(file, status.st_size, status.st_mtime_ns))
         return digest.hexdigest()[:32]
+
+    def is_done(self, out: Path) -> bool:
+        """Whether its pictures are in the folder ``out``, drawn from the same files."""
+        try:
+            return bool(json.loads((out / self.record).read_text("utf-8"))["key"] == self.key())
+        except (OSError, ValueError, KeyError, TypeError):
+            return False
 
 
 def read_jobs(path: Path) -> list[Job | BadLine]:
@@ -110,8 +119,14 @@ def read_jobs(path: Path) -> list[Job | BadLine]:
                                      "expected another name for each job")
                 jobs.append(job)
             except AfterglowError as error:
-                jobs.append(BadLine(name, str(error)))
+                jobs.append(BadLine(f"line {number}", str(error)))
     return jobs
+
+
+@cache
+def _digest_of(file: Path, size: int, modified: int) -> bytes:
+    """The digest of a file, which is read again when its size or its time has changed."""
+    return hashlib.sha256(file.read_bytes()).digest()
 
 
 def tasks_of(job: Job) -> Iterator[Task]:

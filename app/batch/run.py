@@ -1,14 +1,14 @@
 """A whole batch: what is missing is drawn, what is done is left alone."""
 
-import json
+import os
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from app.batch.cluster import run_on_cluster
 from app.batch.jobs import BadLine, Job, Task, tasks_of
-from app.batch.pool import run_tasks
-from app.errors import SceneError
+from app.batch.pool import run_on_cores
 
 
 @dataclass
@@ -29,12 +29,14 @@ class Outcome:
     error: str = ""
 
 
-def run_batch(jobs: list[Job | BadLine], out: Path, workers: int, progress: Callable[[int, int], object]
-              ) -> list[Outcome]:
+def run_batch(jobs: list[Job | BadLine], out: Path, progress: Callable[[int, int], object],
+              scheduler: str | None = None, workers: int | None = None) -> list[Outcome]:
     """Draw all jobs into ``out``.
 
     Parameters
     ----------
+    scheduler : str or None
+        Address of a Dask scheduler; None for ``workers`` processes on this machine, by default one per core.
     progress : callable
         Called with the numbers of finished tasks and of all.
 
@@ -47,7 +49,7 @@ def run_batch(jobs: list[Job | BadLine], out: Path, workers: int, progress: Call
     missing: list[Task] = []
     for job in jobs:
         for task in tasks_of(job) if isinstance(job, Job) else ():
-            if _is_done(task, out):
+            if task.is_done(out):
                 outcomes[job.name].kept += 1
             else:
                 missing.append(task)
@@ -64,13 +66,8 @@ def run_batch(jobs: list[Job | BadLine], out: Path, workers: int, progress: Call
             progress(done, len(missing))
 
     progress(0, len(missing))
-    run_tasks(missing, out, workers, finish)
+    if scheduler is None:
+        run_on_cores(missing, out, workers or len(os.sched_getaffinity(0)), finish)
+    else:
+        run_on_cluster(missing, out, scheduler, finish)
     return list(outcomes.values())
-
-
-def _is_done(task: Task, out: Path) -> bool:
-    """Whether a run before has drawn the task, from the same files."""
-    try:
-        return bool(json.loads((out / task.record).read_text("utf-8"))["key"] == task.key())
-    except (OSError, ValueError, KeyError, TypeError, SceneError):
-        return False

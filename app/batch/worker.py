@@ -1,6 +1,7 @@
 """A worker process: draws a task for each line on its standard input, and answers with a line each."""
 
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -19,12 +20,13 @@ def task_from_json(spec: dict[str, Any]) -> Task:
 
 def main() -> None:
     """Draw until the standard input ends; an error, whatever it is, is the answer of its task alone."""
-    answers, sys.stdout = sys.stdout, sys.stderr
-    drawer = TaskDrawer(Path(sys.argv[1]))
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # whatever a library prints is no answer
+    drawer = TaskDrawer()
     for line in sys.stdin:
-        error = ""
+        message, error = json.loads(line), ""
         try:
-            drawer.draw(task_from_json(json.loads(line)))
+            drawer.draw(task_from_json(message["task"]), Path(message["out"]))
         except AfterglowError as problem:
             error = str(problem)
         except Exception as problem:  # of a library, for a scene that nobody has tried yet

@@ -1,6 +1,5 @@
-"""``python -m app batch``: many jobs on the cores of this machine, resumable."""
+"""``python -m app batch``: many jobs on the cores of this machine or on a Dask cluster, resumable."""
 
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -18,8 +17,10 @@ def batch(
     jobs: Annotated[Path, typer.Argument(metavar="JOBS.jsonl", help="One JSON object per line.", show_default=False)],
     out: Annotated[Path, typer.Option(help="Folder with a folder for each job.", metavar="DIR", parser=parse_folder)
                    ] = Path("out/batch"),
-    workers: Annotated[int | None, typer.Option(help="Processes.", min=1, metavar="N", show_default="one per core")
-                       ] = None,
+    scheduler: Annotated[str | None, typer.Option(help="Address of a Dask scheduler.", metavar="tcp://…",
+                                                  show_default="this machine's cores")] = None,
+    workers: Annotated[int | None, typer.Option(help="Processes on this machine.", min=1, metavar="N",
+                                                show_default="one per core")] = None,
 ) -> None:
     """Draw many pictures of many scenes, and only what is missing in the folder.
 
@@ -40,8 +41,8 @@ def batch(
     prepare_folders(out)
     with counting_progress() as bar:
         task = bar.add_task("drawing")
-        outcomes = run_batch(listed, out, workers or len(os.sched_getaffinity(0)),
-                             lambda done, count: bar.update(task, completed=done, total=count))
+        outcomes = run_batch(listed, out, lambda done, count: bar.update(task, completed=done, total=count), scheduler,
+                             workers)
     table = Table("job", "drawn", "there already", "error", box=box.SIMPLE)
     for outcome in outcomes:
         table.add_row(outcome.name, str(outcome.drawn), str(outcome.kept), outcome.error)

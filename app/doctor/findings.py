@@ -11,7 +11,7 @@ from app.errors import DeviceError
 EXTRAS = {
     "DracoPy": "assets", "opengl_basisu": "assets", "av": "video", "aiohttp": "view", "flip_evaluator": "evaluation",
     "matplotlib": "evaluation", "psutil": "evaluation", "pyoidn": "evaluation", "skimage": "evaluation",
-    "torch": "export", "mitsuba": "export",
+    "distributed": "cluster", "torch": "export", "mitsuba": "export",
 }
 GPU_PROVIDER = "pip uninstall onnxruntime; pip install 'onnxruntime-gpu[cuda,cudnn]'"
 

@@ -40,7 +40,8 @@ class Device:
 
     def __init__(self, strict: bool = False) -> None:
         try:
-            options: dict[str, Any] = {"backend": "egl"}
+            # EGL finds all functions; without this, libGL would be needed too, for nothing.
+            options: dict[str, Any] = {"backend": "egl", "libgl": ctypes.util.find_library("EGL")}
             self.ctx = moderngl.create_context(require=REQUIRED, standalone=True, **options)
         except Exception as error:  # glcontext raises bare Exceptions
             raise DeviceError(f"no OpenGL context ({error})", "EGL",

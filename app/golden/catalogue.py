@@ -21,12 +21,12 @@ NOON_STAGES = ("environment_lowres_gbuffer", "unshadowed_environment", "environm
 SKY_STAGES = ("cube_background", "background", "pack_globals", "pack_screen", "composite", "taa")
 SKY_LIGHT_STAGES = ("sky_light", "shadow_gbuffer", "shadow_rays", "shadow_history", "shadow_filter_near",
                     "shadow_filter_far", "direct")
-WAVING_STAGES = "shadow", "gbuffer", "direct", "surfel_light", "pack_surfels", "taa"
+WAVING_STAGES = "shadow", "gbuffer", "direct", "surfel_light", "pack_surfels"
 SSGI_STAGES = ("lowres_gbuffer", "ssgi_radiance", "ssgi", "ssgi_filter_near", "ssgi_filter_far", "accumulate",
                "push_pull", "upsample")
 MATERIALS_STAGES = ("gbuffer", "gbuffer_layers", "direct", "composite")
 GLASS_STAGES = ("shadow", "peel0_gbuffer", "peel0_direct", "peel1_gbuffer", "peel1_blend", "peel0_blend",
-                "front_motion", "surfel_light")
+                "front_motion")
 PARALLEL_STAGES = "gbuffer", "background", "shadow_filter_far", "direct", "pack_screen", "upsample", "taa"
 PARALLEL_GLASS_STAGES = "position", "ssgi", "ssgi_filter_near", "accumulate", "upsample", "peel0_direct", "peel0_blend"
 LABELS = "instance", "material", "flow"
@@ -59,7 +59,7 @@ def catalogue() -> dict[str, Case]:
         replace(_under_sky("noon", PROBE_ENVIRONMENT), stages=NOON_STAGES),
         replace(_settled("sky", scenes.noon(), None), size=(128, 96), stages=SKY_LIGHT_STAGES),
         replace(_single("materials", scenes.materials(), SSGI), size=(160, 120), stages=MATERIALS_STAGES),
-        replace(_settled("glass", scenes.glass(), ember), size=(160, 120), stages=GLASS_STAGES),
+        replace(_settled("glass", scenes.glass(), SSGI), size=(160, 120), stages=GLASS_STAGES),
         replace(_settled("shaded_glass", scenes.glass(), UNSHADOWED), size=(64, 48), stages=("peel0_direct",)),
         replace(_settled("parallel", scenes.parallel(scenes.dusk(), 2.6), PROBE), size=(96, 72),
                 stages=PARALLEL_STAGES),
@@ -78,7 +78,7 @@ def catalogue() -> dict[str, Case]:
         replace(_settled("parallel_mirrors", scenes.parallel(scenes.mirrors(), 1.6), SSGI), size=(64, 48),
                 stages=REFLECTION_STAGES[-2:], reflections=True),
         replace(_settled("ssgi", scenes.room(), SSGI), stages=SSGI_STAGES),
-        replace(_settled("ember", scenes.room(), ember), stages=("surfel_light", "pack_surfels")),
+        replace(_settled("ember", scenes.room(), ember), stages=("surfel_light", "pack_surfels", "missed_pixels")),
         replace(_settled("gathered", scenes.room(), find_model("final-gather")), size=(96, 72),
                 stages=("gather_history",)),
     ]

@@ -27,12 +27,20 @@ PICTURES = frozenset({"direct", "specular", "indirect", "emission", "lit", "taa"
 OTHER_STAGES = "all others"
 
 # Surfels are chosen by a chain of comparisons, so rounding may replace some of them and renumber others. Gathered rays
-# end at their light.
-_SURFELS = {stage: Tolerance(2e-2, 1e-1, 0.0) for stage in ("surfel_light", "pack_surfels", "gather_history")}
+# and reflected ones end at their light.
+_SURFELS = {
+    **{stage: Tolerance(2e-2, 1e-1, 0.0) for stage in ("surfel_light", "pack_surfels", "gather_history")},
+    **{stage: Tolerance(1.5e-2, 5e-4, 5e-3) for stage in (
+        "reflection_rays", "reflection_resolve", "reflection_history", "reflection_filter_far",
+        "reflection_filter_near", "reflection")},
+}
 # The same renderer may round differently on another CPU. TAA's frame count depends on rounding most; one of the 255
 # levels of the display image is 0.004.
 SAME_RENDERER = {
     **_SURFELS,
+    # Rounding moves what is refracted, and which pixel of a tile is the first that the low-resolution grid misses.
+    **{stage: Tolerance(1.5e-2, 5e-4, 5e-3) for stage in ("peel0_blend", "peel1_blend")},
+    "missed_pixels": Tolerance(2e-3, 1e-2, 0.0),
     "taa": Tolerance(2e-2, 1e-2, 5e-3),
     "tonemap": Tolerance(5e-3, 1e-3, 5e-3),
     OTHER_STAGES: Tolerance(2e-3, 5e-4, 5e-3),

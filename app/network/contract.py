@@ -9,7 +9,18 @@ from typing import Any
 
 from app.errors import ModelError
 from app.io.checked_json import check
-from app.network.channels import CHANNELS, CUBE, DIFFUSE, GATHERED_CHANNELS, GLOBALS, PANORAMA, RAYS, SCREEN, SURFELS
+from app.network.channels import (
+    CHANNELS,
+    CUBE,
+    DIFFUSE,
+    GATHERED_CHANNELS,
+    GLOBALS,
+    PANORAMA,
+    RAYS,
+    SCREEN,
+    SURFEL_INDIRECT,
+    SURFELS,
+)
 from app.network.contract_rules import find_problems
 
 KEY = "afterglow"  # of the metadata entry that holds the contract
@@ -129,6 +140,11 @@ class ModelContract:
     def shades_environment(self) -> bool:
         """Whether the network computes the direct light of an environment; otherwise it computes indirect light."""
         return any(DIFFUSE in spec.channels for spec in self.outputs.values())
+
+    @property
+    def lights_surfels(self) -> bool:
+        """Whether the network computes the indirect light of surfels, besides that of the screen."""
+        return any(SURFEL_INDIRECT in spec.channels for spec in self.outputs.values())
 
     @property
     def gathers(self) -> bool:

@@ -5,17 +5,21 @@ from app.gl.fullscreen import make_fullscreen, ratio_to
 from app.graph import Pass, Tex
 
 HISTORY_READS = ("motion", "indirect@prev", "normal@prev")
+MISSED_READS = ("missed_surface", "missed_light")
 # The history's age is not stored, so it must not outlive a change of light.
 MAX_FRAMES = MAX_HISTORY[MotionKind.CAMERA]
 
 
-def declare(name: str, grid: tuple[int, int], light: str, surface: str, target: str, has_history: bool = False) -> Pass:
+def declare(name: str, grid: tuple[int, int], light: str, surface: str, target: str, has_history: bool = False,
+            missed_tile: int | None = None) -> Pass:
     """From a low-resolution ``grid`` of width and height: ``light`` on the G-buffer ``surface`` becomes ``target``.
 
     Parameters
     ----------
     has_history : bool
         Whether pixels whose surface no low-resolution texel shows keep the indirect light of earlier frames.
+    missed_tile : int or None
+        Side in pixels of the tiles of the image in which one of these pixels may have light of its own.
     """
     def uniforms(frame: FrameState) -> dict[str, object]:
         ratio: dict[str, object] = {"ratio": ratio_to(grid, frame)}
@@ -23,6 +27,8 @@ def declare(name: str, grid: tuple[int, int], light: str, surface: str, target: 
             return ratio
         return {**ratio, "max_frames": min(MAX_HISTORY[frame.motion], MAX_FRAMES), "history_valid": frame.history_valid}
 
+    reads = (*(HISTORY_READS if has_history else ()), *(MISSED_READS if missed_tile else ()))
     samplers = {light: "light_filled", surface: "lowres_gbuffer"}
-    return Pass(name, reads=(*samplers, "normal", "depth", *(HISTORY_READS if has_history else ())),
-                writes={target: Tex("f2", 4)}, make=make_fullscreen("upsample.frag", uniforms, samplers=samplers))
+    return Pass(name, reads=(*samplers, "normal", "depth", *reads), writes={target: Tex("f2", 4)},
+                make=make_fullscreen("upsample.frag", uniforms, {"TILE": missed_tile} if missed_tile else {},
+                                     samplers=samplers))

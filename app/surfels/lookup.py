@@ -6,7 +6,8 @@ from app.arrays import F32, Bools, Ints
 from app.surfels import kernel
 from app.surfels.world import WorldSurfels
 
-CANDIDATES = 8        # surfels of a cell
+MAX_CANDIDATES = 16   # surfels of a cell
+CANDIDATES = 8        # of these that count where speed matters more than accuracy
 CELL_RADII = 0.5      # edge of a cell, in median radii of surfels
 MAX_CELLS = 2**17     # that are remembered
 AXIS_CELLS = 2**19    # along an axis; coordinates beyond share a cell
@@ -40,7 +41,7 @@ class SurfelLookup:
         self._edge = CELL_RADII * float(np.median(radius))
         self._codes, self._rows, self._candidates, self._cell_weights = self._no_cells()
 
-    def interpolate(self, light: F32, position: F32, normal: F32) -> F32:
+    def interpolate(self, light: F32, position: F32, normal: F32, candidates: int = CANDIDATES) -> F32:
         """Weighted mean of the surfels' light at points, shape (N, 3).
 
         Parameters
@@ -48,10 +49,13 @@ class SurfelLookup:
         light : ndarray, float32, shape (S, 3)
         position, normal : ndarray, float32, shape (N, 3)
             Local space.
+        candidates : int
+            How many surfels count at a point. On the surfaces of two rooms, the mean error against all surfels was 2 %
+            with 8 of them and 0.6 % with 16, which take twice as long.
         """
         position = position - self._center
         cells = self._find_cells(position, normal)  # first, since it may add candidates
-        near = self._candidates[cells]
+        near = self._candidates[cells, :candidates]
         weight = self._weights(position[:, None], normal[:, None], near)
         return np.asarray(np.einsum("nk,nkc->nc", weight, light[near]), np.float32)
 
@@ -61,7 +65,7 @@ class SurfelLookup:
         For points whose light is averaged anyway.
         """
         cells, inverse = np.unique(self._find_cells(position - self._center, normal), return_inverse=True)
-        cell_light = np.einsum("nk,nkc->nc", self._cell_weights[cells], light[self._candidates[cells]])
+        cell_light = np.einsum("nk,nkc->nc", self._cell_weights[cells], light[self._candidates[cells, :CANDIDATES]])
         return np.asarray(cell_light[inverse], np.float32)
 
     def _weights(self, position: F32, normal: F32, near: Ints) -> F32:
@@ -89,7 +93,8 @@ class SurfelLookup:
         if not known.all():
             new = first[~known]
             near = self._largest(position[new], normal[new])
-            self._remember(codes[~known], near, self._weights(position[new, None], normal[new, None], near))
+            weights = self._weights(position[new, None], normal[new, None], near[:, :CANDIDATES])
+            self._remember(codes[~known], near, weights)
         return np.asarray(self._rows[np.searchsorted(self._codes, codes)][inverse])
 
     def _is_known(self, codes: Ints) -> Bools:
@@ -106,16 +111,19 @@ class SurfelLookup:
     def _no_cells(self) -> tuple[Ints, Ints, Ints, F32]:
         """Codes in ascending order, the row of candidates for each, the candidates, and weights where cells began."""
         none = np.zeros(0, np.int64)
-        candidates = np.zeros((0, min(CANDIDATES, len(self._surfels))), np.int64)
-        return none, none, candidates, candidates.astype(np.float32)
+        candidates = np.zeros((0, min(MAX_CANDIDATES, len(self._surfels))), np.int64)
+        return none, none, candidates, candidates[:, :CANDIDATES].astype(np.float32)
 
     def _largest(self, position: F32, normal: F32) -> Ints:
-        """The surfels with the largest weights at points, shape (N, K)."""
+        """The surfels with the largest weights at points, shape (N, K), in descending order."""
         count = self._candidates.shape[1]
         blocks = []
         for start in range(0, len(position), kernel.BLOCK):
             rows = slice(start, start + kernel.BLOCK)
             at = np.concatenate([position[rows], np.ones_like(position[rows, :1])], axis=1)
-            exponent = kernel.queries(position[rows], normal[rows]) @ self._keys.T + np.minimum(at @ self._clip.T, 0)
-            blocks.append(np.argpartition(-exponent, count - 1, axis=1)[:, :count])
+            exponent = (kernel.queries(position[rows], normal[rows]) @ self._keys.T + self._surfels[:, 7]
+                        + np.minimum(at @ self._clip.T, 0))
+            near = np.argpartition(-exponent, count - 1, axis=1)[:, :count]
+            order = np.take_along_axis(-exponent, near, axis=1).argsort(axis=1)
+            blocks.append(np.take_along_axis(near, order, axis=1))
         return np.concatenate(blocks)

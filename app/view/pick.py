@@ -1,6 +1,7 @@
-"""Mouse picking: one ray cast on the CPU, so that the render thread is not interrupted."""
+"""What is at a point of the image, and where the eye may go: rays on the CPU, so that the render thread goes on."""
 
 from dataclasses import dataclass, replace
+from threading import Lock
 
 import numpy as np
 
@@ -8,6 +9,7 @@ from app.load import LoadedScene
 from app.math3d import View, translation
 from app.raycast.caster import Caster
 from app.scene import Scene
+from app.view.orbit import Orbit, plan_orbit
 from app.view.state import State, Vec
 
 
@@ -26,21 +28,30 @@ class Picker:
         self._loaded = loaded
         self._caster: Caster | None = None
         self._moved: object = None
+        self._lock = Lock()  # for the bodies
 
     def pick(self, state: State, position: tuple[float, float]) -> PickHit | None:
         """Return what is visible at ``position``, from (0, 0) upper left to (1, 1) lower right; None for the sky."""
-        moved = state.object_offsets, state.time
-        if self._caster is None or moved != self._moved:
-            self._caster, self._moved = Caster(_move_objects(self._loaded, state)), moved
-            self._caster.move_to(state.time)
-        view = View.of(state.camera, state.size, 1.0)
+        caster, view = self._caster_of(state), View.of(state.camera, state.size, 1.0)
         offsets, directions = view.rays(np.array([[2 * position[0] - 1, 1 - 2 * position[1]]]))
-        origins = view.eye - self._caster.origin + offsets
-        hits = self._caster.cast(origins.astype(np.float32), directions.astype(np.float32))
+        origins = view.eye - caster.origin + offsets
+        hits = caster.cast(origins.astype(np.float32), directions.astype(np.float32))
         if hits.body[0] < 0:
             return None
-        x, y, z = (hits.position[0] + self._caster.origin).tolist()
-        return PickHit((x, y, z), self._object_of(int(self._caster.instance_of(hits)[0])))
+        x, y, z = (hits.position[0] + caster.origin).tolist()
+        return PickHit((x, y, z), self._object_of(int(caster.instance_of(hits)[0])))
+
+    def plan_orbit(self, state: State, pivot: Vec) -> Orbit | None:
+        """Return where the eye of the state's camera may go about ``pivot``; None where walls are all around it."""
+        return plan_orbit(self._caster_of(state), state.camera, np.array(pivot))
+
+    def _caster_of(self, state: State) -> Caster:
+        moved = state.object_offsets, state.time
+        with self._lock:
+            if self._caster is None or moved != self._moved:
+                self._caster, self._moved = Caster(_move_objects(self._loaded, state)), moved
+                self._caster.move_to(state.time)
+            return self._caster
 
     def _object_of(self, instance: int) -> str:
         """Return the smallest object that contains the instance."""

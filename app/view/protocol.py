@@ -15,7 +15,7 @@ from app.view.state import REFERENCE, Json, State, camera_to_json
 
 SCHEMA = "view.schema.json"
 CHANGE_TYPES = ("size", "camera", "lights", "settings", "move_object", "bookmark")  # these change the state
-TYPES = ("ack", "take_control", *CHANGE_TYPES, "pick", "save")
+TYPES = ("ack", "take_control", *CHANGE_TYPES, "pick", "orbit", "save")
 MAX_PIXELS = 3840 * 2160
 MAX_BOOKMARKS, MAX_NAME_LENGTH = 64, 40
 MAX_QUOTED = 40  # characters of a message that an error quotes

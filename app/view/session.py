@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Coroutine
 from contextlib import suppress
+from dataclasses import asdict, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from app.errors import AfterglowError, SettingsError
 from app.evaluation.reference import Reference
-from app.load import LoadedScene
+from app.load import LoadedScene, parse_camera
 from app.settings import SETTLE_FRAMES
 from app.view.client import Client
 from app.view.edited_scene import EditedScene
@@ -117,9 +118,11 @@ class Session:
             self._clients.insert(0, self._clients.pop(self._clients.index(client)))
             self._send_roles()
         elif kind == "pick":
-            self._start_request(client, kind, self._pick(message))
+            self._start_request(client, message, self._pick(message))
+        elif kind == "orbit":
+            self._start_request(client, message, self._plan_orbit(message))
         elif kind == "save":
-            self._start_request(client, kind, self._save(message))
+            self._start_request(client, message, self._save(message))
         elif client is not self._clients[0]:
             raise SettingsError("another page is in control", kind, "expected a message of type take_control first")
         else:
@@ -139,8 +142,9 @@ class Session:
         """Return the file saved under ``number``, if it is still there."""
         return self._saver.find(number)
 
-    def _start_request(self, client: Client, kind: str, work: Coroutine[None, None, Json]) -> None:
+    def _start_request(self, client: Client, message: Json, work: Coroutine[None, None, Json]) -> None:
         """Run ``work`` in the background and send its reply; one request of each kind at a time."""
+        kind = message["type"]
         if kind in self._requests and not self._requests[kind].done():
             work.close()
             raise SettingsError(f"another {kind} is running", kind, "expected one at a time")
@@ -154,13 +158,25 @@ class Session:
                 reply = {"type": "error", "message": f"{kind} failed: {one_line(error)}"}
                 self._loop.call_exception_handler({"message": f"{kind} failed", "exception": error})
             with suppress(ConnectionError):
-                await client.reply(reply)
+                await client.reply({**reply, "ask": message.get("ask")})
 
         self._requests[kind] = asyncio.create_task(run())
 
     async def _pick(self, message: Json) -> Json:
-        hit = await asyncio.to_thread(self._picker.pick, self.state, tuple(message["position"]))
+        hit = await asyncio.to_thread(self._picker.pick, self._seen_by(message), tuple(message["position"]))
         return {"type": "picked", "point": hit and hit.point, "object": hit and hit.object}
+
+    async def _plan_orbit(self, message: Json) -> Json:
+        state, pivot = self._seen_by(message), message.get("pivot")
+        if pivot is None:
+            middle = await asyncio.to_thread(self._picker.pick, state, (0.5, 0.5))
+            pivot = state.camera.target if middle is None else middle.point
+        orbit = await asyncio.to_thread(self._picker.plan_orbit, state, pivot)
+        return {"type": "orbit", "pivot": pivot, "orbit": orbit and asdict(orbit)}
+
+    def _seen_by(self, message: Json) -> State:
+        """The state with the camera of a message, which may be newer."""
+        return replace(self.state, camera=parse_camera(message["camera"], "camera"))
 
     async def _save(self, message: Json) -> Json:
         saved = await self._saver.save(self.state, message["kind"], int(message.get("settle", SETTLE_FRAMES)))

@@ -6,9 +6,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from app.errors import DeviceError, SettingsError
+from app.errors import SettingsError
 from app.extras import extra_module
 from app.io.atomic_files import prepare_folders
+from app.io.dask_client import EXTRA, connect_scheduler
 from export.dataset.config import Config
 from export.dataset.dataset import About, read_about, write_about
 from export.dataset.pair_worker import make_group
@@ -16,7 +17,6 @@ from export.dataset.plan import plan_groups
 from export.dataset.store import item_path, read_origin, write_item
 
 RETRIES = 3  # of a group whose worker died
-CONNECT_SECONDS = 30
 
 
 def make_dataset(folder: Path, config: Config, seed: int, pairs: int, scheduler: str | None = None,
@@ -44,7 +44,7 @@ def make_dataset(folder: Path, config: Config, seed: int, pairs: int, scheduler:
     prepare_folders(folder)
     write_about(folder, About(config, seed, max(pairs, about.pairs if about else 0)))
     made = 0
-    distributed = extra_module("distributed", "export")
+    distributed = extra_module("distributed", EXTRA)
     with _connect(distributed, scheduler, workers) as client:
         indices_of = {}
         for group in plan_groups(config, pairs):
@@ -65,12 +65,7 @@ def make_dataset(folder: Path, config: Config, seed: int, pairs: int, scheduler:
 def _connect(distributed: Any, scheduler: str | None, workers: int | None) -> Iterator[Any]:
     """A Dask client; workers on this machine have one thread each."""
     if scheduler is not None:
-        try:
-            client = distributed.Client(scheduler, timeout=CONNECT_SECONDS)
-        except (OSError, ValueError) as error:
-            raise DeviceError(f"can't reach the scheduler ({' '.join(str(error).split())})", scheduler,
-                              "expected the address of a running one, such as tcp://host:8786") from None
-        with client:
+        with connect_scheduler(scheduler) as client:
             yield client
         return
     with (distributed.LocalCluster(n_workers=workers or len(os.sched_getaffinity(0)), threads_per_worker=1,

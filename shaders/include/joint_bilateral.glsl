@@ -4,6 +4,7 @@
 #include "nearest_texel.glsl"
 
 const float PLANE_SIGMA = 0.02;  // of the receiver's depth_scale
+const float SHOWN = 0.1;         // weight of the texels around above which they show the receiver's surface
 const float MIN_WEIGHT = 1e-5;   // so that the most similar texel counts where none is on the same surface
 
 struct BilateralReceiver {
@@ -20,20 +21,25 @@ vec2 image_position(vec2 pixel)
     return pixel * (2.0 * image.zw) - (1.0 + lens.zw);
 }
 
-// What column and row of a low-resolution texel contribute to its distance along the normal: per unit of depth, unless
-// ORTHOGRAPHIC.
-vec2 along_normal(ivec2 low, vec2 ratio, BilateralReceiver r)
+// What column and row of a texel contribute to its distance along the normal: per unit of depth, unless ORTHOGRAPHIC.
+vec2 along_normal(ivec2 texel, BilateralReceiver r)
 {
-    return r.slope.xy * image_position(vec2(nearest_texel(low, ratio)) + 0.5);
+    return r.slope.xy * image_position(vec2(texel) + 0.5);
 }
 
-BilateralReceiver bilateral_receiver(vec3 normal, float depth)
+// The same of a low-resolution texel.
+vec2 along_normal(ivec2 low, vec2 ratio, BilateralReceiver r)
+{
+    return along_normal(nearest_texel(low, ratio), r);
+}
+
+BilateralReceiver bilateral_receiver(vec2 pixel, vec3 normal, float depth)
 {
     vec3 slope = mat3(view_from_relative) * normal * vec3(lens.xy, -1.0);
 #ifdef ORTHOGRAPHIC
-    float here = dot(slope, vec3(image_position(gl_FragCoord.xy), depth));
+    float here = dot(slope, vec3(image_position(pixel), depth));
 #else
-    float here = dot(slope, vec3(image_position(gl_FragCoord.xy), 1.0)) * depth;
+    float here = dot(slope, vec3(image_position(pixel), 1.0)) * depth;
 #endif
     return BilateralReceiver(normal, slope, here, 1.0 / (PLANE_SIGMA * depth_scale(depth)));
 }
@@ -62,9 +68,9 @@ struct Around {
     vec2 f;
 };
 
-Around texels_around(ivec2 size, vec2 ratio, BilateralReceiver r)
+Around texels_around(vec2 pixel, ivec2 size, vec2 ratio, BilateralReceiver r)
 {
-    vec2 at = gl_FragCoord.xy / ratio - 0.5;
+    vec2 at = pixel / ratio - 0.5;
     ivec2 base = ivec2(floor(at)), low = clamp(base, ivec2(0), size - 1), high = clamp(base + 1, ivec2(0), size - 1);
     return Around(low, high, along_normal(low, ratio, r), along_normal(high, ratio, r), fract(at));
 }

@@ -43,7 +43,7 @@ vec4 shadow_tap(ivec2 low, BilateralReceiver r)
 // Interpolates four texels. Those of a quad that shows one surface and lies between the same four fetch one each.
 vec3 traced_visibility(vec3 n, float depth, bool is_flat)
 {
-    BilateralReceiver r = bilateral_receiver(n, depth);
+    BilateralReceiver r = bilateral_receiver(gl_FragCoord.xy, n, depth);
     vec2 at = gl_FragCoord.xy / shadow_grid_ratio - 0.5, base = floor(at), f = at - base;
     vec2 middle = floor(at + 0.5 * quad_side() / shadow_grid_ratio);
     bool is_shared = quad_all(is_flat && base == middle);

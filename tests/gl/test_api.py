@@ -112,11 +112,11 @@ def test_added_and_removed_objects_follow() -> None:
         assert np.array_equal(renderer.render(CAMERA)["final"], before)
 
 
-def test_a_batch_does_not_depend_on_the_order_of_its_cameras() -> None:
+def test_a_batch_does_not_depend_on_the_order_of_its_cameras(small_ember: Path) -> None:
     scene = afterglow.load()
     camera = scene.cameras[next(iter(scene.cameras))].at(0.0)
     cameras = [replace(camera, fov_y_deg=camera.fov_y_deg + 5 * i) for i in range(3)]
-    with afterglow.Renderer(scene, (24, 18)) as renderer:
+    with afterglow.Renderer(scene, (24, 18), small_ember) as renderer:
         forward = renderer.render_batch(cameras)
         renderer.render(cameras[1])
         backward = renderer.render_batch(cameras[::-1])
@@ -155,6 +155,7 @@ def test_a_frame_is_shown_saved_and_shared(tmp_path: Path) -> None:
     assert np.array_equal(read_exr(tmp_path / "a.exr")["depth"], frame["depth"])
     assert np.array_equal(read_png(tmp_path / "a.png"), frame.display)
     assert np.array_equal(np.asarray(Image.open(io.BytesIO(frame._repr_png_()))), frame.display)
+    assert repr(frame) == "Frame(final, depth; 48x36)"
     shared = np.from_dlpack(frame["depth"])
     frame["depth"][0, 0] = 7.0
     assert shared[0, 0] == 7.0

@@ -5,24 +5,31 @@ from __future__ import annotations
 import json
 import os
 import random
+import resource
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from app.batch import jobs as batch_jobs
+from app.batch import worker_process
 from app.batch.draw import TaskDrawer
 from app.batch.jobs import BadLine, Job, Task, read_jobs, tasks_of
+from app.batch.run import run_batch
+from app.errors import DeviceError
 from app.io.image import read_exr
 
 pytestmark = pytest.mark.gl
 ROOT = Path(__file__).parents[2]
 BOX = ROOT / "app" / "data" / "cornell-box.obj"
 FAST = {"scene": str(BOX), "model": "none", "size": [24, 18]}
+MAX_BYTES = 20_000  # of a file, more than the pictures of FAST have
 CLOSE = {"eye": [0, 1, 3], "target": [0, 1, 0]}
 
 
@@ -31,9 +38,15 @@ def write_jobs(path: Path, *jobs: object) -> Path:
     return path
 
 
-def start(file: Path, out: Path) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "app", "batch", str(file), "--out", str(out), "--workers", "2"]
-    return subprocess.Popen(command, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+def start(file: Path, out: Path, *options: str, preexec: Callable[[], None] | None = None) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "app", "batch", str(file), "--out", str(out), *(options or ("--workers", "2"))]
+    return subprocess.Popen(command, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                            preexec_fn=preexec)
+
+
+def limit_files() -> None:
+    """Let writing large files fail, as it does on a full disk."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (MAX_BYTES, MAX_BYTES))
 
 
 def contents(out: Path) -> dict[str, bytes]:
@@ -52,14 +65,15 @@ def test_a_bad_job_is_a_line_and_an_exit_code(tmp_path: Path) -> None:
     (tmp_path / "broken.glb").write_bytes(b"glTF, but not really")
     file = write_jobs(tmp_path / "jobs.jsonl", {**FAST, "name": "good"}, {**FAST, "scene": "missing.obj"}, "{]",
                       {**FAST, "scene": "broken.glb"}, {**FAST, "cameras": ["nowhere"]}, {**FAST, "sizes": [1, 1]},
+                      {**FAST, "size": [200, 150], "name": "large"},
                       {**FAST, "cameras": [CLOSE, CLOSE], "name": "two"})
-    process = start(file, tmp_path / "out")
+    process = start(file, tmp_path / "out", preexec=limit_files)
     table, _ = process.communicate()
     assert process.returncode == 1
     assert sorted(contents(tmp_path / "out")) == [
         "good/000.exr", "good/000.png", "good/stills.json", "two/000.exr", "two/000.png", "two/001.exr", "two/001.png",
         "two/stills.json"]
-    for words in ("no such scene file", "valid JSON", "broken.glb", "nowhere", "sizes"):
+    for words in ("no such scene file", "valid JSON", "broken.glb", "nowhere", "sizes", "enough space"):
         assert words in " ".join(table.split())
 
 
@@ -74,22 +88,85 @@ def test_what_is_done_is_left_alone(tmp_path: Path) -> None:
     assert process.returncode == 0 and changed == {"b"}
 
 
-@pytest.mark.parametrize(("count", "kills"), [(10, 3), pytest.param(200, 10, marks=pytest.mark.long)])
-def test_killed_workers_lose_nothing(tmp_path: Path, count: int, kills: int) -> None:
+@contextmanager
+def on_cores(file: Path, out: Path) -> Iterator[tuple[subprocess.Popen[str], Callable[[], list[int]]]]:
+    """A batch on this machine's cores, and what tells the numbers of its workers."""
+    process = start(file, out)
+    yield process, lambda: workers_of(process)
+
+
+@contextmanager
+def on_cluster(file: Path, out: Path) -> Iterator[tuple[subprocess.Popen[str], Callable[[], list[int]]]]:
+    """A batch on a Dask cluster."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
+                                  ) as cluster:
+        yield (start(file, out, "--scheduler", cluster.scheduler_address),
+               lambda: [nanny.pid for nanny in cluster.workers.values() if nanny.pid])
+
+
+@pytest.mark.parametrize("begin", [on_cores, on_cluster])
+@pytest.mark.parametrize(("count", "kills"), [(6, 1), pytest.param(200, 10, marks=pytest.mark.long)])
+def test_killed_workers_lose_nothing(tmp_path: Path, count: int, kills: int, begin: Callable[..., object]) -> None:
     cameras = [{**CLOSE, "eye": [0.01 * index, 1, 3]} for index in range(count)]
     file = write_jobs(tmp_path / "jobs.jsonl", *({**FAST, "cameras": [camera]} for camera in cameras))
+    out, rng, records = tmp_path / "disturbed", random.Random(0), {}
+    moments = [rng.uniform(0, 0.9) * count for _ in range(kills)]
+    with begin(file, out) as (process, workers):
+        while process.poll() is None:
+            for record in out.glob("*/stills.json"):
+                records.setdefault(record, record.stat().st_mtime_ns)
+            if moments and len(records) >= min(moments) and (alive := workers()):
+                os.kill(rng.choice(alive), signal.SIGKILL)
+                moments.remove(min(moments))
+            time.sleep(0.02)
+        assert process.returncode == 0 and not moments
+    assert all(record.stat().st_mtime_ns == first for record, first in records.items())  # none was drawn again
     assert start(file, tmp_path / "undisturbed").wait() == 0
-    out, rng, killed = tmp_path / "disturbed", random.Random(0), 0
-    process = start(file, out)
-    while killed < kills and process.poll() is None:
-        done = len(list(out.glob("*/stills.json")))
-        if done >= count * (killed + 1) // (kills + 2) and (alive := workers_of(process)):
-            os.kill(rng.choice(alive), signal.SIGKILL)
-            killed += 1
-        time.sleep(0.02)
-    process.communicate()
-    assert process.returncode == 0 and killed == kills
     assert contents(out) == contents(tmp_path / "undisturbed")
+
+
+DEADLY_WORKER = """
+import json, os, signal, sys
+for line in sys.stdin:
+    if json.loads(line)["task"]["job"]["name"] == "deadly":
+        os.kill(os.getpid(), signal.SIGKILL)
+    print('""', flush=True)
+"""
+
+
+@pytest.mark.parametrize("where", ["cores", "cluster"])
+def test_a_job_that_kills_its_workers_is_given_up_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
+                                                        ) -> None:
+    (tmp_path / "deadly_worker.py").write_text(DEADLY_WORKER)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr(worker_process, "WORKER", "deadly_worker")
+    jobs: list[Job | BadLine] = [Job(name, str(BOX)) for name in ("a", "deadly", "b", "c")]
+    if where == "cores":
+        outcomes = run_batch(jobs, tmp_path, print, workers=2)
+    else:
+        distributed = pytest.importorskip("distributed")
+        with distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None
+                                      ) as cluster:
+            outcomes = run_batch(jobs, tmp_path, print, scheduler=cluster.scheduler_address)
+    assert {outcome.name: outcome.drawn for outcome in outcomes} == {"a": 1, "deadly": 0, "b": 1, "c": 1}
+    assert outcomes[1].error == "deadly: workers died with it (expected enough memory for its scene and size)"
+
+
+def test_a_missing_scheduler_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("app.io.dask_client.CONNECT_SECONDS", 1)
+    with pytest.raises(DeviceError, match="can't reach the scheduler"):
+        run_batch([Job("a", str(BOX))], tmp_path, print, scheduler="tcp://127.0.0.1:1")
+
+
+def test_a_task_that_is_done_is_not_drawn_again(tmp_path: Path) -> None:
+    task, drawer = Task(Job("a", str(BOX), size=(24, 18), model="none")), TaskDrawer()
+    drawer.draw(task, tmp_path)
+    before = {f: f.stat().st_mtime_ns for f in tmp_path.rglob("*.*")}
+    drawer.draw(task, tmp_path)
+    drawer.close()
+    assert {f: f.stat().st_mtime_ns for f in tmp_path.rglob("*.*")} == before
 
 
 def test_a_killed_batch_continues(tmp_path: Path) -> None:
@@ -110,11 +187,11 @@ def test_long_videos_are_cut_without_visible_seams(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(batch_jobs, "CHUNK", 20)
     job = Job("v", str(BOX), size=(48, 36), model="none", frames=30, formats=("exr",))
     assert [(t.first, t.last) for t in tasks_of(job)] == [(0, 20), (20, 30)]
-    drawer = TaskDrawer(tmp_path)
+    drawer = TaskDrawer()
     for task in tasks_of(job):
-        drawer.draw(task)
+        drawer.draw(task, tmp_path)
     cut = read_exr(tmp_path / "v" / "000" / "0020.exr")[""]
-    drawer.draw(Task(job, 0, 0, 30))
+    drawer.draw(Task(job, 0, 0, 30), tmp_path)
     drawer.close()
     whole = read_exr(tmp_path / "v" / "000" / "0020.exr")[""]
     before = read_exr(tmp_path / "v" / "000" / "0019.exr")[""]

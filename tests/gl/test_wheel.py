@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -97,6 +98,14 @@ def test_wheel_starts_child_processes(installed: Installed) -> None:
     assert (installed.folder / "compare.html").stat().st_size > 0
 
 
+@pytest.mark.gl
+def test_wheel_draws_batches(installed: Installed) -> None:
+    scene = ROOT / "app" / "data" / "cornell-box.obj"
+    (installed.folder / "jobs.jsonl").write_text(json.dumps({"scene": str(scene), "model": "none", "size": [24, 18]}))
+    installed.run("-m", "afterglow", "batch", "jobs.jsonl", "--out", "pictures")
+    assert read_png(installed.folder / "pictures" / "0000" / "000.png").shape == (18, 24, 3)
+
+
 def test_messages_of_the_wheel_name_its_own_commands(installed: Installed) -> None:
     assert "python -m afterglow" in installed.run("-m", "afterglow", "--help")
     assert "python -m app" not in installed.run("-m", "afterglow", "render", "--help")
@@ -112,5 +121,7 @@ def test_every_example_runs_from_the_wheel(installed: Installed) -> None:
     installed.run("-c", "import runpy, pathlib\n"
                   f"for file, options in {calls!r}:\n"
                   "    runpy.run_path(file)['main'](pathlib.Path('.'), (48, 36), **options)")
+    cells = json.loads((ROOT / "examples" / "first_picture.ipynb").read_text())["cells"]
+    installed.run("-c", "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"))
     assert {file.name for file in installed.folder.iterdir()} >= {
         "hello.png", "own_network.png", "0001.exr", "light_animation.mp4", "ember.png"}

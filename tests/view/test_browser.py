@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import json
 import os
 import shlex
 import subprocess
@@ -15,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 
 from app.io.image import read_exr, read_png
@@ -28,6 +30,7 @@ WINDOW = {"width": 320 + 300, "height": 240}  # the panel is 300 wide
 SETTLE_FRAMES = 10
 TIMEOUT_SECONDS = 20.0
 STEP_SECONDS = 0.05  # of a held key
+TALL_BLOCK, LEFT_WALL = -0.16, -1.0  # of the box: z of the block in the middle of the image, and x
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +47,7 @@ def page(browser: Any, viewer: Viewer) -> Iterator[Any]:
     page.on("pageerror", lambda error: errors.append(str(error)))
     page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
     page.goto(viewer.link)
-    wait_until(page, "window.afterglow?.state && afterglow.screen.header")
+    wait_until(page, "window.afterglow?.state && afterglow.screen.header && String(afterglow.state.size) === '320,240'")
     page.evaluate("""() => { window.start ??= structuredClone(afterglow.state); }""")
     assert page.evaluate("start.camera.eye") == [0, 1, 3.9]  # the test before has left nothing behind
     settle(page)
@@ -134,7 +137,8 @@ def test_keys_and_wheel_move_the_camera(page: Any) -> None:
 
 
 def camera_of(page: Any) -> dict[str, np.ndarray[Any, Any]]:
-    """Return the current camera as ``frame_of`` does."""
+    """Return the current camera as ``frame_of`` does, when all questions of the page are answered."""
+    wait_until(page, "afterglow.idle")
     return frame_of(page.evaluate("({...afterglow.navigation.camera, pivot: afterglow.navigation.pivot})"))
 
 
@@ -161,14 +165,14 @@ def touch(page: Any, *fingers: tuple[tuple[float, float], tuple[float, float]], 
     devtools.detach()
 
 
-def test_one_finger_orbits_about_the_pivot(page: Any) -> None:
+def test_one_finger_orbits_about_the_surface_in_the_middle(page: Any) -> None:
     before, image = camera_of(page), settle(page)
     touch(page, ((90, 150), (150, 150)))
     after = camera_of(page)
     arm = after["eye"] - after["pivot"]
-    assert np.allclose(after["pivot"], before["pivot"])
-    assert np.linalg.norm(arm) == pytest.approx(np.linalg.norm(before["eye"] - before["pivot"]))
-    turned = np.degrees(np.arccos(arm @ (before["eye"] - before["pivot"]) / (arm @ arm)))
+    assert after["pivot"] == pytest.approx([0, 1, TALL_BLOCK], abs=0.01)
+    assert np.linalg.norm(arm) == pytest.approx(np.linalg.norm(before["eye"] - after["pivot"]))
+    turned = np.degrees(np.arccos(arm @ (before["eye"] - after["pivot"]) / (arm @ arm)))
     assert turned == pytest.approx(np.degrees(3.5 * 60 / 240), abs=2)  # 3.5 rad for a drag over the image height
     assert difference(image, settle(page)) > 8
 
@@ -315,6 +319,65 @@ def test_a_double_click_sets_the_pivot_and_selects_the_object(page: Any) -> None
     drag(page, (box["x"] + 9, box["y"] + 9), (40, 0))
     assert difference(before, settle(page)) > 3
     assert page.evaluate("name => afterglow.state.object_offsets[name][0] > 0.1", name)
+    eye = camera_of(page)["eye"]
+    drag(page, (280, 60), (20, 0))
+    after = camera_of(page)
+    assert after["pivot"] == pytest.approx(pivot) and np.linalg.norm(after["eye"] - eye) > 0.3  # turned about it
+
+
+def test_the_wheel_zooms_towards_the_surface_under_the_cursor(page: Any) -> None:
+    before = camera_of(page)
+    page.mouse.move(40, 130)  # the left wall
+    for _ in range(4):
+        page.mouse.wheel(0, -100)
+    wait_until(page, "start.camera.eye[2] > afterglow.navigation.camera.eye[2] + 0.1")
+    after = camera_of(page)
+    point = after["pivot"]
+    assert point[0] == pytest.approx(LEFT_WALL, abs=0.01)
+    assert np.linalg.norm(after["eye"] - point) == pytest.approx(
+        np.exp(-0.6) * np.linalg.norm(before["eye"] - point), rel=1e-3)
+    assert np.allclose(after["forward"], before["forward"])
+    for camera in before, after:
+        to = point - camera["eye"]
+        half_height = to @ camera["forward"] * np.tan(np.radians(page.evaluate("start.camera.fov_y_deg")) / 2)
+        seen = 160 + 120 * (to @ camera["right"]) / half_height, 120 - 120 * (to @ camera["up"]) / half_height
+        assert seen == pytest.approx((40, 130), abs=0.1)
+
+
+def test_an_orbit_stops_at_walls_and_slides_along_them(page: Any) -> None:
+    """A wall at the yaws from 20° to 25°, and at pitches above 10°; beyond the wall it is free again."""
+    turned = page.evaluate("""async () => {
+        const {Orbit} = await import('/page/orbit.js');
+        const row = '1111' + '0' + '1'.repeat(67), step = Math.PI / 36;
+        const camera = {eye: [0, 0, 3], target: [0, 0, 0], up: [0, 1, 0]};
+        return [[10, 0], [60, 0], [-60, 0], [60, 5], [0, 60]].map(angles => {
+            const orbit = new Orbit(camera, [0, 0, 0], {step, first_row: -1, free: [row, row, row]});
+            const {eye} = orbit.turn(...angles.map(a => a * Math.PI / 180));
+            return [Math.atan2(eye[0], eye[2]), Math.asin(-eye[1] / 3)].map(a => a * 180 / Math.PI);
+        });
+    }""")
+    (free, at_wall, around, along, up) = turned
+    assert free == pytest.approx([10, 0], abs=0.01) and around == pytest.approx([-60, 0], abs=0.01)
+    assert 17 < at_wall[0] < 20 and 17 < along[0] < 20 and along[1] == pytest.approx(5, abs=0.01)
+    assert up[0] == pytest.approx(0, abs=0.01) and 7 < up[1] < 10
+
+
+def test_a_drag_in_a_room_looks_around(browser: Any, tmp_path: Path) -> None:
+    (tmp_path / "room.obj").write_text(trimesh.creation.box((4, 3, 5)).export(file_type="obj"))
+    (tmp_path / "room.json").write_text(json.dumps(
+        {"cameras": {"inside": {"eye": [0.5, 0, 1], "target": [0, 0, -1], "fov_y_deg": 60}}}))
+    with run_viewer(str(tmp_path / "room.obj"), "--model", "none", "--size", "320x240") as viewer:
+        page = browser.new_page(viewport=WINDOW)
+        page.goto(viewer.link)
+        wait_until(page, "window.afterglow?.state && afterglow.screen.header")
+        before = camera_of(page)
+        drag(page, (160, 120), (100, 0))
+        wait_until(page, "afterglow.idle")
+        after = camera_of(page)
+        assert np.array_equal(after["eye"], before["eye"])
+        turned = np.degrees(np.arccos(after["forward"] @ before["forward"]))
+        assert turned == pytest.approx(np.degrees(1.2 * 100 / 240), abs=0.5)  # 1.2 rad for a drag over the image height
+        page.close()
 
 
 def test_the_command_reproduces_saved_files_bit_by_bit(page: Any, tmp_path: Path) -> None:

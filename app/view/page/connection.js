@@ -10,6 +10,9 @@ export class Connection {
     this.lastInput = Date.now(); // differs from the numbers of other pages
     this.pending = new Map(); // send time by input number, until a frame shows the input
     this.latencies = [];
+    this.lastAsk = 0;
+    this.lastAnswer = Promise.resolve();
+    this.asked = new Map(); // what receives the answer, by the number of the question
     this.connect();
   }
 
@@ -19,6 +22,7 @@ export class Connection {
     this.socket.binaryType = "arraybuffer";
     this.socket.onopen = () => { this.retryMs = MIN_RETRY_MS; this.pending.clear(); this.handlers.open(); };
     this.socket.onclose = () => {
+      for (const number of [...this.asked.keys()]) this.answer(number, null);
       this.handlers.closed();
       setTimeout(() => this.connect(), this.retryMs);
       this.retryMs = Math.min(2 * this.retryMs, MAX_RETRY_MS);
@@ -30,6 +34,24 @@ export class Connection {
 
   send(message) {
     if (this.open) this.socket.send(JSON.stringify(message));
+  }
+
+  /** Send a question after the one before is answered; the promise is that of its answer, or of null if there is none. */
+  ask(message) {
+    this.lastAnswer = this.lastAnswer.then(() => this.sendQuestion(message));
+    return this.lastAnswer;
+  }
+
+  sendQuestion(message) {
+    if (!this.open) return null;
+    this.lastAsk += 1;
+    this.send({...message, ask: this.lastAsk});
+    return new Promise(resolve => this.asked.set(this.lastAsk, resolve));
+  }
+
+  answer(number, message) {
+    this.asked.get(number)?.(message);
+    this.asked.delete(number);
   }
 
   /** Send a change of the state with an input number. */
@@ -48,6 +70,7 @@ export class Connection {
   }
 
   read(message) {
+    if (message.ask) this.answer(message.ask, ["rejected", "error"].includes(message.type) ? null : message);
     this.handlers[message.type]?.(message);
   }
 

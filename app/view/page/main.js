@@ -16,7 +16,7 @@ let scene = null, state = null, home = null, inControl = false, referenceSamples
 let selectedLight = -1, selectedObject = "";
 let unsent = {}; // latest unsent change of each type: one message of a type per screen refresh is enough
 
-const navigation = new Navigation(view, () => change("camera", {camera: navigation.camera}));
+const navigation = new Navigation(view, () => change("camera", {camera: navigation.camera}), message => connection.ask(message));
 const screen = new Screen(header => {
   connection.recordShown(header.input);
   if (state) handles.draw(header.camera);
@@ -41,12 +41,6 @@ const connection = new Connection({
   reference: message => { referenceSamples = message.spp; showSplit(); showErrors(null); },
   stats: message => showStats(message, median(connection.latencies)),
   errors: message => showErrors(message.errors),
-  picked: message => {
-    if (!message.point) return;
-    navigation.pivot = message.point;
-    if (message.object in scene.object_centers) selectObject(message.object);
-    handles.draw(navigation.camera);
-  },
   saved: message => {
     const link = document.createElement("a");
     link.href = `/saved/${message.number}/${message.name}${location.search}`;
@@ -62,7 +56,7 @@ const connection = new Connection({
 window.afterglow = {
   connection, navigation, screen,
   get state() { return state; },
-  get idle() { return Object.keys(unsent).length === 0; }, // whether all changes have been sent
+  get idle() { return !Object.keys(unsent).length && !connection.asked.size; }, // whether all changes have been sent
 };
 
 /** Change the state here at once, and on the server with the next screen refresh. */
@@ -213,7 +207,7 @@ function showCameras() {
 
 function goTo(camera) {
   if (!camera) return;
-  navigation.pivot = camera.target;
+  navigation.adopt(camera);
   navigation.set(camera);
   $("fov").value = camera.fov_y_deg;
   showNumbers();
@@ -277,10 +271,15 @@ for (const button of document.querySelectorAll("[data-save]"))
     connection.send({type: "save", kind: button.dataset.save, settle: $("settle").valueAsNumber || 0});
   };
 
-view.addEventListener("dblclick", e => {
+view.addEventListener("dblclick", async e => {
   if (e.target.closest("button")) return;
   const box = view.getBoundingClientRect();
-  connection.send({type: "pick", position: [(e.clientX - box.left) / box.width, (e.clientY - box.top) / box.height]});
+  const position = [(e.clientX - box.left) / box.width, (e.clientY - box.top) / box.height];
+  const {point, object} = await connection.ask({type: "pick", camera: navigation.camera, position}) ?? {};
+  if (!point) return;
+  navigation.choosePivot(point);
+  if (object in scene.object_centers) selectObject(object);
+  handles.draw(navigation.camera);
 });
 
 const SHORTCUTS = {

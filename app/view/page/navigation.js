@@ -1,6 +1,7 @@
 // Camera control by mouse, touch and keys.
 
-import {add, axes, dot, imageToWorld, length, normalize, rotate, scale, sub} from "./vectors.js";
+import {Orbit} from "./orbit.js";
+import {add, axes, dot, imageToWorld, length, normalize, rotate, scale, sub, unproject} from "./vectors.js";
 
 const MAX_UP_COSINE = 0.9995;                   // between view direction and up
 const ORBIT_RADIANS = 3.5, LOOK_RADIANS = 1.2;  // for a drag over the image height
@@ -10,16 +11,18 @@ const MIN_DISTANCE = 1e-3;                      // to pivot and target, in longe
 const HELD_KEYS = ["w", "a", "s", "d", "q", "e", "arrowleft", "arrowright", "arrowup", "arrowdown"];
 
 export class Navigation {
-  /** `camera` is replaced, never changed in place; `onMove` is called afterwards. */
-  constructor(view, onMove) {
-    this.view = view; this.onMove = onMove;
+  /** `camera` is replaced, never changed in place; `onMove` is called afterwards. `ask` promises the viewer's answer. */
+  constructor(view, onMove, ask) {
+    this.view = view; this.onMove = onMove; this.ask = ask;
     this.camera = null; this.pivot = [0, 0, 0]; this.extent = 1;
+    this.chosenPivot = null; // by the user; without it, a drag turns about the surface in the middle
+    this.drag = null; this.wheel = null; // what goes on, with the camera that it has made last
     this.pointers = new Map();
     this.keys = new Set(); this.fast = false;
     view.addEventListener("pointerdown", e => this.pointerDown(e));
     view.addEventListener("pointermove", e => this.pointerMove(e));
     for (const end of ["pointerup", "pointercancel"]) view.addEventListener(end, e => this.pointerUp(e));
-    view.addEventListener("wheel", e => { e.preventDefault(); this.zoom(Math.exp(e.deltaY * WHEEL_RATE)); }, {passive: false});
+    view.addEventListener("wheel", e => this.turnWheel(e), {passive: false});
     view.addEventListener("contextmenu", e => e.preventDefault());
     addEventListener("keyup", e => { this.fast = e.shiftKey; this.keys.delete(e.key.toLowerCase()); });
     addEventListener("blur", () => this.keys.clear());
@@ -32,7 +35,12 @@ export class Navigation {
 
   /** Take over a camera from elsewhere, with its target as the pivot. */
   adopt(camera) {
-    this.camera = camera; this.pivot = camera.target;
+    this.camera = camera; this.pivot = camera.target; this.chosenPivot = null;
+  }
+
+  /** Let drags turn about a point until the camera goes elsewhere. */
+  choosePivot(point) {
+    this.pivot = this.chosenPivot = point;
   }
 
   /** Hold a key that flies or looks around; returns whether it is one. */
@@ -46,6 +54,7 @@ export class Navigation {
     this.view.focus({preventScroll: true});
     this.view.setPointerCapture(e.pointerId);
     this.pointers.set(e.pointerId, [e.clientX, e.clientY]);
+    if (this.drag?.isKnown) this.drag = null;
     this.view.classList.add("dragging");
   }
 
@@ -65,18 +74,40 @@ export class Navigation {
       this.pan(dx / 2, dy / 2);
       this.zoom(distance(before) / Math.max(distance(after), 1));
     } else if (e.buttons & 6 || e.shiftKey) this.pan(dx, dy);
-    else if (e.altKey || e.ctrlKey) this.look(dx, dy);
-    else this.orbit(dx, dy);
+    else if (e.altKey || e.ctrlKey || this.keys.size) this.look(dx, dy);
+    else this.turn(dx, dy);
   }
 
-  orbit(dx, dy) {
-    const rotation = this.rotation(-dx * ORBIT_RADIANS, -dy * ORBIT_RADIANS);
-    const rotateAboutPivot = p => add(this.pivot, rotation(sub(p, this.pivot)));
-    this.set({...this.camera, eye: rotateAboutPivot(this.camera.eye), target: rotateAboutPivot(this.camera.target)});
+  /** Orbit, or look around where walls leave no room for that; what is dragged meanwhile waits for the answer. */
+  turn(dx, dy) {
+    if (this.drag?.camera !== this.camera) this.drag = this.beginDrag();
+    this.drag.dx += dx; this.drag.dy += dy;
+    if (this.drag.isKnown) this.followDrag();
+  }
+
+  beginDrag() {
+    const drag = {camera: this.camera, dx: 0, dy: 0, isKnown: false, orbit: null};
+    this.ask({type: "orbit", camera: this.camera, ...(this.chosenPivot && {pivot: this.chosenPivot})}).then(answer => {
+      if (this.drag !== drag || this.camera !== drag.camera) return;
+      drag.isKnown = true;
+      if (answer) this.pivot = answer.pivot;
+      if (answer?.orbit) drag.orbit = new Orbit(this.camera, answer.pivot, answer.orbit);
+      this.followDrag();
+    });
+    return drag;
+  }
+
+  followDrag() {
+    const {drag} = this, {dx, dy} = drag;
+    drag.dx = drag.dy = 0;
+    if (drag.orbit) this.set(drag.orbit.turn(-dx * ORBIT_RADIANS, -dy * ORBIT_RADIANS));
+    else this.look(dx, dy);
+    drag.camera = this.camera;
   }
 
   look(dx, dy) {
     const {eye, target} = this.camera, rotation = this.rotation(-dx * LOOK_RADIANS, -dy * LOOK_RADIANS);
+    this.chosenPivot = null;
     this.set({...this.camera, target: add(eye, rotation(sub(target, eye)))});
   }
 
@@ -91,19 +122,56 @@ export class Navigation {
     this.translate(scale(imageToWorld(this.camera, dx, dy, this.pivotDistance()), -1));
   }
 
-  zoom(factor) {
+  /** Zoom towards the surface under the cursor; what is turned meanwhile waits for the answer. */
+  turnWheel(e) {
+    e.preventDefault();
     if (!this.camera) return;
-    const {eye, target} = this.camera, step = scale(sub(this.pivot, eye), 1 - factor);
-    if (length(sub(this.pivot, eye)) * factor < MIN_DISTANCE * this.extent) return;
+    const box = this.view.getBoundingClientRect(), x = (e.clientX - box.left) / box.width, y = (e.clientY - box.top) / box.height;
+    const goesOn = this.wheel && this.wheel.camera === this.camera && (!this.wheel.point || this.wheel.x === x && this.wheel.y === y);
+    if (!goesOn) this.wheel = this.beginWheel(x, y);
+    this.wheel.factor *= Math.exp(e.deltaY * WHEEL_RATE);
+    if (this.wheel.point) this.followWheel();
+  }
+
+  beginWheel(x, y) {
+    const wheel = {camera: this.camera, x, y, factor: 1, point: null};
+    this.ask({type: "pick", camera: this.camera, position: [x, y]}).then(answer => {
+      if (this.wheel !== wheel || this.camera !== wheel.camera) return;
+      wheel.point = answer?.point ?? unproject(this.camera, this.aspect, x, y, this.pivotDistance());
+      this.followWheel();
+    });
+    return wheel;
+  }
+
+  followWheel() {
+    const {wheel} = this;
+    this.zoom(wheel.factor, wheel.point);
+    wheel.factor = 1;
+    wheel.camera = this.camera;
+  }
+
+  /** The point in the middle of the image that is as far away as the pivot. */
+  middle() {
+    return unproject(this.camera, this.aspect, 0.5, 0.5, this.pivotDistance());
+  }
+
+  /** Move towards a point. */
+  zoom(factor, point = this.middle()) {
+    const {eye, target} = this.camera, step = scale(sub(point, eye), 1 - factor);
+    if (length(sub(point, eye)) * factor < MIN_DISTANCE * this.extent) return;
     const newEye = add(eye, step), distance = Math.max(length(sub(target, eye)) * factor, MIN_DISTANCE * this.extent);
     const height = this.camera.orthographic_height;  // moving closer enlarges nothing there
+    this.pivot = point;
     this.set({...this.camera, eye: newEye, target: add(newEye, scale(axes(this.camera).forward, distance)),
       ...(height != null && {orthographic_height: height * factor})});
   }
 
+  get aspect() { return this.view.clientWidth / this.view.clientHeight; }
+
   /** Translate eye, target and pivot together. */
   translate(offset) {
     const {eye, target} = this.camera;
+    this.chosenPivot = null;
     this.pivot = add(this.pivot, offset);
     this.set({...this.camera, eye: add(eye, offset), target: add(target, offset)});
   }

@@ -37,6 +37,13 @@ export function project(camera, aspect, point) {
   return {x: x + dot(to, right) / width, y: y - dot(to, up) / height, depth};
 }
 
+/** The point at a depth that is seen at an image position, the inverse of `project`. */
+export function unproject(camera, aspect, x, y, depth) {
+  const {right, up, forward} = axes(camera), middle = frame(camera, aspect, depth);
+  const across = add(scale(right, (x - middle.x) * middle.width), scale(up, (middle.y - y) * middle.height));
+  return add(camera.eye, add(scale(forward, depth), across));
+}
+
 /** World-space offset at a depth of a step across the image; dx and dy relative to the image height, +y down. */
 export function imageToWorld(camera, dx, dy, depth) {
   const {right, up} = axes(camera), {width, height} = frame(camera, 1, depth);

@@ -1,0 +1,75 @@
+"""Light of their own for pixels whose surface the low-resolution grid misses: thin things, mouldings, silhouettes.
+
+Each tile of the image has at most one such pixel in a frame. Its light is interpolated between the surfels, as the
+network does for its grid. ``upsample`` takes it for the pixels around, and keeps it where a later frame finds another.
+"""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from app.gl.context import Device
+from app.gl.frame_state import Execute, FrameState, MotionKind
+from app.gl.fullscreen import make_fullscreen, ratio_to
+from app.gl.pool import Resources
+from app.graph import BoundPass, Pass, Tex
+from app.network.channels import HALF_MAX
+from app.surfels.lookup import MAX_CANDIDATES
+from app.surfels.tracked import TrackedSurfels
+
+MIN_TILE = 8       # side in pixels
+MAX_TILES = 2**14  # of an image
+FRAME_TESTS = 4    # pixels of a tile that a frame with history tests
+
+
+def tile_side(size: tuple[int, int]) -> int:
+    """Side in pixels of the tiles, a power of 2, of an image of a width and height."""
+    side = MIN_TILE
+    while math.prod(_tiles(size, side)) > MAX_TILES:
+        side *= 2
+    return side
+
+
+def declare(size: tuple[int, int], grid: tuple[int, int], surfels: TrackedSurfels, has_history: bool) -> Iterator[Pass]:
+    """In each tile of an image of ``size`` with a low-resolution ``grid``, widths and heights, at most one pixel.
+
+    Parameters
+    ----------
+    has_history : bool
+        Whether pixels keep light of earlier frames, so that not all of them have to be tested in each frame.
+    """
+    side = tile_side(size)
+    tiles = _tiles(size, side)
+
+    def uniforms(frame: FrameState) -> dict[str, object]:
+        follows = has_history and frame.history_valid and frame.motion is not MotionKind.OBJECTS
+        return {"ratio": ratio_to(grid, frame), "first": frame.index * FRAME_TESTS % side**2,
+                "tested": FRAME_TESTS if follows else side**2}
+
+    yield Pass("missed_pixels", reads=("normal", "depth", "lowres_gbuffer"),
+               writes={name: Tex("f4", 4, size=tiles) for name in ("missed_position", "missed_surface")},
+               make=make_fullscreen("missed_pixels.frag", uniforms, {"TILE": side}))
+    yield Pass("missed_light", reads=("missed_position", "missed_surface", "surfel_indirect"),
+               writes={"missed_light": Tex("f4", 4, size=tiles)},
+               make=lambda device, bound: make(device, bound, surfels))
+
+
+def _tiles(size: tuple[int, int], side: int) -> tuple[int, int]:
+    return -(-size[0] // side), -(-size[1] // side)
+
+
+def make(device: Device, bound: BoundPass, surfels: TrackedSurfels) -> Execute:
+    def execute(frame: FrameState, resources: Resources) -> None:
+        position, surface = (np.frombuffer(resources[name].read(), np.float32).reshape(-1, 4)
+                             for name in ("missed_position", "missed_surface"))
+        rows = np.flatnonzero((position[:, 3] > 0) & np.isfinite(position).all(axis=1))
+        light = np.zeros_like(position)
+        if len(rows):
+            indirect = np.frombuffer(resources.buffer("surfel_indirect").read(), np.float32).reshape(3, -1).T
+            at = position[rows, :3] + (frame.view.eye - surfels.world.origin).astype(np.float32)
+            found = surfels.lookup.interpolate(indirect, at, surface[rows, :3], MAX_CANDIDATES)
+            light[rows] = np.concatenate([np.nan_to_num(found).clip(0, HALF_MAX), position[rows, 3:]], axis=1)
+        resources["missed_light"].write(light.tobytes())
+
+    return execute
