@@ -36,6 +36,7 @@ from app.passes import (
     reflection_rays,
     shadow,
     shadow_rays,
+    sharpen,
     sky_light,
     ssgi,
     surfel_indirect,
@@ -151,10 +152,19 @@ class FrameInputs:
         return any(m.normal_map is not None for m in self.scene.materials)
 
     @property
+    def has_textures(self) -> bool:
+        return any(m.maps for m in self.scene.materials)
+
+    @property
     def layers(self) -> tuple[str, ...]:
         """What lies over some surfaces: names of the G-buffer's targets."""
         return tuple(name for name in ("clearcoat", "sheen")
                      if any(getattr(m, name) is not None for m in self.scene.materials))
+
+    @property
+    def has_see_through(self) -> bool:
+        """Whether some surface is blended or transmits light."""
+        return any(m.is_see_through for m in self.scene.materials)
 
     @property
     def has_sky(self) -> bool:
@@ -200,7 +210,7 @@ class FrameInputs:
 
 def build_frame(inputs: FrameInputs) -> Frame:
     """List the passes of one frame in the order of its flow."""
-    finished = "taa" if inputs.settings.taa else "lit"
+    finished = "lit" if not inputs.settings.taa else "sharpened" if inputs.has_textures else "taa"
     return Frame(tuple(_steps(inputs, finished)), finished)
 
 
@@ -228,18 +238,18 @@ def _steps(inputs: FrameInputs, finished: str) -> Iterator[Step]:
                          sky_is_reflected=inputs.has_reflected_rays)
     yield from _indirect_light(inputs)
     yield from _reflections(inputs)
-    has_see_through = any(m.is_see_through for m in scene.materials)
-    if has_see_through:
+    if inputs.has_see_through:
         yield composite.declare(inputs.models.indirect is not None, "opaque_lit")
         yield from _peeled_layers(inputs)
     else:
         yield composite.declare(inputs.models.indirect is not None, "lit")
         yield from _absent("no material is blended or transmits light", *LAYER_PASSES)
     if settings.taa:
-        prefix = "front_" if has_see_through else ""
-        yield taa.declare(scene.environment is not None, prefix + "motion", prefix + "depth")
+        prefix = "front_" if inputs.has_see_through else ""
+        yield taa.declare(scene.environment is not None, prefix + "motion", prefix + "depth", inputs.has_textures)
+        yield sharpen.declare() if inputs.has_textures else Absent("sharpen", "no material has a texture")
     else:
-        yield Absent("taa", "switched off by --no-taa")
+        yield from _absent("switched off by --no-taa", "taa", "sharpen")
     if settings.auto_exposure:
         yield auto_exposure.declare(finished)
     else:
@@ -254,8 +264,9 @@ def _peeled_layers(inputs: FrameInputs) -> Iterator[Step]:
     shadow_grid = shadow_rays.grid(inputs.settings.size) if inputs.is_traced else None
     for before, layer in zip((None, *layers), layers, strict=False):
         yield gbuffer.declare_peeled(inputs.scene, inputs.layers, layer, before)
-        yield direct.declare(inputs.lights, inputs.has_specular, shadow_grid, inputs.has_sky, inputs.layers,
-                             inputs.has_normal_maps, layer)
+        # A model shades the G-buffer only, so layers have the environment's light without shadows then.
+        yield direct.declare(inputs.lights, inputs.has_specular, shadow_grid, inputs.scene.environment is not None,
+                             inputs.layers, inputs.has_normal_maps, layer)
     behind = "opaque_lit"
     for layer in reversed(layers):
         result = layer.prefix + "lit" if layer.index else "lit"
@@ -269,7 +280,7 @@ def _traced_shadows(inputs: FrameInputs) -> Iterator[Step]:
     environment, settings = inputs.scene.environment, inputs.settings
     if environment is None:
         yield Absent("sky_light", NO_ENVIRONMENT)
-    elif not inputs.has_sky:
+    elif not inputs.has_sky and not inputs.has_see_through:
         yield Absent("sky_light", "a model shades surfaces by the environment")
     else:
         yield sky_light.declare(environment)

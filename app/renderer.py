@@ -312,6 +312,7 @@ class Renderer:
         if is_orthographic != ("ORTHOGRAPHIC" in self._gl.defines):
             self._gl.defines = {"ORTHOGRAPHIC": 1} if is_orthographic else {}
             self._executors = self._make_passes()
+            self._gl.collect()
             self.cut()
 
     def _view(self, camera: Camera) -> View:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ Color = tuple[float, float, float]
 
 MIN_ATTENUATION = 1e-6            # share of light left; its logarithm is finite
 MIN_ATTENUATION_DISTANCE = 1e-12  # in lengths of the scene
+MIN_REST_SHARE = 0.01             # of the longest edge at all times that the one at time 0 counts as
 
 
 @dataclass(frozen=True, eq=False)
@@ -558,8 +559,14 @@ class Scene:
 
     @property
     def longest_edge(self) -> float:
-        """Longest edge of the bounding box in scene units; never 0."""
-        return max(float((self.bounds[1] - self.bounds[0]).max()), 1e-30)
+        """Longest edge of the box at time 0 in scene units; never 0.
+
+        It is at least a hundredth of that of all times, since animated scenes may begin as a point.
+        """
+        edge = float((self.bounds[1] - self.bounds[0]).max())
+        if any(i.moves for i in self.instances):
+            edge = max(edge, MIN_REST_SHARE * float((self.swept_bounds[1] - self.swept_bounds[0]).max()))
+        return max(edge, 1e-30)
 
     @property
     def key_times(self) -> list[float]:
@@ -575,15 +582,22 @@ class Scene:
         return swept_bounds_of(self.meshes, self.instances)
 
     def with_lights(self, *lights: Light) -> Scene:
-        return replace(self, lights=lights)
+        return self._with_geometry_kept(lights=lights)
+
+    def _with_geometry_kept(self, **changes: Any) -> Scene:
+        """Changes of other fields, after which ``swept_bounds`` need not be found again."""
+        scene = replace(self, **changes)
+        if "swept_bounds" in vars(self):
+            vars(scene)["swept_bounds"] = self.swept_bounds
+        return scene
 
     def with_radiance_scale(self, scale: float) -> Scene:
         """The scene with all light and emission multiplied by ``scale``; itself where that is 1."""
         if scale == 1:
             return self
         environment = self.environment
-        return replace(
-            self, lights=tuple(_scaled_light(light, scale) for light in self.lights),
+        return self._with_geometry_kept(
+            lights=tuple(_scaled_light(light, scale) for light in self.lights),
             approximate_lights=tuple(_scaled_light(light, scale) for light in self.approximate_lights),
             materials=tuple(_scaled_material(m, scale) for m in self.materials),
             environment=environment and replace(environment, radiance=environment.radiance * np.float32(scale)))

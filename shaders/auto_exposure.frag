@@ -2,13 +2,7 @@
 // approached over time in steps of equal ratio.
 #include "numbers.glsl"
 
-#ifdef HAS_TAA
-uniform sampler2D taa;
-#define SOURCE taa
-#else
-uniform sampler2D lit;
-#define SOURCE lit
-#endif
+uniform sampler2D picture;  // the finished one
 uniform sampler2D auto_exposure_prev;
 uniform float adaptation;  // share of the way in this frame
 
@@ -21,12 +15,12 @@ layout(location = 0) out float out_exposure;
 
 void main()
 {
-    ivec2 size = textureSize(SOURCE, 0);
+    ivec2 size = textureSize(picture, 0);
     vec2 sum = vec2(0.0);
     for (int y = 0; y < SAMPLES; y++)
         for (int x = 0; x < SAMPLES; x++) {
             ivec2 texel = (ivec2(x, y) * 2 + 1) * size / (2 * SAMPLES);
-            float l = dot(sanitize_radiance(texelFetch(SOURCE, texel, 0).rgb), LUMINANCE);
+            float l = dot(sanitize_radiance(texelFetch(picture, texel, 0).rgb), LUMINANCE);
             sum += l >= MIN_LUMINANCE ? vec2(log2(l), 1.0) : vec2(0.0);
         }
     float target = log2(MIDDLE_GREY) - (sum.y > 0.0 ? sum.x / sum.y : 0.0);

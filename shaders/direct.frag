@@ -94,10 +94,14 @@ void main()
 #endif
     }
 #endif
+#if defined(HAS_SHADOW_RATIO) || defined(HAS_SKY_IRRADIANCE)
 #ifdef HAS_SHADOW_RATIO
     QuadSurface quad = quad_surface(p, n, d);
     vec3 v = traced_visibility(n, d, quad.is_flat);
     v = is_surface(d) ? v : vec3(0.0);
+#else  // layers that are seen through, where a model makes the environment's shadows on opaque surfaces
+    vec3 v = vec3(is_surface(d) ? 1.0 : 0.0);
+#endif
     vec3 traced = vec3(0.0), traced_specular = vec3(0.0);
     bool is_lit = max(max(v.r, v.g), v.b) > 0.0;
 #ifdef HAS_TRACED_SPHERE

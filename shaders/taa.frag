@@ -26,7 +26,11 @@ uniform mat3 previous_from_view;  // from this frame's camera space to the previ
 uniform vec2 previous_lens;       // tangents of half its field of view
 #endif
 
-layout(location = 0) out vec4 out_taa;
+layout(location = WRITE_TAA) out vec4 out_taa;
+#ifdef WRITE_RESAMPLED
+uniform sampler2D resampled_prev;
+layout(location = WRITE_RESAMPLED) out float out_resampled;  // how often the history was resampled, by its weight
+#endif
 
 vec3 ycocg(vec3 c)
 {
@@ -158,5 +162,11 @@ void main()
     float share = clip_share(offset, (settled ? SETTLED_GAMMA : CLIP_GAMMA) * deviation);
     history = max(rgb(mean + offset * share), 0.0);
     float frames = keep ? min(accumulated.a * mix(0.25, 1.0, share) + 1.0, still ? STILL_FRAMES : MOVING_FRAMES) : 1.0;
+#ifdef WRITE_RESAMPLED
+    vec2 fraction = fract(back);  // half a texel blurs most, a whole one not at all
+    float blur = 2.0 * dot(fraction, 1.0 - fraction);
+    float resamplings = texelFetch(resampled_prev, clamp(before, ivec2(0), last), 0).r + blur;
+    out_resampled = keep ? min(resamplings, MOVING_FRAMES) * (1.0 - 1.0 / frames) : 0.0;
+#endif
     out_taa = vec4(keep ? min(mix(history, now, 1.0 / frames), HALF_MAX) : now, frames);
 }

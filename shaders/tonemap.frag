@@ -10,13 +10,7 @@
 #include "aces.glsl"
 #endif
 
-#ifdef HAS_TAA
-uniform sampler2D taa;
-#define SOURCE taa
-#else
-uniform sampler2D lit;
-#define SOURCE lit
-#endif
+uniform sampler2D picture;  // the finished one
 #ifdef HAS_AUTO_EXPOSURE
 uniform sampler2D auto_exposure;
 #endif
@@ -32,7 +26,7 @@ vec3 srgb_encode(vec3 x)
 
 void main()
 {
-    vec3 c = sanitize_radiance(texelFetch(SOURCE, ivec2(gl_FragCoord.xy), 0).rgb);
+    vec3 c = sanitize_radiance(texelFetch(picture, ivec2(gl_FragCoord.xy), 0).rgb);
     vec3 x = c * exposure;
 #ifdef HAS_AUTO_EXPOSURE
     x *= texelFetch(auto_exposure, ivec2(0), 0).r;

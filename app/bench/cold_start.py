@@ -13,8 +13,8 @@ from app.evaluation.configurations import Configuration
 from app.io.child_process import run_module
 
 
-def measure_cold_start(scene: Path, lighting: str | None, camera: str | None, configuration: Configuration,
-                       provider: str) -> dict[str, float]:
+def measure_cold_start(scene: Path, lighting: str | None, camera: str | None, variant: str | None,
+                       configuration: Configuration, provider: str) -> dict[str, float]:
     """Draw one frame in a new process.
 
     Returns
@@ -28,8 +28,8 @@ def measure_cold_start(scene: Path, lighting: str | None, camera: str | None, co
     ProcessError
         When the process fails.
     """
-    task = {"scene": str(scene), "lighting": lighting, "camera": camera, "provider": provider,
-            "size": configuration.size, "scale": configuration.scale,
+    task = {"scene": str(scene), "lighting": lighting, "camera": camera, "variant": variant,
+            "provider": provider, "size": configuration.size, "scale": configuration.scale,
             "models": [str(model) for model in configuration.models]}
     return json.loads(run_module("app.bench.cold_start", stdin=json.dumps(task)))
 
@@ -40,7 +40,7 @@ def _draw_first_frame(task: dict[str, Any]) -> dict[str, float]:
     from app.renderer import Renderer
     from app.settings import Settings
 
-    scene = load_scene(task["scene"], lighting=task["lighting"])
+    scene = load_scene(task["scene"], lighting=task["lighting"], variant=task["variant"])
     camera = scene.cameras[task["camera"] or scene.default_camera].at(0.0)
     begin = perf_counter()
     settings = Settings(size=tuple(task["size"]), scale=task["scale"], provider=task["provider"])

@@ -51,6 +51,7 @@ class Options:
     sizes: tuple[tuple[int, int], ...]
     lighting: str | None = None
     camera: str | None = None
+    variant: str | None = None
     reference_folder: Path | None = None
     spp: int = 1024
     rounds: int = 5
@@ -124,7 +125,7 @@ def bench(options: Options, configurations: Sequence[Configuration], progress: P
 
 def _load(file: Path, options: Options, configurations: Sequence[Configuration], progress: Progress) -> _Loaded:
     progress(f"{file.stem}: loading")
-    scene = load_scene(file, lighting=options.lighting)
+    scene = load_scene(file, lighting=options.lighting, variant=options.variant)
     if options.camera is not None and options.camera not in scene.cameras:
         raise SettingsError(f"{file} has no camera {options.camera!r}", "--camera",
                             f"expected one of: {', '.join(scene.cameras)}")
@@ -134,7 +135,7 @@ def _load(file: Path, options: Options, configurations: Sequence[Configuration],
 
 def _with_reference(loaded: _Loaded, options: Options, progress: Progress) -> _Subject:
     if options.reference_folder is None:
-        request = TraceRequest(loaded.file, options.lighting, options.camera, options.sizes[0])
+        request = TraceRequest(loaded.file, options.lighting, options.camera, options.sizes[0], options.variant)
         progress(f"{loaded.file.stem}: path-traced reference")
         reference = make_reference(request, loaded.scene, loaded.camera, options.spp)
         return _Subject(**vars(loaded), reference=reference, trace=partial(make_baseline_images, request, COUNTS))
@@ -161,8 +162,8 @@ def _measure(subject: _Subject, options: Options, pictures: Pictures, progress: 
         entry["errors"] = errors[c.label] if c.size == subject.reference.size else None
         if c.size == largest:
             progress(f"{subject.scene.name}: starting {c.label} in a new process")
-            entry["cold_start"] = measure_cold_start(subject.file, options.lighting, options.camera, c,
-                                                     options.provider)
+            entry["cold_start"] = measure_cold_start(subject.file, options.lighting, options.camera, options.variant,
+                                                     c, options.provider)
     result: Json = {
         "name": subject.scene.name, "lighting": subject.scene.lighting,
         "camera": options.camera or subject.scene.default_camera, "triangles": subject.scene.triangles,

@@ -20,6 +20,7 @@ from app.cli.options import (
     Provider,
     ReferenceFolder,
     SamplesPerPixel,
+    Variant,
     parse_folder,
     parse_list,
     parse_names,
@@ -57,6 +58,7 @@ def bench(
         metavar="TYPE,…", show_default="their own", rich_help_panel=NETWORK)] = "",
     lighting: Lighting = None,
     camera: CameraName = None,
+    variant: Variant = None,
     provider: Provider = AUTO,
     repeats: Annotated[int, typer.Option(
         help="Rounds in which each configuration is timed.", min=1, metavar="N")] = 5,
@@ -103,7 +105,7 @@ def bench(
     old = None if compare is None else read_results(compare)
     options = Options(
         scenes=tuple(scenes or embedded(lighting, camera)), sizes=_sizes(sizes), lighting=lighting, camera=camera,
-        reference_folder=None if reference == AUTO else Path(reference), spp=spp, rounds=repeats,
+        variant=variant, reference_folder=None if reference == AUTO else Path(reference), spp=spp, rounds=repeats,
         provider=provider, skip_idle_scenes=not scenes)
     names = (*all_models(), *sky_models()) if models == ALL else tuple(parse_list(models))
     if not names:

@@ -16,6 +16,7 @@ from app.cli.options import (
     ReferenceFolder,
     SamplesPerPixel,
     SceneFile,
+    Variant,
     named_camera,
     parse_list,
     refuse_folder,
@@ -27,7 +28,7 @@ from app.network.selection import DEFAULT_COMPARISON
 from app.settings import Settings, parse_size
 
 if TYPE_CHECKING:
-    from app.evaluation.reference import Reference
+    from app.evaluation.reference import Reference, TraceRequest
     from app.scene import Camera, Scene
 
 
@@ -40,6 +41,7 @@ def compare(
     size: Annotated[str, typer.Option(help="Width and height in pixels.", metavar="WxH")] = "512x384",
     camera: CameraName = None,
     lighting: Lighting = None,
+    variant: Variant = None,
     reference: ReferenceFolder = AUTO,
     spp: SamplesPerPixel = 256,
     provider: Provider = AUTO,
@@ -60,6 +62,7 @@ def compare(
     # Heavy imports wait until there is something to compare, so that help stays quick.
     from app.evaluation.comparison_page import REFERENCE, make_comparison_page
     from app.evaluation.configurations import expand, no_environment_error, select_applicable
+    from app.evaluation.reference import TraceRequest
     from app.extras import require_evaluation_packages
     from app.load import load_scene
     from app.network.providers import check_provider
@@ -79,7 +82,7 @@ def compare(
     check_provider(provider)
     require_evaluation_packages()
     file = scene or data_dir() / "cornell-box.obj"
-    loaded = load_scene(file, lighting=lighting)
+    loaded = load_scene(file, lighting=lighting, variant=variant)
     if skipped := select_applicable(configurations, loaded)[1]:
         raise no_environment_error(loaded, skipped)
     view = named_camera(loaded, camera)
@@ -87,19 +90,18 @@ def compare(
     traced = None
     if REFERENCE in names:
         say("reference")
-        traced = _load_reference(reference, file, lighting, camera, loaded, view, pixels, spp)
+        traced = _load_reference(reference, TraceRequest(file, lighting, camera, pixels, variant), loaded, view, spp)
     write_text(out, make_comparison_page(loaded, view, configurations, traced, provider, say))
     typer.echo(f"wrote {out}")
 
 
-def _load_reference(reference: str, file: Path, lighting: str | None, camera: str | None, scene: Scene, view: Camera,
-                    size: tuple[int, int], spp: int) -> Reference:
-    from app.evaluation.reference import TraceRequest, make_reference, read_reference
+def _load_reference(reference: str, request: TraceRequest, scene: Scene, view: Camera, spp: int) -> Reference:
+    from app.evaluation.reference import make_reference, read_reference
 
     if reference == AUTO:
-        return make_reference(TraceRequest(file, lighting, camera, size), scene, view, spp)
+        return make_reference(request, scene, view, spp)
     traced = read_reference(Path(reference))
-    if traced.size != size:
+    if traced.size != request.size:
         raise SettingsError(f"the reference is {traced.size[0]}x{traced.size[1]}", reference,
                             "expected the size of --size")
     return traced

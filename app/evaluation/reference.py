@@ -29,17 +29,18 @@ MIN_ALBEDO = 0.01  # below it demodulated light is not compared
 
 @dataclass(frozen=True, eq=False)
 class TraceRequest:
-    """What to path-trace: a scene file, one of its lightings and cameras, and the image's width and height."""
+    """What to path-trace: a scene file, its lighting, camera and variant, and the image's width and height."""
 
     file: Path
     lighting: str | None
     camera: str | None
     size: tuple[int, int]
+    variant: str | None = None
 
     @property
     def arguments(self) -> list[str]:
         """For ``python -m export reference``."""
-        names = {"--lighting": self.lighting, "--camera": self.camera}
+        names = {"--lighting": self.lighting, "--camera": self.camera, "--variant": self.variant}
         options = [text for option, name in names.items() if name is not None for text in (option, name)]
         return [str(self.file), "--size", f"{self.size[0]}x{self.size[1]}", *options]
 

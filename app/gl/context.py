@@ -2,8 +2,9 @@
 
 import ctypes
 import ctypes.util
+import gc
 import weakref
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import moderngl
@@ -46,6 +47,7 @@ class Device:
             raise DeviceError(f"no OpenGL context ({error})", "EGL",
                               "expected OpenGL 4.5 or later: on Debian install libegl1 and libgl1-mesa-dri, "
                               "or the EGL library of the GPU's driver") from None
+        self.ctx.gc_mode = "context_gc"  # what nobody refers to any more waits for ``collect``
         self.renderer: str = self.ctx.info["GL_RENDERER"]
         self.version: str = self.ctx.info["GL_VERSION"]
         self.software = any(name in self.renderer.lower() for name in SOFTWARE)
@@ -64,6 +66,7 @@ class Device:
         self.defines: dict[str, object] = {}
         self._programs: dict[object, Program] = {}
         self._triangle: dict[int, moderngl.VertexArray] = {}
+        self._shared: dict[str, moderngl.TextureArray] = {}
 
     def program(self, *stages: str, defines: Mapping[str, object] | None = None) -> Program:
         """The program of shader files ``stages`` (``.vert``, ``.frag``, ``.comp``); compiled once per variant."""
@@ -84,6 +87,12 @@ class Device:
             vao = self._triangle[program.glo] = self.ctx.vertex_array(program.raw, [])
         vao.render(moderngl.TRIANGLES, vertices=3)
 
+    def shared_texture(self, name: str, make: Callable[[], moderngl.TextureArray]) -> moderngl.TextureArray:
+        """What ``make`` gives when it is called for the first time; all passes share it."""
+        if name not in self._shared:
+            self._shared[name] = make()
+        return self._shared[name]
+
     def depth_texture(self, size: tuple[int, int]) -> moderngl.Texture:
         """A 32-bit float depth buffer; moderngl's own has 24 bits, too few for reversed Z."""
         texture = self.ctx.depth_texture(size)
@@ -92,11 +101,18 @@ class Device:
                              GL_DEPTH_COMPONENT, GL_FLOAT, None)
         return texture
 
+    def collect(self) -> None:
+        """Release GL objects that nobody refers to any more."""
+        gc.collect()  # passes are closures, which may refer to themselves
+        self.ctx.gc()
+
     def close(self) -> None:
         """Release everything that hangs on the context, then the context."""
         with self.ctx:
             for vao in self._triangle.values():
                 vao.release()
+            for texture in self._shared.values():
+                texture.release()
             for program in self._programs.values():
                 program.raw.release()
         self._destroy()

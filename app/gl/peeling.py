@@ -30,9 +30,15 @@ class PeeledLayer:
     def watch(self, device: Device) -> Iterator[None]:
         """Note whether anything that is drawn here is visible."""
         if self._query is None:
-            self._query = device.ctx.query(any_samples=True)
+            self._query = device.ctx.query(samples=True)
         with self._query:
             yield
+
+    @property
+    def is_visible(self) -> bool:
+        """Whether any pixel has the layer; waits for the GPU to have drawn it."""
+        assert self._query is not None, "the layer has not been drawn"
+        return bool(self._query.samples)
 
     @contextmanager
     def within(self, target: moderngl.Framebuffer, frame: FrameState) -> Iterator[None]:

@@ -10,7 +10,7 @@ from app.golden.copy_case import CopyCase
 from app.golden.network_case import NetworkCase
 from app.golden.scene_case import SceneCase, Shot
 from app.network.contract_json import read_contract
-from app.network.selection import SSGI, Model, bundled_models, find_model
+from app.network.selection import SSGI, UNSHADOWED, Model, bundled_models, find_model
 from app.scene import Scene
 from app.settings import TONE_MAPS
 
@@ -32,6 +32,11 @@ PARALLEL_GLASS_STAGES = "position", "ssgi", "ssgi_filter_near", "accumulate", "u
 LABELS = "instance", "material", "flow"
 REFLECTION_STAGES = ("reflection_march", "reflection_rays", "reflection_resolve", "reflection_history",
                      "reflection_filter_far", "reflection_filter_near", "reflection")
+AREA_LIGHTS_STAGES = ("shadow", "gbuffer", "position", "shadow_gbuffer", "shadow_rays", "shadow_history",
+                      "shadow_filter_near", "shadow_filter_far", "direct", "composite", "taa", "tonemap")
+OUTDOOR_STAGES = ("shadow", "gbuffer", "shadow_gbuffer", "shadow_rays", "shadow_history", "shadow_filter_near",
+                  "shadow_filter_far", "direct", "lowres_gbuffer", "cube_gbuffer", "cube_shadow_rays", "cube_direct",
+                  "pack_screen", "network", "accumulate", "push_pull", "upsample", "taa")
 SETTLING_FRAMES = 3  # after which accumulation and TAA have a history
 
 
@@ -42,9 +47,10 @@ def catalogue() -> dict[str, Case]:
     sequence = (Shot("path", scenes.SEQUENCE), Shot("corner", 4))
     cases: list[SceneCase] = [
         SceneCase("room", scenes.room(), radiosity, sequence, golden_frames=(1, 16, 64)),
-        _settled("outdoor", scenes.outdoor(), gather),
+        replace(_settled("outdoor", scenes.outdoor(), gather), stages=OUTDOOR_STAGES),
+        replace(_settled("sharpened", scenes.outdoor(), None), size=(96, 72), stages=("taa", "sharpen")),
         _single("hard", scenes.hard(), PROBE),
-        replace(_settled("area_lights", scenes.area_lights(), None), seed=5),
+        replace(_settled("area_lights", scenes.area_lights(), None), seed=5, stages=AREA_LIGHTS_STAGES),
         _single("spotlights", scenes.spotlights(), None),
         _single("terrace", scenes.terrace(), PROBE),
         _single("emissive", scenes.emissive(), radiosity),
@@ -54,6 +60,7 @@ def catalogue() -> dict[str, Case]:
         replace(_settled("sky", scenes.noon(), None), size=(128, 96), stages=SKY_LIGHT_STAGES),
         replace(_single("materials", scenes.materials(), SSGI), size=(160, 120), stages=MATERIALS_STAGES),
         replace(_settled("glass", scenes.glass(), SSGI), size=(160, 120), stages=GLASS_STAGES),
+        replace(_settled("shaded_glass", scenes.glass(), UNSHADOWED), size=(64, 48), stages=("peel0_direct",)),
         replace(_settled("parallel", scenes.parallel(scenes.dusk(), 2.6), PROBE), size=(96, 72),
                 stages=PARALLEL_STAGES),
         replace(_settled("parallel_glass", scenes.parallel(scenes.glass(), 2.6), SSGI), size=(96, 72),

@@ -22,7 +22,7 @@ class Tolerance:
     flip: float
 
 
-PICTURES = frozenset({"direct", "specular", "indirect", "emission", "lit", "taa", "display"})
+PICTURES = frozenset({"direct", "specular", "indirect", "emission", "lit", "taa", "sharpened", "display"})
 
 OTHER_STAGES = "all others"
 
@@ -51,6 +51,7 @@ OTHER_RENDERER = {
     "direct": Tolerance(2e-2, 2e-2, 2e-2),
     "composite": Tolerance(2e-2, 2e-2, 2e-2),
     "taa": Tolerance(2e-1, 5e-2, 2e-2),
+    "sharpen": Tolerance(2e-1, 5e-2, 2e-2),
     "tonemap": Tolerance(2e-2, 2e-2, 2e-2),
     OTHER_STAGES: Tolerance(2e-2, 1e-2, 2e-2),
 }

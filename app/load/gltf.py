@@ -229,7 +229,7 @@ class _Reader:
         camera = self._lens(spec, name)
         if camera is None:
             return
-        if not self._poses.tree.moves[index]:
+        if not self._poses.tree.moves[index] or self._poses.period == 0:
             self._builder.cameras[name] = CameraPath.still(_camera_at(camera, world))
             return
         times = np.linspace(0, self._poses.period, math.ceil(min(self._poses.period * _CAMERA_KEYS, _MAX_KEYS)) + 1)

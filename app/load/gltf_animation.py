@@ -50,7 +50,7 @@ def read_poses(file: GltfFile, builder: SceneBuilder) -> Poses:
     """
     nodes = file.items("nodes")
     reader = _TrackReader(file, builder, nodes)
-    period = max((reader.read(animation) for animation in _choose(file, builder)), default=0.0)
+    period = max([0.0, *(reader.read(animation) for animation in _choose(file, builder))])
     parents = np.full(len(nodes), -1, np.int64)
     for index, node in enumerate(nodes):
         for child in node.get("children", []):
@@ -64,6 +64,8 @@ def read_poses(file: GltfFile, builder: SceneBuilder) -> Poses:
         rest[path][index] = track.at(0.0)[0]
         local[index] = affine_matrix(quaternion_matrices(rest["rotation"][index, None])[0] * rest["scale"][index],
                                      rest["translation"][index])
+    if period == 0 and (reader.merged() or not all(track.is_constant for track in reader.weights.values())):
+        builder.notice("the animation has no key after 0 s, so it stands still")
     tree = NodeTree(parents, local, **rest, tracks=reader.merged(), period=period)
     return Poses(tree, reader.weights, period)
 

@@ -68,7 +68,7 @@ class DeformationReader:
         if not len(nodes) or not ((nodes >= 0) & (nodes < len(tree.moves))).all():
             raise ValueError(f"skin {node['skin']} has no joints, or one that is missing")
         joints, weights = self._influences(attributes, count)
-        if int(joints.max(initial=0)) >= len(nodes):
+        if not ((joints >= 0) & (joints < len(nodes))).all():
             raise ValueError(f"a vertex follows a joint that skin {node['skin']} lacks")
         return Skin(tree, nodes, self._inverse_binds(spec, len(nodes)), joints, weights)
 

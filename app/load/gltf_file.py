@@ -11,6 +11,7 @@ import binascii
 import json
 import struct
 import urllib.parse
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,18 +32,31 @@ _MAX_UNPACKED_BYTES = 2**30
 _DRACO, _MESHOPT, _BASISU = "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_basisu"
 
 
+class Entries(list[Any]):
+    """An array that a file refers into: unlike those of a list, negative indices are as wrong as those past its end."""
+
+    def __init__(self, name: str, entries: Iterable[Any]) -> None:
+        super().__init__(entries)
+        self._name = name
+
+    def __getitem__(self, index: Any) -> Any:
+        if not isinstance(index, slice) and not (isinstance(index, int) and 0 <= index < len(self)):
+            raise IndexError(f"{self._name} has no entry {index!r}")
+        return super().__getitem__(index)
+
+
 @dataclass(eq=False)
 class GltfFile:
     """The JSON of a glTF file and its binary buffers, followed by what was unpacked from them."""
 
     path: Path
     json: dict[str, Any]
-    buffers: list[bytes]
+    buffers: Entries
     unpacked_bytes: int = 0
 
-    def items(self, key: str) -> list[dict[str, Any]]:
+    def items(self, key: str) -> Entries:
         """A top-level array of the JSON, empty if missing."""
-        return list(self.json.get(key, []))
+        return Entries(key, self.json.get(key, []))
 
     def view(self, index: int) -> bytes:
         """The bytes of a buffer view."""
@@ -81,6 +95,8 @@ class GltfFile:
         where, what, count = sparse["indices"], sparse["values"], sparse["count"]
         dtype = np.dtype(_COMPONENTS[where["componentType"]]).newbyteorder("<")
         rows = _strided(self.view(where["bufferView"]), dtype, count, 1, where.get("byteOffset", 0), dtype.itemsize)
+        if (rows < 0).any():
+            raise ValueError("a sparse accessor has negative indices")
         values[rows[:, 0]] = _strided(self.view(what["bufferView"]), values.dtype, count, values.shape[1],
                                       what.get("byteOffset", 0), values.dtype.itemsize * values.shape[1])
         return values
@@ -150,7 +166,7 @@ def open_gltf(path: Path) -> GltfFile:
     binary = b""
     if data[:4] == b"glTF":
         data, binary = _split_glb(data)
-    document = json.loads(data.decode("utf-8-sig"))
+    document = json.loads(data.decode("utf-8-sig"), object_hook=_with_checked_arrays)
     if not isinstance(document, dict) or "asset" not in document:
         raise ValueError("it has no glTF asset")
     version = str(document["asset"].get("version", ""))
@@ -158,9 +174,15 @@ def open_gltf(path: Path) -> GltfFile:
         raise ValueError(f"glTF version {version}; only version 2 is supported")
     buffers = [_buffer(spec, path, binary if index == 0 else b"")
                for index, spec in enumerate(document.get("buffers", []))]
-    file = GltfFile(path, document, buffers)
+    file = GltfFile(path, document, Entries("buffers", buffers))
     file.unpack()
     return file
+
+
+def _with_checked_arrays(content: dict[str, Any]) -> dict[str, Any]:
+    """A JSON object whose arrays of objects check the indices into them."""
+    return {key: Entries(key, value) if isinstance(value, list) and value and isinstance(value[0], dict) else value
+            for key, value in content.items()}
 
 
 def _buffer(spec: dict[str, Any], path: Path, binary: bytes) -> bytes:

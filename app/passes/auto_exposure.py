@@ -18,4 +18,4 @@ def declare(source: str) -> Pass:
 
     return Pass("auto_exposure", reads=(source, "auto_exposure" + PREVIOUS),
                 writes={"auto_exposure": Tex("f4", 1, size=(1, 1))},
-                make=make_fullscreen("auto_exposure.frag", uniforms))
+                make=make_fullscreen("auto_exposure.frag", uniforms, samplers={source: "picture"}))

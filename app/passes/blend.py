@@ -32,7 +32,7 @@ def declare(layer: PeeledLayer, behind: str, result: str, has_indirect: bool) ->
             nonlocal source
             source = source or device.ctx.framebuffer([resources[behind]])
             device.ctx.copy_framebuffer(resources.target(), source)
-            if has_refraction:
+            if has_refraction and layer.is_visible:
                 texture = resources[behind]
                 texture.build_mipmaps()
                 texture.filter = moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR

@@ -10,6 +10,7 @@ from app.gl.frame_state import Execute, FrameState
 from app.gl.fullscreen import CUBE_PREFIX, cube_defines, make_fullscreen, ratio_to
 from app.gl.lights import LightSet
 from app.gl.peeling import PeeledLayer
+from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Resource, Tex
 from app.math3d import R2
 from app.paths import data_dir
@@ -30,7 +31,7 @@ def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] |
     shadow_grid : tuple of int or None
         Width and height of the grid of traced shadows; None where there are none.
     has_sky : bool
-        Whether the environment is direct light with traced shadows.
+        Whether the environment is direct light, with traced shadows if there is a ``shadow_grid``.
     layers : tuple of str
         Those of ``clearcoat`` and ``sheen`` that the G-buffer has.
     has_normal_maps : bool
@@ -53,7 +54,8 @@ def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] |
                **({"SKY_IS_REFLECTED": 1} if sky_is_reflected else {}),
                **({"HAS_SPECULAR_SURFACES": 1} if has_specular else {})}
 
-    return Pass(prefix + "direct", reads=reads, optional=("environment_diffuse", "environment_specular"), writes=writes,
+    shaded = ("environment_diffuse", "environment_specular") if layer is None else ()
+    return Pass(prefix + "direct", reads=reads, optional=shaded, writes=writes,
                 make=lambda device, bound: _make(device, bound, defines, shadow_grid, bool(layers), layer))
 
 
@@ -76,7 +78,7 @@ def _make(device: Device, bound: BoundPass, defines: Mapping[str, object], shado
     has_lobes = has_specular and "HAS_RECT_LIGHT" in defines
     if has_layers and has_specular:
         defines = {**defines, "LAYERS": 1}
-    lobes = _upload_lobes(device) if has_lobes else None
+    lobes = device.shared_texture("ltc", lambda: _upload_lobes(device)) if has_lobes else None
 
     def uniforms(frame: FrameState) -> Mapping[str, object]:
         values: dict[str, object] = {
@@ -88,7 +90,15 @@ def _make(device: Device, bound: BoundPass, defines: Mapping[str, object], shado
             values["ltc"] = LTC_UNIT
         return values
 
-    return make_fullscreen("direct.frag", uniforms, defines, prefix, layer=layer)(device, bound)
+    draw = make_fullscreen("direct.frag", uniforms, defines, prefix, layer=layer)(device, bound)
+    if layer is None:
+        return draw
+
+    def execute(frame: FrameState, resources: Resources) -> None:
+        resources.target().clear()  # texels without the layer, which nothing draws, would be undefined
+        draw(frame, resources)
+
+    return execute
 
 
 def _upload_lobes(device: Device) -> moderngl.TextureArray:

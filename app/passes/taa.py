@@ -5,11 +5,11 @@ import numpy as np
 from app.arrays import F64
 from app.gl.frame_state import FrameState
 from app.gl.fullscreen import make_fullscreen
-from app.graph import PREVIOUS, Pass, Tex
+from app.graph import PREVIOUS, Pass, Resource, Tex
 from app.math3d import View
 
 
-def declare(has_sky: bool, motion: str, depth: str) -> Pass:
+def declare(has_sky: bool, motion: str, depth: str, is_sharpened: bool) -> Pass:
     """The history is 32-bit, since hundreds of static frames accumulate in it.
 
     Parameters
@@ -18,6 +18,8 @@ def declare(has_sky: bool, motion: str, depth: str) -> Pass:
         Whether an environment is visible where no surface is, so that the sky needs motion too.
     motion, depth : str
         The resources that say how the visible surfaces move.
+    is_sharpened : bool
+        Whether ``sharpen`` follows, which needs to know how often the history was resampled.
     """
     def uniforms(frame: FrameState) -> dict[str, object]:
         always: dict[str, object] = {"history_valid": frame.history_valid, "near": frame.view.near,
@@ -30,7 +32,9 @@ def declare(has_sky: bool, motion: str, depth: str) -> Pass:
                 "previous_from_view": np.linalg.inv(_shear(frame.previous)) @ rotation @ _shear(frame.view)}
 
     previous = depth + PREVIOUS
-    return Pass("taa", reads=("lit", motion, "taa@prev", previous), writes={"taa": Tex("f4", 4)},
+    blur: dict[str, Resource] = {"resampled": Tex("f2", 1)} if is_sharpened else {}
+    return Pass("taa", reads=("lit", motion, "taa@prev", previous, *(name + PREVIOUS for name in blur)),
+                writes={"taa": Tex("f4", 4), **blur},
                 make=make_fullscreen("taa.frag", uniforms, {"SKY": 1} if has_sky else {},
                                      samplers={motion: "motion", previous: "depth_prev"}))
 

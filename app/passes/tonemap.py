@@ -6,10 +6,11 @@ from app.graph import Pass, Tex
 
 
 def declare(source: str, curve: str, has_auto_exposure: bool) -> Pass:
-    """From ``taa``, or from ``lit`` without temporal anti-aliasing; ``curve`` is one of ``TONE_MAPS``."""
+    """From the finished picture; ``curve`` is one of ``TONE_MAPS``."""
     def uniforms(frame: FrameState) -> dict[str, object]:
         return {"exposure": frame.exposure_factor if has_auto_exposure else frame.exposure}
 
     return Pass("tonemap", reads=(source, *(["auto_exposure"] if has_auto_exposure else [])),
                 writes={"display": Tex("f1", 4)},
-                make=make_fullscreen("tonemap.frag", uniforms, {f"TONEMAP_{curve.replace('-', '_').upper()}": 1}))
+                make=make_fullscreen("tonemap.frag", uniforms, {f"TONEMAP_{curve.replace('-', '_').upper()}": 1},
+                                     samplers={source: "picture"}))

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from app.bench.cold_start import _draw_first_frame
 from app.cli import cli
+from app.errors import SceneError
 from app.io.image import write_exr
 from app.load import load_scene
 from app.network.selection import find_model
@@ -147,3 +149,9 @@ def test_a_reference_of_another_size_is_refused(folder: Path) -> None:
     run = bench(folder, "refused", "--sizes", "40x30")
     assert run.exit_code == 2
     assert "the reference is 32x24" in run.output
+
+
+def test_a_cold_start_draws_the_variant(folder: Path) -> None:
+    task = {"scene": str(folder / "room.obj"), "lighting": None, "camera": None, "variant": "red"}
+    with pytest.raises(SceneError, match="no material variant 'red'"):
+        _draw_first_frame(task)

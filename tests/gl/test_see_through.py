@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.network.selection import UNSHADOWED
 from app.renderer import Renderer
 from app.scene import (
     Camera,
@@ -228,3 +229,31 @@ def test_rays_pass_by_the_coverage() -> None:
     shade = floor(3.0, 0.8, veil(WHITE, 0.5))
     shaded, free = (middle(make_scene([*above, white], [lamp], camera)) for above in ((shade,), ()))
     np.testing.assert_allclose(shaded / free, 0.5, atol=0.06)
+
+
+def test_texels_without_a_layer_are_black_whatever_they_were() -> None:
+    """A new texture holds anything on a GPU: what no pane was drawn into is cleared."""
+    scene = make_scene([floor(0.2, 0.5, glass(specular=(0.04,) * 3)), WALL], [OVERHEAD], TOP)
+    with Renderer(scene, Settings(SIZE, taa=False, check=True, provider="cpu")) as renderer:
+        written = ("peel0_direct", "peel0_specular", "peel3_direct", "peel3_specular")
+        with renderer._gl.ctx:
+            for name in written:
+                renderer._pool.write(name, np.nan)
+        renderer.render(TOP)
+        for name in written:
+            assert not renderer.resource(name)[0, 0, :3].any()
+        assert not any(renderer._non_finite.values())
+
+
+def test_a_model_that_shades_the_environment_leaves_panes_their_sky() -> None:
+    """A veil and glass before nothing but the sky, as without a model."""
+    pictures = []
+    for model in (None, UNSHADOWED):
+        panes = [quad((x, 0.0, 0.5), (0.6, 0, 0), (0, 0, -1.0), m)
+                 for x, m in ((-0.6, veil(WHITE, 0.5)), (0.0, glass(specular=(0.5,) * 3)))]
+        sky = np.linspace(0.2, 2.0, 32, dtype=np.float32).reshape(4, 8, 1).repeat(3, axis=2)
+        scene = replace(make_scene(panes, camera=SLANTED), environment=Environment(sky))
+        with Renderer(scene, Settings(SIZE, taa=False, provider="cpu"), model) as renderer:
+            pictures.append(renderer.render(SLANTED)["final"])
+    assert pictures[0][24, 16].min() > 0.1 and pictures[0][24, 32].min() > 0.1
+    np.testing.assert_allclose(pictures[1], pictures[0], rtol=1e-3, atol=1e-3)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from skimage.metrics import structural_similarity
 from app.load import embedded_scene
 from app.network.selection import find_model
 from app.renderer import Renderer
-from app.scene import Camera, Material, PointLight, Scene
+from app.scene import Camera, Material, PointLight, Scene, Texture
 from app.settings import Settings
 from tests.gl.scenes import Images, box, draw, floor, make_scene, quad, slide
 from tests.override import override
@@ -208,3 +209,60 @@ def after_poison(moving: bool, resource: str, poison: Poison | None) -> list[Ima
 @functools.cache
 def without_poison(moving: bool) -> list[Images]:
     return after_poison(moving, "taa", None)
+
+
+def grained_wall() -> Scene:
+    """A wall whose texture has grains of a pixel or so."""
+    noise = np.random.default_rng(5).random((256, 256, 1), np.float32).repeat(3, axis=2)
+    texture = Texture(np.concatenate([0.3 + 0.4 * noise, np.ones_like(noise[..., :1])], axis=2))
+    wall = quad((-2, -2, 0), (4, 0, 0), (0, 4, 0), Material(albedo_map=texture, is_unlit=True))
+    return make_scene([wall], camera=Camera((0.0, 0.0, 2.0), (0.0, 0.0, 0.0), fov_y_deg=45.0))
+
+
+def gradient_energy(image: NDArray[np.float32]) -> float:
+    inner = image[8:-8, 8:-8].mean(axis=-1)
+    return float((np.diff(inner, axis=0) ** 2).mean() + (np.diff(inner, axis=1) ** 2).mean())
+
+
+def pan(pixels: float, resource: str, frames: int = 16) -> NDArray[np.float32]:
+    """The wall after so many frames in which it moves sideways by so many pixels."""
+    scene = grained_wall()
+    camera = scene.cameras["main"].at(0.0)
+    step = pixels * 2 * 2.0 * np.tan(np.radians(22.5)) / SIZE[1]
+    with renderer(scene) as r:
+        for i in range(frames):
+            x = (i - frames) * step
+            r.advance(replace(camera, eye=(x, 0.0, 2.0), target=(x, 0.0, 0.0)))
+        return r.resource(resource)[..., :3]
+
+
+@pytest.mark.parametrize("pixels", [0.2, 0.4, 1.5])
+def test_textures_stay_sharp_in_slow_pans(pixels: float) -> None:
+    """Against 16 samples a pixel: the history loses a part of the gradient, which is given back to what is shown."""
+    w, h = SIZE
+    supersampled = draw(grained_wall(), (4 * w, 4 * h))["final"].reshape(h, 4, w, 4, 3).mean((1, 3))
+    blurred, shown = (gradient_energy(pan(pixels, resource)) / gradient_energy(supersampled)
+                      for resource in ("taa", "sharpened"))
+    print(f"SHARP gradient of a pan by {pixels}: history {blurred:.2f}, shown {shown:.2f}")
+    assert abs(shown - 1) < 0.15 and abs(shown - 1) < 1 - blurred
+
+
+@pytest.mark.parametrize("pixels", [0.0, 1.0])
+def test_what_was_not_resampled_is_not_sharpened(pixels: float) -> None:
+    """A still, and a pan by whole pixels."""
+    taa, shown = (pan(pixels, resource) for resource in ("taa", "sharpened"))
+    np.testing.assert_allclose(shown[8:-8, 8:-8], taa[8:-8, 8:-8], atol=2e-3 if pixels else 0.0)
+
+
+def test_sharpening_stays_in_the_range_of_the_neighbours() -> None:
+    taa, shown = (pan(0.4, resource) for resource in ("taa", "sharpened"))
+    beside = [np.roll(taa, shift, axis) for axis in (0, 1) for shift in (-1, 1)]
+    low, high = np.minimum.reduce([taa, *beside]), np.maximum.reduce([taa, *beside])
+    inner = np.s_[8:-8, 8:-8]
+    assert (shown[inner] >= low[inner] - 1e-6).all() and (shown[inner] <= high[inner] + 1e-6).all()
+
+
+def test_a_scene_without_textures_is_not_sharpened() -> None:
+    with renderer(BOX) as r:
+        assert {p.name for p in r.plan.passes} >= {"taa"}
+        assert "sharpen" not in {p.name for p in r.plan.passes}

@@ -152,6 +152,20 @@ def test_other_sizes_and_models(small_ember: Path, count: int, most: float) -> N
         assert handles() == before
 
 
+def test_other_projections() -> None:
+    """Another kind of projection makes all passes anew, and what the earlier ones held is released."""
+    scene = room()
+    camera = default_camera(scene)
+    counts = []
+    with Renderer(scene, Settings(size=SIZE, provider="cpu"), find_model("radiosity")) as renderer:
+        for _ in range(3):
+            for seen in (camera, replace(camera, orthographic_height=3.0)):
+                renderer.render(seen)
+                renderer.render(seen)
+            counts.append(live_objects(renderer._gl))
+    assert counts[0] == counts[1] == counts[2]
+
+
 def test_the_counts_see_a_leak(renderer: Renderer) -> None:
     """One object of each kind, not given back, and the counts differ by one; memory that is kept shows as growth."""
     device = renderer._gl

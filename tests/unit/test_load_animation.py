@@ -126,6 +126,34 @@ def test_a_camera_follows_its_node(tmp_path: Path) -> None:
         np.testing.assert_allclose(camera.at(time).target, [time % 1, 0, 2], atol=1e-9)
 
 
+@pytest.mark.parametrize("times", [(0,), (-1, 0), (-2, -1)])
+def test_an_animation_that_ends_at_time_0_stands_still(tmp_path: Path, times: tuple[float, ...]) -> None:
+    gltf = Gltf()
+    gltf.json["cameras"] = [{"type": "perspective", "perspective": {"yfov": 0.5}}]
+    gltf.json["nodes"] += [{"camera": 0, "name": "eye"}]
+    gltf.json["scenes"][0]["nodes"] = [0, 1]
+    animate(gltf, 1, "translation", [[0, 0, 3], [1, 0, 3]][-len(times):], times)
+    scene = load_scene(gltf.save(tmp_path))
+    for time in (0.0, 1.5):
+        np.testing.assert_allclose(scene.cameras["eye"].at(time).eye, [1, 0, 3])
+    assert ("the animation has no key after 0 s, so it stands still" in scene.notices) == (len(times) > 1)
+
+
+def test_one_key_of_weights_at_time_0_gives_no_notice(tmp_path: Path) -> None:
+    gltf = morphing()
+    animate(gltf, 0, "weights", [0.5, 0.5], (0,))
+    assert not any("stands still" in notice for notice in load_scene(gltf.save(tmp_path)).notices)
+
+
+def test_lengths_of_a_scene_that_begins_as_a_point_are_those_of_its_animation(tmp_path: Path) -> None:
+    gltf = Gltf()
+    animate(gltf, 0, "scale", [[0, 0, 0], [100, 100, 100]])
+    scene = load_scene(gltf.save(tmp_path))
+    largest = float(np.ptp(scene.swept_bounds, axis=0).max())
+    assert largest > 80 and scene.longest_edge == pytest.approx(largest / 100)
+    assert scene.with_lights().swept_bounds is scene.swept_bounds
+
+
 def test_animated_lights_and_pointers_give_notices(tmp_path: Path) -> None:
     gltf = spinning()
     gltf.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point"}]}}

@@ -251,3 +251,42 @@ def test_a_material_of_null_is_the_default(tmp_path):
     gltf.json["meshes"][0]["primitives"][0]["material"] = None
     scene = load(gltf, tmp_path)
     assert scene.materials[scene.meshes[0].material].albedo == (1.0, 1.0, 1.0)
+
+
+REFERENCES = {
+    "scene": lambda json: json.update(scene=-1),
+    "node": lambda json: json["scenes"][0].update(nodes=[-1]),
+    "mesh": lambda json: json["nodes"][0].update(mesh=-1),
+    "accessor": lambda json: json["meshes"][0]["primitives"][0]["attributes"].update(POSITION=-1),
+    "buffer view": lambda json: json["accessors"][0].update(bufferView=-1),
+    "buffer": lambda json: json["bufferViews"][0].update(buffer=-1),
+    "camera": lambda json: json["nodes"][0].update(camera=-1),
+    "texture": lambda json: json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"].update(index=-1),
+    "image": lambda json: json["textures"][0].update(source=-1),
+    "sampler": lambda json: json["textures"][0].update(sampler=-1),
+    "light": lambda json: json["nodes"][0]["extensions"]["KHR_lights_punctual"].update(light=-1),
+    "past the end": lambda json: json["nodes"][0].update(mesh=1),
+}
+
+
+@pytest.mark.parametrize("refer", REFERENCES.values(), ids=REFERENCES)
+def test_references_to_what_is_not_there_are_one_line(tmp_path, refer):
+    gltf = Gltf()
+    gltf.material(pbrMetallicRoughness={"baseColorTexture": {"index": gltf.texture(np.zeros((2, 2, 3), np.uint8))}})
+    gltf.json["cameras"] = [{"type": "perspective", "perspective": {"yfov": 0.5, "znear": 0.1}}]
+    gltf.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point"}]}}
+    gltf.json["nodes"][0] |= {"camera": 0, "extensions": {"KHR_lights_punctual": {"light": 0}}}
+    load(gltf, tmp_path)
+    refer(gltf.json)
+    with pytest.raises(SceneError, match=r"has no entry -?1 \(") as caught:
+        load(gltf, tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_sparse_accessor_overwrites_no_element_from_the_end(tmp_path):
+    gltf = Gltf()
+    gltf.json["accessors"][0]["sparse"] = {
+        "count": 1, "indices": {"bufferView": gltf.view(np.int8(-1).tobytes()), "componentType": 5120},
+        "values": {"bufferView": gltf.view(np.zeros(3, np.float32).tobytes())}}
+    with pytest.raises(SceneError, match="sparse accessor has negative indices"):
+        load(gltf, tmp_path)

@@ -98,6 +98,11 @@ def test_the_same_reference_is_made_once(tracer: FakeTracer) -> None:
     assert len(tracer.calls) == 3
 
 
+def test_a_variant_is_traced_as_it_is_drawn() -> None:
+    request = reference.TraceRequest(Path("shoe.glb"), None, None, (4, 3), "red")
+    assert request.arguments == ["shoe.glb", "--size", "4x3", "--variant", "red"]
+
+
 def test_another_version_of_the_path_tracer_makes_a_new_reference(
         tracer: FakeTracer, monkeypatch: pytest.MonkeyPatch) -> None:
     make(embedded_scene())
@@ -142,6 +147,7 @@ def test_no_scene_is_compared_with_the_reference_of_another(tmp_path: Path) -> N
 
 @pytest.mark.parametrize(("option", "said"), [
     (["--lighting", "lamp"], "no lighting 'lamp'"),
+    (["--variant", "red"], "no material variant 'red'"),
     (["--models", "unshadowed_environment"], "plain has no environment for unshadowed_environment"),
 ])
 def test_nothing_is_traced_before_all_scenes_are_checked(
