@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from app.api.frame import Frame, make_frame
-from app.api.scene import Scene
+from app.api.scene import Scene, comparable
 from app.errors import SettingsError, did_you_mean
 from app.network.selection import DEFAULT_MODEL, Model, by_role, find_models
 from app.renderer import Renderer as Engine
@@ -197,6 +197,9 @@ class Renderer:
             if name not in cameras:
                 raise SettingsError(f"no camera {name!r}", "camera", did_you_mean(name, cameras))
             camera = cameras[name]
+        if not isinstance(camera, Camera | CameraPath):
+            raise SettingsError(f"can't look through a {type(camera).__name__}", "camera",
+                                "expected a Camera, such as camera_from_matrix gives, or a name")
         return camera.at(time) if isinstance(camera, CameraPath) else camera
 
     def _follow(self) -> Engine:
@@ -204,11 +207,12 @@ class Renderer:
         moved = self._moved()
         if self._engine is None or self.scene.key != self._key or not set(moved) <= set(self._movable):
             return self._begin(moved)
-        if tuple(self.scene.lights) != self._lights:
+        lights = comparable(self.scene.lights)
+        if lights != self._lights:
             derived = self._assembled.loaded.scene.lights[self._assembled.loaded.own_lights:]
-            if not self.scene.lights or not self._lights or not self._engine.relight((*self.scene.lights, *derived)):
+            if not lights or not self._lights or not self._engine.relight((*lights, *derived)):
                 return self._begin(moved)
-            self._lights = tuple(self.scene.lights)
+            self._lights = lights
         self._move()
         return self._engine
 
@@ -235,7 +239,7 @@ class Renderer:
         self.close()
         self._movable = tuple(dict.fromkeys(movable))
         self._assembled = self.scene.assemble(self._movable)
-        self._key, self._lights = self.scene.key, tuple(self.scene.lights)
+        self._key, self._lights = self.scene.key, comparable(self.scene.lights)
         self._engine = Engine(self._assembled.loaded.scene, self._settings, self._models)
         return self._engine
 

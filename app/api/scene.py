@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from app.load.scene import LoadedScene, apply_lighting, choose_camera, finish_sc
 from app.load.scene_builder import SceneBuilder
 from app.load.sidecar import Lighting, Sidecar
 from app.paths import data_dir
-from app.scene import CameraPath, Environment, Light, Material, Motion
+from app.scene import Camera, CameraPath, Environment, Light, Material, Motion
 
 
 class SceneObject:
@@ -80,6 +81,7 @@ class Scene:
         Emissive surfaces and suns of the environment are not in it.
     environment : Environment or None
     cameras : dict of str to CameraPath
+        A ``Camera`` may be put into it too.
     objects : dict of str to SceneObject
     """
 
@@ -162,9 +164,11 @@ class Scene:
             elif name not in self._parts and not np.array_equal(item.transform, np.eye(4)):
                 _attach(builder, name, None, item.transform)
         require_instances(builder, self._path)
-        builder.lights, builder.environment = list(self.lights), self.environment
-        builder.cameras = dict(self.cameras)
-        lightings = {} if self._lighting is None else {self._lighting: Lighting(tuple(self.lights))}
+        lights = comparable(self.lights)
+        builder.lights, builder.environment = list(lights), self.environment
+        builder.cameras = {name: CameraPath.still(camera) if isinstance(camera, Camera) else camera
+                           for name, camera in self.cameras.items()}
+        lightings = {} if self._lighting is None else {self._lighting: Lighting(lights)}
         loaded = finish_scene(builder, self._path, Sidecar(lightings=lightings),
                               studio=self.studio and self.environment is None)
         return Assembled(loaded, motions, {name: item.transform for name, item in self.objects.items()})
@@ -208,6 +212,18 @@ def load(path: str | Path | None = None, *, lighting: str | None = None, scene_j
     camera = choose_camera(builder, file, sidecar)
     _, name = apply_lighting(builder, file, sidecar, lighting, builder.cameras[camera].at(0.0))
     return Scene._of(file, builder, camera, name, studio)
+
+
+def comparable(lights: Iterable[Light]) -> tuple[Light, ...]:
+    """``lights`` with tuples in place of arrays and lists."""
+    return tuple(map(_comparable, lights))
+
+
+def _comparable(light: Light) -> Light:
+    values = {field.name: getattr(light, field.name) for field in fields(light)}
+    rows: dict[str, Any] = {name: tuple(map(float, value)) for name, value in values.items()
+                            if isinstance(value, np.ndarray | list)}
+    return replace(light, **rows)
 
 
 def _attach(builder: SceneBuilder, name: str, motion: Motion | None, transform: F64 | None = None) -> None:

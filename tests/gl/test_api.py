@@ -101,6 +101,23 @@ def test_a_light_changes_between_frames() -> None:
         assert renderer.render(CAMERA)["final"].mean() > before.mean() / 2
 
 
+def test_lights_of_arrays_are_those_of_tuples() -> None:
+    scene = floor_and_box()
+    with afterglow.Renderer(scene, SIZE, None, taa=False) as renderer:
+        before = renderer.render(CAMERA)["final"]
+        scene.lights[0] = replace(LIGHT, position=np.array(LIGHT.position), intensity=[2.0, 2.0, 2.0])
+        half = renderer.render(CAMERA)["final"]
+        scene.lights[0] = replace(LIGHT, position=np.array(LIGHT.position))
+        assert np.array_equal(renderer.render(CAMERA)["final"], before) and half.mean() < before.mean()
+
+
+def test_cameras_of_a_scene_are_used_by_name() -> None:
+    scene = floor_and_box()
+    scene.cameras["front"] = CAMERA
+    with afterglow.Renderer(scene, SIZE, None, taa=False) as renderer:
+        assert np.array_equal(renderer.render("front")["final"], renderer.render(CAMERA)["final"])
+
+
 def test_added_and_removed_objects_follow() -> None:
     scene = floor_and_box()
     with afterglow.Renderer(scene, SIZE, None, taa=False) as renderer:
@@ -183,6 +200,7 @@ def test_compare_gives_all_metrics() -> None:
     lambda: afterglow.Renderer(floor_and_box(), (0, 1)),
     lambda: afterglow.Renderer(floor_and_box(), model="embers"),
     lambda: afterglow.Renderer(afterglow.Scene()).render(),
+    lambda: afterglow.Renderer(floor_and_box(), SIZE, None).render(np.eye(4)),
     lambda: afterglow.compare(np.zeros((4, 4)), np.zeros((4, 4))),
 ])
 def test_mistakes_are_one_line(mistake: object) -> None:
