@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ class TaskDrawer:
         """Draw a task, write its pictures into the folder ``out``, and last the record that it is done."""
         if task.is_done(out):
             return  # by a worker that died before it could say so
+        key = task.key()  # of the files before they are read: if they change meanwhile, the task is drawn again
         job, folder = task.job, out / task.job.name
         folder.mkdir(parents=True, exist_ok=True)
         renderer = self._renderer_for(job)
@@ -37,26 +39,28 @@ class TaskDrawer:
                 _write(frame, folder / f"{index:03d}", job)
         else:
             self._draw_chunk(renderer, task, folder / f"{task.camera:03d}")
-        write_text(out / task.record, json.dumps({"key": task.key()}) + "\n")
+        write_text(out / task.record, json.dumps({"key": key}) + "\n")
 
     def _draw_chunk(self, renderer: Renderer, task: Task, folder: Path) -> None:
         assert task.camera is not None
         folder.mkdir(exist_ok=True)
         lead_in = min(LEAD_IN, task.first)
-        numbers = range(task.first - lead_in, task.last)
+        numbers = range(task.first - lead_in, task.last + 1)  # the last one is not drawn, but what flow leads to
         cameras = [_camera(task.job, task.camera)] * len(numbers)
         times = [task.job.time + number * FRAME_SECONDS for number in numbers]
-        for number, frame in zip(numbers[lead_in:], renderer.render_video(cameras, times, lead_in), strict=True):
+        frames = islice(renderer.render_video(cameras, times, lead_in), task.last - task.first)
+        for number, frame in enumerate(frames, task.first):
             _write(frame, folder / f"{number:04d}", task.job)
 
     def _renderer_for(self, job: Job) -> Renderer:
-        key = job.scene, job.lighting, job.model, job.size, job.outputs, job.exposure, job.tonemap
+        key = job.renderer_settings, job.files_digest()
         if self._renderer is None or key != self._key:
             self.close()
             scene: Scene = load(job.scene, lighting=job.lighting)
             self._renderer = Renderer(scene, job.size, None if job.model == NONE else job.model, outputs=job.outputs,
-                                      exposure=job.exposure, tonemap=job.tonemap)
+                                      tonemap=job.tonemap)
             self._key = key
+        self._renderer.exposure = job.exposure
         return self._renderer
 
     def close(self) -> None:

@@ -3,6 +3,7 @@
 import hashlib
 import json
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
@@ -12,7 +13,7 @@ from app import __version__
 from app.errors import AfterglowError, SceneError
 from app.io.checked_json import at, check, parse
 from app.load import parse_camera
-from app.network.selection import DEFAULT_MODEL
+from app.network.selection import DEFAULT_MODEL, SEPARATOR
 
 SCHEMA = "batch.schema.json"
 CHUNK = 60     # frames of a video that are drawn by one worker
@@ -45,6 +46,21 @@ class Job:
     time: float = 0.0
     exposure: float = 1.0
     tonemap: str = "srgb"
+
+    @property
+    def renderer_settings(self) -> tuple[Any, ...]:
+        """What a renderer is made for: it can draw all jobs of which this is the same."""
+        return self.scene, self.lighting, self.model, self.size, self.outputs, self.tonemap
+
+    def files_digest(self) -> bytes:
+        """A digest of the scene, its JSON file and the networks, as they are now."""
+        digest = hashlib.sha256()
+        scene = Path(self.scene)
+        for file in (scene, scene.with_suffix(".json"), Path(self.model), *map(Path, self.model.split(SEPARATOR))):
+            with suppress(OSError, ValueError):  # a name, or a file of which loading says what is wrong
+                status = file.stat()
+                digest.update(_digest_of(file, status.st_size, status.st_mtime_ns))
+        return digest.digest()
 
 
 @dataclass(frozen=True)
@@ -80,12 +96,8 @@ class Task:
 
     def key(self) -> str:
         """A digest of everything that its pictures depend on; changed files change it."""
-        digest = hashlib.sha256(json.dumps([asdict(self), __version__], sort_keys=True).encode())
-        for file in (Path(self.job.scene), Path(self.job.scene).with_suffix(".json"), Path(self.job.model)):
-            if file.is_file():
-                status = file.stat()
-                digest.update(_digest_of(file, status.st_size, status.st_mtime_ns))
-        return digest.hexdigest()[:32]
+        text = json.dumps([asdict(self), __version__], sort_keys=True)
+        return hashlib.sha256(text.encode() + self.job.files_digest()).hexdigest()[:32]
 
     def is_done(self, out: Path) -> bool:
         """Whether its pictures are in the folder ``out``, drawn from the same files."""
@@ -104,19 +116,21 @@ def read_jobs(path: Path) -> list[Job | BadLine]:
         When the file can't be read.
     """
     try:
-        lines = path.read_text("utf-8-sig").splitlines()
+        lines = path.read_text("utf-8-sig").split("\n")
     except (OSError, ValueError) as error:
         raise SceneError("can't read the jobs", path, "expected a readable UTF-8 file of one JSON object per line"
                          ) from error
     jobs: list[Job | BadLine] = []
+    names: set[str] = set()
     for number, line in enumerate(lines, 1):
         if line.strip():
             name = f"{len(jobs):04d}"
             try:
                 job = _read_job(line, name, at(path, number), path.parent)
-                if any(job.name == other.name for other in jobs):
+                if job.name in names:
                     raise SceneError(f"the name {job.name!r} is taken", at(path, number, "name"),
                                      "expected another name for each job")
+                names.add(job.name)
                 jobs.append(job)
             except AfterglowError as error:
                 jobs.append(BadLine(f"line {number}", str(error)))
@@ -147,11 +161,18 @@ def _read_job(line: str, name: str, where: str, folder: Path) -> Job:
     for index, camera in enumerate(spec.get("cameras", ())):
         if isinstance(camera, dict):
             parse_camera(camera, at(where, "cameras", index))
-    model = spec.get("model", DEFAULT_MODEL)
-    if (folder / model).is_file():
-        model = str((folder / model).resolve())
+    try:
+        scene = str((folder / spec["scene"]).resolve())
+        model = _find_networks(spec.get("model", DEFAULT_MODEL), folder)
+    except (OSError, ValueError, RuntimeError) as error:  # too long, no UTF-8, a loop of links
+        raise SceneError(f"no name of a file ({str(error)[:60]})", where, "expected paths of files") from None
     lists = {key: tuple(spec[key]) for key in ("cameras", "outputs", "formats") if key in spec}
     size = {"size": tuple(map(int, spec["size"]))} if "size" in spec else {}
     frames = {"frames": int(spec["frames"])} if "frames" in spec else {}
-    return Job(**{"name": name, **spec, **lists, **size, **frames, "model": model,
-                  "scene": str((folder / spec["scene"]).resolve())})
+    return Job(**{"name": name, **spec, **lists, **size, **frames, "model": model, "scene": scene})
+
+
+def _find_networks(model: str, folder: Path) -> str:
+    """``model`` with whole paths of those of its networks that are files in ``folder``."""
+    names = [model] if (folder / model).is_file() else model.split(SEPARATOR)
+    return SEPARATOR.join(str((folder / name).resolve()) if (folder / name).is_file() else name for name in names)

@@ -1,6 +1,7 @@
 """Tasks on the cores of this machine."""
 
 import queue
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -21,11 +22,12 @@ def run_on_cores(tasks: Sequence[Task], out: Path, workers: int, on_done: Callab
     waiting: queue.SimpleQueue[tuple[Task, int]] = queue.SimpleQueue()  # with the number of workers that died with it
     for task in tasks:
         waiting.put((task, 0))
+    stopped = threading.Event()
 
     def work() -> None:
         process = WorkerProcess()
         with suppress(queue.Empty):
-            while True:
+            while not stopped.is_set():
                 task, deaths = waiting.get_nowait()
                 error = process.draw(task, out)
                 if error is not None:
@@ -37,5 +39,8 @@ def run_on_cores(tasks: Sequence[Task], out: Path, workers: int, on_done: Callab
         process.end()
 
     with ThreadPoolExecutor(workers) as threads:
-        for thread in [threads.submit(work) for _ in range(min(workers, len(tasks)))]:
-            thread.result()
+        try:
+            for thread in [threads.submit(work) for _ in range(min(workers, len(tasks)))]:
+                thread.result()
+        finally:
+            stopped.set()  # an interrupted batch ends with the tasks that are being drawn

@@ -3,6 +3,7 @@
 import os
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -53,7 +54,9 @@ def run_batch(jobs: list[Job | BadLine], out: Path, progress: Callable[[int, int
                 outcomes[job.name].kept += 1
             else:
                 missing.append(task)
-    missing.sort(key=lambda task: (task.job.scene, str(task.job.lighting), task.job.model, task.job.size))
+                with suppress(OSError):  # the record of other pictures, which must not vouch for half of these
+                    (out / task.record).unlink()
+    missing.sort(key=lambda task: repr(task.job.renderer_settings))
     done, lock = 0, threading.Lock()
 
     def finish(task: Task, error: str) -> None:

@@ -35,7 +35,7 @@ class WorkerProcess:
         with suppress(BrokenPipeError):
             process.stdin.write(json.dumps({"task": asdict(task), "out": str(out)}) + "\n")
             process.stdin.flush()
-        if answer := process.stdout.readline():
+        if (answer := process.stdout.readline()).endswith("\n"):
             return str(json.loads(answer))
         self.end()
         remove_temporary_files(out / task.job.name, process.pid)

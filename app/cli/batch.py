@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 from rich import box
+from rich.markup import escape
 from rich.table import Table
 
 from app.cli.options import parse_folder
@@ -45,7 +46,7 @@ def batch(
                              workers)
     table = Table("job", "drawn", "there already", "error", box=box.SIMPLE)
     for outcome in outcomes:
-        table.add_row(outcome.name, str(outcome.drawn), str(outcome.kept), outcome.error)
+        table.add_row(outcome.name, str(outcome.drawn), str(outcome.kept), escape(outcome.error))
     print_table(table)
     if any(outcome.error for outcome in outcomes):
         raise typer.Exit(FAILED)

@@ -65,6 +65,7 @@ def test_a_bad_job_is_a_line_and_an_exit_code(tmp_path: Path) -> None:
     (tmp_path / "broken.glb").write_bytes(b"glTF, but not really")
     file = write_jobs(tmp_path / "jobs.jsonl", {**FAST, "name": "good"}, {**FAST, "scene": "missing.obj"}, "{]",
                       {**FAST, "scene": "broken.glb"}, {**FAST, "cameras": ["nowhere"]}, {**FAST, "sizes": [1, 1]},
+                      {**FAST, "lighting": "[/no markup]"},
                       {**FAST, "size": [200, 150], "name": "large"},
                       {**FAST, "cameras": [CLOSE, CLOSE], "name": "two"})
     process = start(file, tmp_path / "out", preexec=limit_files)
@@ -73,7 +74,7 @@ def test_a_bad_job_is_a_line_and_an_exit_code(tmp_path: Path) -> None:
     assert sorted(contents(tmp_path / "out")) == [
         "good/000.exr", "good/000.png", "good/stills.json", "two/000.exr", "two/000.png", "two/001.exr", "two/001.png",
         "two/stills.json"]
-    for words in ("no such scene file", "valid JSON", "broken.glb", "nowhere", "sizes", "enough space"):
+    for words in ("no such scene file", "valid JSON", "broken.glb", "nowhere", "sizes", "[/no markup]", "enough space"):
         assert words in " ".join(table.split())
 
 
@@ -86,6 +87,41 @@ def test_what_is_done_is_left_alone(tmp_path: Path) -> None:
     process.communicate()
     changed = {f.parent.name for f in out.rglob("*.*") if f.stat().st_mtime_ns != before[f]}
     assert process.returncode == 0 and changed == {"b"}
+
+
+def test_an_undone_change_is_drawn_again_if_its_pictures_were_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+                                                                   ) -> None:
+    (tmp_path / "dying_worker.py").write_text("")
+    old, new = (Job("a", str(BOX), size=(24, 18), model="none", exposure=exposure) for exposure in (1.0, 2.0))
+    TaskDrawer().draw(Task(old), tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setenv("PYTHONPATH", str(tmp_path))
+        patch.setattr(worker_process, "WORKER", "dying_worker")
+        assert "workers died" in run_batch([new], tmp_path, print, workers=1)[0].error
+    assert not Task(old).is_done(tmp_path)
+
+
+def test_a_scene_that_changes_is_drawn_anew_by_the_same_worker(tmp_path: Path) -> None:
+    scene, drawer = tmp_path / "box.obj", TaskDrawer()
+    tasks = [Task(Job(name, str(scene), size=(24, 18), model="none", formats=("exr",))) for name in ("a", "b")]
+    scene.write_text("v -1 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    drawer.draw(tasks[0], tmp_path)
+    scene.write_text("v -1 0 0\nv 1 0 0\nv 1 1 0\nv -1 1 0\nf 1 2 3 4\n")
+    drawer.draw(tasks[1], tmp_path)
+    drawer.close()
+    assert not tasks[0].is_done(tmp_path) and tasks[1].is_done(tmp_path)
+    assert (tmp_path / "a" / "000.exr").read_bytes() != (tmp_path / "b" / "000.exr").read_bytes()
+
+
+def test_an_interrupted_batch_ends_soon(tmp_path: Path) -> None:
+    file = write_jobs(tmp_path / "jobs.jsonl", *({**FAST, "size": [24 + index, 18]} for index in range(30)))
+    process = start(file, tmp_path / "out", "--workers", "1")
+    while not list((tmp_path / "out").glob("*/stills.json")):
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    process.communicate()
+    assert process.returncode == 130
+    assert len(list((tmp_path / "out").glob("*/stills.json"))) < 15
 
 
 @contextmanager
@@ -197,6 +233,44 @@ def test_long_videos_are_cut_without_visible_seams(tmp_path: Path, monkeypatch: 
     before = read_exr(tmp_path / "v" / "000" / "0019.exr")[""]
     assert np.abs(cut - whole).mean() < 0.01 * whole.mean()
     assert np.abs(cut - before).mean() < 0.01 * whole.mean()
+
+
+def test_flow_continues_across_seams(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batch_jobs, "CHUNK", 2)
+    scene = {"cameras": {"c": {"keys": [{**CLOSE, "time": 0}, {"eye": [5, 1, 3], "target": [5, 1, 0], "time": 1}]}}}
+    (tmp_path / "box.json").write_text(json.dumps(scene))
+    (tmp_path / "box.obj").write_text("v -1 0 0\nv 1 0 0\nv 0 2 0\nf 1 2 3\n")
+    job = Job("v", str(tmp_path / "box.obj"), cameras=("c",), size=(48, 36), model="none", frames=4, outputs=("flow",),
+              formats=("exr",))
+    drawer = TaskDrawer()
+    for task in tasks_of(job):
+        drawer.draw(task, tmp_path)
+    drawer.close()
+    for frame in range(4):
+        assert np.abs(read_exr(tmp_path / "v" / "000" / f"{frame:04d}.exr")["flow"]).max() > 0.1
+
+
+@pytest.mark.parametrize("spec", [{"scene": "a\0"}, {"scene": "\ud800.glb"}, {"scene": "loop/a.glb"},
+                                  {"scene": "a.glb", "model": "m" * 300}])
+def test_a_bad_name_of_a_file_is_a_bad_line(tmp_path: Path, spec: dict[str, str]) -> None:
+    (tmp_path / "loop").symlink_to("loop")
+    bad, good = read_jobs(write_jobs(tmp_path / "jobs.jsonl", spec, FAST))
+    assert isinstance(bad, BadLine) and "expected paths of files" in bad.error and isinstance(good, Job)
+
+
+def test_two_networks_beside_the_jobs_are_found_and_a_change_of_either_is_seen(tmp_path: Path) -> None:
+    for name in ("a.onnx", "b.onnx"):
+        (tmp_path / name).write_bytes(b"1")
+    job, = read_jobs(write_jobs(tmp_path / "jobs.jsonl", {"scene": "a.glb", "model": "a.onnx+b.onnx"}))
+    assert isinstance(job, Job) and job.model == f"{tmp_path / 'a.onnx'}+{tmp_path / 'b.onnx'}"
+    before = Task(job).key()
+    (tmp_path / "b.onnx").write_bytes(b"12")
+    assert Task(job).key() != before
+
+
+def test_lines_end_only_where_json_lines_do(tmp_path: Path) -> None:
+    (tmp_path / "jobs.jsonl").write_text('{"scene": "a\u2028b.glb"}\r\n{"scene": "c.glb"}\n', "utf-8")
+    assert [job.name for job in read_jobs(tmp_path / "jobs.jsonl")] == ["0000", "0001"]
 
 
 def test_lines_are_jobs_with_names_and_files_beside_them(tmp_path: Path) -> None:
