@@ -8,5 +8,5 @@ apt-get install -y --no-install-recommends python3 python3-venv libegl1 libgl1-m
 rm -rf /var/lib/apt/lists/*
 python3 -m venv /opt/afterglow
 /opt/afterglow/bin/pip install --no-cache-dir --constraint "$tree/constraints.txt" "$tree[assets,cluster,video,view]"
-ln -s /opt/afterglow/bin/afterglow /usr/local/bin/afterglow
+ln -sf /opt/afterglow/bin/afterglow /usr/local/bin/afterglow
 afterglow doctor --size 256x192
