@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Install the command `afterglow` on a bare Debian 12, as root, from the tree around this script; the Dockerfile runs it.
+# As root, install the command `afterglow` on a bare Debian 12 from the tree around this script; the Dockerfile runs it.
 set -euo pipefail
 tree="$(realpath "$(dirname "$0")/..")"
 export DEBIAN_FRONTEND=noninteractive
