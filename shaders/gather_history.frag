@@ -2,10 +2,13 @@
 // history.
 #include "lowres_history.glsl"
 
+const float MAX_FLASH = 64.0;  // history counts if it is at most this many times brighter than what is there now
+
 uniform sampler2D gathered_light_now;     // rgb: mean over rays, a: rays
 uniform sampler2D gathered_distance_now;  // r: mean over rays
 uniform sampler2D gathered_light_prev;
 uniform sampler2D gathered_distance_prev;
+uniform sampler2D interpolated_light;     // between the surfels, without noise
 uniform float max_rays;  // of history
 
 layout(location = 0) out vec4 out_gathered_light;
@@ -36,7 +39,10 @@ void main()
     add(r.base + ivec2(1, 0), r.weights.y, light, distance, weight);
     add(r.base + ivec2(0, 1), r.weights.z, light, distance, weight);
     add(r.base + ivec2(1, 1), r.weights.w, light, distance, weight);
-    bool keep = weight > MIN_SHARE;
+    vec3 expected = max(light_now.rgb, sanitize_radiance(texelFetch(interpolated_light, low, 0).rgb));
+    float brightest = max(max(expected.r, expected.g), expected.b), total = max(max(light.r, light.g), light.b);
+    bool is_flash = brightest > 0.0 && total > MAX_FLASH * brightest * weight;
+    bool keep = weight > MIN_SHARE && !is_flash;
     float before = keep ? min(light.a, max(max_rays - light_now.a, 0.0)) : 0.0;  // rays, fewer where few texels agree
     float rays = before + light_now.a;
     float share = light_now.a / max(rays, 1.0);

@@ -45,7 +45,7 @@ void main()
         float d = texelFetch(depth, texel, 0).r;
         vec3 n = sanitize_normal(texelFetch(normal, texel, 0).xyz);
         vec2 pixel = vec2(texel) + 0.5;
-        if (!is_surface(d) || !is_missed(pixel, n, d)) continue;
+        if (!is_surface(d) || n == vec3(0.0) || !is_missed(pixel, n, d)) continue;
         out_missed_position = vec4(surface_point(pixel, d), float(1 + number));
         out_missed_surface = vec4(n, d);
         return;

@@ -165,7 +165,8 @@ void main()
 #ifdef WRITE_RESAMPLED
     vec2 fraction = fract(back);  // half a texel blurs most, a whole one not at all
     float blur = 2.0 * dot(fraction, 1.0 - fraction);
-    float resamplings = texelFetch(resampled_prev, clamp(before, ivec2(0), last), 0).r + blur;
+    float resamplings = texelFetch(resampled_prev, clamp(before, ivec2(0), last), 0).r;
+    resamplings = is_finite(resamplings) ? max(resamplings, 0.0) + blur : blur;
     out_resampled = keep ? min(resamplings, MOVING_FRAMES) * (1.0 - 1.0 / frames) : 0.0;
 #endif
     out_taa = vec4(keep ? min(mix(history, now, 1.0 / frames), HALF_MAX) : now, frames);

@@ -47,9 +47,10 @@ vec4 missed(ivec2 texel, BilateralReceiver r)
     ivec2 base = (texel + TILE / 2) / TILE - 1;  // of the four tiles around
     vec4 sum = vec4(0.0);
     for (int i = 0; i < 4; ++i) {
-        ivec2 tile = clamp(base + ivec2(i & 1, i >> 1), ivec2(0), textureSize(missed_light, 0) - 1);
+        ivec2 tile = base + ivec2(i & 1, i >> 1);
+        if (any(lessThan(tile, ivec2(0))) || any(greaterThanEqual(tile, textureSize(missed_light, 0)))) continue;
         vec4 light = texelFetch(missed_light, tile, 0);
-        ivec2 at = missed_texel(tile, int(light.a) - 1);
+        ivec2 at = missed_texel(tile, max(int(light.a) - 1, 0));
         vec2 away = vec2(at - texel) / REACH, along = along_normal(at, r);
         float weight = max(1.0 - dot(away, away), MIN_WEIGHT)
             * similarity(texelFetch(missed_surface, tile, 0), along.x + along.y, r);
@@ -60,8 +61,8 @@ vec4 missed(ivec2 texel, BilateralReceiver r)
 #endif
 
 #ifdef HAS_INDIRECT_PREV
-// Light blended with the surface's previous light, the more the less the texels around show of it (shown), and where no
-// pixel around has light of its own either (found), as much as a change of light allows.
+// Blended with the surface's previous light: more of it the less the texels around show (shown), and for longer where no
+// pixel around has light of its own (found).
 vec3 with_history(vec3 light, float shown, float found, vec4 moved, float d, BilateralReceiver r)
 {
     ivec2 at = ivec2(floor(gl_FragCoord.xy - moved.xy * vec2(1.0, -1.0)));

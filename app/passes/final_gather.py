@@ -51,7 +51,8 @@ def declare(surfels: TrackedSurfels, grid: tuple[int, int], has_history: bool) -
                make=lambda device, bound: make(bound, surfels, grid, has_history))
     if has_history:
         yield Pass("gather_history",
-                   reads=(*now, "lowres_gbuffer", "motion", *(f"{name}@prev" for name in means), "lowres_gbuffer@prev"),
+                   reads=(*now, "interpolated_light", "lowres_gbuffer", "motion", *(f"{name}@prev" for name in means),
+                          "lowres_gbuffer@prev"),
                    writes=means, make=make_fullscreen("gather_history.frag", lambda frame: {
                        "ratio": ratio_to(grid, frame), "max_rays": MAX_SAMPLES[frame.motion],
                        "history_valid": frame.history_valid and not frame.relit}))

@@ -44,8 +44,8 @@ def declare(size: tuple[int, int], grid: tuple[int, int], surfels: TrackedSurfel
 
     def uniforms(frame: FrameState) -> dict[str, object]:
         follows = has_history and frame.history_valid and frame.motion is not MotionKind.OBJECTS
-        return {"ratio": ratio_to(grid, frame), "first": frame.index * FRAME_TESTS % side**2,
-                "tested": FRAME_TESTS if follows else side**2}
+        first, tested = (frame.index * FRAME_TESTS % side**2, FRAME_TESTS) if follows else (0, side**2)
+        return {"ratio": ratio_to(grid, frame), "first": first, "tested": tested}
 
     yield Pass("missed_pixels", reads=("normal", "depth", "lowres_gbuffer"),
                writes={name: Tex("f4", 4, size=tiles) for name in ("missed_position", "missed_surface")},

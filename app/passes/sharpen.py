@@ -5,6 +5,6 @@ from app.graph import Pass, Tex
 
 
 def declare() -> Pass:
-    """Of the shown picture only; where nothing moves, it is that of ``taa`` to the bit."""
+    """Of the shown picture only; texels that were never resampled stay those of ``taa`` to the bit."""
     return Pass("sharpen", reads=("taa", "resampled"), writes={"sharpened": Tex("f4", 4)},
                 make=make_fullscreen("sharpen.frag"))

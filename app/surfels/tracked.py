@@ -53,6 +53,10 @@ class TrackedSurfels:
             self._lookup = self.version, SurfelLookup(self.world)
         return self._lookup[1]
 
+    def forget_lookup(self) -> None:
+        """Begin the next lookup anew: what it remembers depends on the points that were looked up before."""
+        self._lookup = None
+
     def update(self, view: View, time: float, viewpoints: Sequence[View] = ()) -> None:
         """Have surfels for what ``viewpoints`` see at ``time`` seconds, or without any, for what ``view`` sees."""
         if viewpoints:

@@ -52,7 +52,7 @@ def test_real_scene(name: str, scenes: Path) -> None:
         assert not any(counts.values()), counts
         assert np.isfinite(images["final"]).all() and mean > 0.005
         if lighting == whole.lighting:
-            assert EXPOSED / 2 <= mean <= EXPOSED * 2
+            assert EXPOSED / 2.5 <= mean <= EXPOSED * 2.5
 
 
 def lights() -> tuple[PointLight | SpotLight | DirectionalLight | RectLight, ...]:

@@ -79,7 +79,8 @@ class Patient:
     def more(self, frames: int) -> list[Image]:
         images = [self.renderer.render(self.camera)["final"] for _ in range(frames)]
         for final in images:
-            if not is_overridden(self.renderer, "taa"):  # then the final image is the poison itself
+            # Otherwise the final image is the poison itself, or what becomes of it.
+            if not any(is_overridden(self.renderer, name) for name in ("taa", "sharpened")):
                 assert np.isfinite(final).all()
                 assert final.min() >= 0
                 assert final.max() <= self.bound
