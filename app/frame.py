@@ -233,9 +233,9 @@ def _steps(inputs: FrameInputs, finished: str) -> Iterator[Step]:
         yield background.declare(scene.environment)
         yield from _environment_light(inputs, scene.environment)
     yield from _traced_shadows(inputs)
-    yield direct.declare(lights, inputs.has_specular, shadow_rays.grid(settings.size) if inputs.is_traced else None,
-                         inputs.has_sky, inputs.layers, inputs.has_normal_maps,
-                         sky_is_reflected=inputs.has_reflected_rays)
+    shadow_grid = shadow_rays.grid(settings.render_size) if inputs.is_traced else None
+    yield direct.declare(lights, inputs.has_specular, shadow_grid, inputs.has_sky, inputs.layers,
+                         inputs.has_normal_maps, sky_is_reflected=inputs.has_reflected_rays)
     yield from _indirect_light(inputs)
     yield from _reflections(inputs)
     if inputs.has_see_through:
@@ -246,8 +246,9 @@ def _steps(inputs: FrameInputs, finished: str) -> Iterator[Step]:
         yield from _absent("no material is blended or transmits light", *LAYER_PASSES)
     if settings.taa:
         prefix = "front_" if inputs.has_see_through else ""
-        yield taa.declare(scene.environment is not None, prefix + "motion", prefix + "depth", inputs.has_textures)
-        yield sharpen.declare() if inputs.has_textures else Absent("sharpen", "no material has a texture")
+        yield taa.declare(scene.environment is not None, prefix + "motion", prefix + "depth", inputs.has_textures,
+                          settings.size)
+        yield sharpen.declare(settings.size) if inputs.has_textures else Absent("sharpen", "no material has a texture")
     else:
         yield from _absent("switched off by --no-taa", "taa", "sharpen")
     if settings.auto_exposure:
@@ -255,13 +256,13 @@ def _steps(inputs: FrameInputs, finished: str) -> Iterator[Step]:
     else:
         yield Absent("auto_exposure", "not asked for by --auto-exposure")
     yield tonemap.declare(finished, settings.tonemap if settings.tonemap in TONE_MAPS else TONE_MAPS[0],
-                          settings.auto_exposure)
+                          settings.auto_exposure, settings.size)
 
 
 def _peeled_layers(inputs: FrameInputs) -> Iterator[Step]:
     """Layers of blended and transmissive surfaces, lit like the others and laid over each other, the farthest first."""
     layers = [PeeledLayer(index) for index in range(MAX_LAYERS)]
-    shadow_grid = shadow_rays.grid(inputs.settings.size) if inputs.is_traced else None
+    shadow_grid = shadow_rays.grid(inputs.settings.render_size) if inputs.is_traced else None
     for before, layer in zip((None, *layers), layers, strict=False):
         yield gbuffer.declare_peeled(inputs.scene, inputs.layers, layer, before)
         # A model shades the G-buffer only, so layers have the environment's light without shadows then.
@@ -287,8 +288,8 @@ def _traced_shadows(inputs: FrameInputs) -> Iterator[Step]:
     if not inputs.is_traced:
         yield from _absent(NOTHING_TRACED, *SHADOW_RAY_PASSES)
         return
-    yield lowres_gbuffer.declare("shadow_gbuffer", shadow_rays.grid(settings.size))
-    yield from shadow_rays.declare(inputs.lights, inputs.has_sky, inputs.caster, settings.size,
+    yield lowres_gbuffer.declare("shadow_gbuffer", shadow_rays.grid(settings.render_size))
+    yield from shadow_rays.declare(inputs.lights, inputs.has_sky, inputs.caster, settings.render_size,
                                    has_history=settings.taa)
     if not settings.taa:
         yield Absent("shadow_history", "switched off by --no-taa")
@@ -303,12 +304,12 @@ def _environment_light(inputs: FrameInputs, environment: Environment) -> Iterato
     kinds = ("diffuse", "specular") if inputs.has_specular else ("diffuse",)
     low = {kind: f"environment_{kind}_low" for kind in kinds}
     if isinstance(model, str):
-        grid = unshadowed_environment.grid(settings.size)
+        grid = unshadowed_environment.grid(settings.render_size)
         yield lowres_gbuffer.declare("environment_lowres_gbuffer", grid)
         yield unshadowed_environment.declare(environment, grid, low)
         yield from _absent("the environment is shaded without a network", *ENVIRONMENT_NETWORK_PASSES)
     else:
-        grid = model.contract.screen_size(settings.size)
+        grid = model.contract.screen_size(settings.render_size)
         yield lowres_gbuffer.declare("environment_lowres_gbuffer", grid)
         yield from _environment_network(inputs, environment, model, grid, low)
     for kind, light in low.items():
@@ -326,7 +327,8 @@ def _environment_network(inputs: FrameInputs, environment: Environment, model: N
     tensors = pack_screen.tensor_names(contract)
     yield unshadowed_environment.declare(environment, grid, {kind: f"unshadowed_{kind}" for kind in low})
     yield _pack_globals("environment_pack_globals", contract, tensors, environment, None)
-    yield pack_screen.declare("environment_pack_screen", contract, inputs.settings.size, inputs.scene.longest_edge)
+    yield pack_screen.declare("environment_pack_screen", contract, inputs.settings.render_size,
+                              inputs.scene.longest_edge)
     targets = {name: low[kind] for name, kind in ((DIFFUSE, "diffuse"), (SPECULAR, "specular")) if kind in low}
     yield network.declare("environment_network", model, tensors, grid, targets)
 
@@ -344,12 +346,12 @@ def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:
     else:
         yield Absent("surfel_light", "neither the model nor a reflection reads surfels")
     if isinstance(model, str):
-        grid = ssgi.grid(settings.size)
+        grid = ssgi.grid(settings.render_size)
         yield lowres_gbuffer.declare("lowres_gbuffer", grid)
         yield from _absent("the model is no network", *NETWORK_PASSES)
         yield from ssgi.declare(grid, settings.taa, target)
     else:
-        grid = model.contract.screen_size(settings.size)
+        grid = model.contract.screen_size(settings.render_size)
         yield lowres_gbuffer.declare("lowres_gbuffer", grid)
         yield from _absent("a network was chosen", *SSGI_PASSES)
         yield from _network(inputs, model, grid, target)
@@ -358,9 +360,9 @@ def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:
     else:
         yield Absent("accumulate", "switched off by --no-taa")
     yield push_pull.declare("push_pull", grid, "indirect_low", "lowres_gbuffer", "indirect_filled")
-    missed_tile = missed_pixels.tile_side(settings.size) if inputs.has_surfel_indirect else None
+    missed_tile = missed_pixels.tile_side(settings.render_size) if inputs.has_surfel_indirect else None
     if missed_tile:
-        yield from missed_pixels.declare(settings.size, grid, inputs.surfels, settings.taa)
+        yield from missed_pixels.declare(settings.render_size, grid, inputs.surfels, settings.taa)
     else:
         yield from _absent("the model gives no light of surfels", *MISSED_PASSES)
     yield upsample.declare("upsample", grid, "indirect_filled", "lowres_gbuffer", "indirect", has_history=settings.taa,
@@ -373,7 +375,7 @@ def _reflections(inputs: FrameInputs) -> Iterator[Step]:
     if inputs.why_no_reflections is not None:
         yield from _absent(inputs.why_no_reflections, *REFLECTED_RAY_PASSES, "reflection")
         return
-    grid = reflection.grid(settings.size)
+    grid = reflection.grid(settings.render_size)
     if inputs.has_reflected_rays:
         yield lowres_gbuffer.declare("reflection_gbuffer", grid)
         yield reflection.declare_march(grid, scene.longest_edge, settings.taa)
@@ -401,7 +403,7 @@ def _network(inputs: FrameInputs, model: Network | RepeatedNetwork, grid: Size, 
         else:
             yield pack_surfels.declare(inputs.surfels, contract, tensors, scene.longest_edge)
     yield _pack_globals("pack_globals", contract, tensors, scene.environment, settings.bounces)
-    yield pack_screen.declare("pack_screen", contract, settings.size, scene.longest_edge)
+    yield pack_screen.declare("pack_screen", contract, settings.render_size, scene.longest_edge)
     targets = {INDIRECT: target}
     if contract.lights_surfels:
         targets[SURFEL_INDIRECT] = "surfel_indirect"

@@ -25,7 +25,7 @@ class Tex:
     components : int
         1, 2 or 4.
     scale : float
-        Size relative to the output, rounded up; ignored when ``size`` is given.
+        Size relative to that at which frames are drawn, rounded up; ignored when ``size`` is given.
     size : tuple of int or None
         Fixed width and height in texels.
     """
@@ -35,11 +35,11 @@ class Tex:
     scale: float = 1.0
     size: tuple[int, int] | None = None
 
-    def resolve(self, output: tuple[int, int]) -> tuple[int, int]:
-        """Width and height in texels for an ``output`` of the given width and height."""
+    def resolve(self, frame: tuple[int, int]) -> tuple[int, int]:
+        """Width and height in texels in a ``frame`` of the given width and height."""
         if self.size is not None:
             return self.size
-        return tuple(max(1, math.ceil(n * self.scale)) for n in output)  # type: ignore[return-value]
+        return tuple(max(1, math.ceil(n * self.scale)) for n in frame)  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)

@@ -100,8 +100,8 @@ class Renderer:
         self._sources = {o: frame.resource(o) for o in settings.outputs}
         self.missing = tuple(o for o, source in self._sources.items() if source is None)
         self.plan = frame.compile(settings.outputs)
-        self._accumulates = any(b.name == "taa" for b in self.plan.passes)
-        self._pool = Pool(self._gl, self.plan, settings.size)
+        self._accumulates = "taa" in self.plan.resources
+        self._pool = Pool(self._gl, self.plan, settings.render_size)
         self._executors = self._make_passes()
         self._timer = Timer(self._gl, settings.timing)
         self._yardstick = Yardstick(self._gl, settings.size) if settings.timing else None
@@ -281,7 +281,7 @@ class Renderer:
         stands = self._previous is not None and view.same_as(self._previous)
         still = REFRESH_FRAMES if cut else min(self._still + 1, unchanged) if stands else 0
         frame = FrameState(
-            size=settings.size, view=view, previous=self._previous or view,
+            size=settings.render_size, output_size=settings.size, view=view, previous=self._previous or view,
             jitter=self._jitter() if self._accumulates else (0.0, 0.0), history_valid=not cut,
             accumulates=self._accumulates, noise_phase=settings.seed * GOLDEN_RATIO % 1.0, index=self._index,
             exposure_factor=settings.exposure, exposure=settings.exposure / self._radiance_scale,
@@ -333,7 +333,7 @@ class Renderer:
     def _jitter(self) -> tuple[float, float]:
         """Halton offsets in clip units, centred on the pixel."""
         i = (self._index + self.settings.seed) % JITTER_PERIOD + 1
-        w, h = self.settings.size
+        w, h = self.settings.render_size
         return (2 * halton(i, 2) - 1) / w, (2 * halton(i, 3) - 1) / h
 
     def _display(self, final: Pixels) -> Pixels:

@@ -84,6 +84,11 @@ class Settings:
         if not 0 <= self.seed <= MAX_SEED:
             raise SettingsError(f"bad seed {self.seed}", "--seed", f"expected 0 to {MAX_SEED}")
 
+    @property
+    def render_size(self) -> tuple[int, int]:
+        """Width and height in pixels at which frames are drawn."""
+        return self.size
+
 
 def parse_size(text: str) -> tuple[int, int]:
     """``1024x768`` as (1024, 768).

@@ -31,8 +31,8 @@ uniform vec4 specular_roughness;           // F0, perceptual roughness
 uniform vec3 emission;
 uniform vec3 emission_flags;  // shines from both sides; may light other surfaces; -1 for a mirrored transform
 #ifdef ACCUMULATES
-const float LOD_BIAS = -1.5;  // levels of detail; averaged frames resolve finer texels than one (Karis 2014)
-#define lookup(map, at) texture(map, at, LOD_BIAS)
+uniform float lod_bias;  // levels of detail; averaged frames resolve finer texels than one (Karis 2014)
+#define lookup(map, at) texture(map, at, lod_bias)
 #else
 #define lookup(map, at) texture(map, at)
 #endif

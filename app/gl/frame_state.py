@@ -35,6 +35,8 @@ class FrameState:
 
     Attributes
     ----------
+    size, output_size : tuple of int
+        Width and height in pixels at which the frame is drawn, and those of the image.
     previous : View
         Last frame's camera; this frame's after a cut.
     jitter : tuple of float
@@ -63,6 +65,7 @@ class FrameState:
     """
 
     size: tuple[int, int]
+    output_size: tuple[int, int]
     view: View
     previous: View
     jitter: tuple[float, float]

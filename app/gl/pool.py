@@ -20,12 +20,9 @@ Pixels = NDArray[Any]
 
 
 class Pool:
-    """Owns what the passes of ``plan`` read and write, for one output size."""
+    """Owns what the passes of ``plan`` read and write, in frames of one size."""
 
     def __init__(self, device: Device, plan: Plan, size: tuple[int, int]) -> None:
-        if max(size) > device.max_size:
-            raise SettingsError(f"{size[0]}x{size[1]} is too large for {device.renderer}", "--size",
-                                f"expected at most {device.max_size} pixels a side")
         self._device, self._plan, self._size, self.parity = device, plan, size, 0
         self._textures: dict[str, list[moderngl.Texture]] = {}
         self._buffers: dict[str, moderngl.Buffer] = {}
@@ -47,7 +44,11 @@ class Pool:
                               "expected a smaller --size")
 
     def _texture(self, tex: Tex, size: tuple[int, int]) -> moderngl.Texture:
-        texture = self._device.ctx.texture(tex.resolve(size), tex.components, dtype=tex.dtype)
+        width, height = tex.resolve(size)
+        if max(width, height) > self._device.max_size:
+            raise SettingsError(f"{width}x{height} is too large for {self._device.renderer}", "--size",
+                                f"expected at most {self._device.max_size} pixels a side")
+        texture = self._device.ctx.texture((width, height), tex.components, dtype=tex.dtype)
         texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
         texture.repeat_x = texture.repeat_y = False
         return texture

@@ -170,7 +170,7 @@ def _load(model: Model, settings: Settings) -> Any:
         return model
     from app.network.session import Network  # imports onnxruntime, which is slow
 
-    grid = read_contract(model).with_scale(settings.scale).screen_size(settings.size)
+    grid = read_contract(model).with_scale(settings.scale).screen_size(settings.render_size)
     return Network(model, grid, settings.provider, settings.strict_device, settings.scale)
 
 

@@ -3,6 +3,7 @@
 Layers of blended and transmissive surfaces before it are peeled (Everitt 2001), each into a G-buffer of its own.
 """
 
+import math
 from collections.abc import Iterable, Mapping
 
 import moderngl
@@ -22,6 +23,7 @@ from app.scene import Scene
 FEATURES = (*(name.upper() for name in MAP_UNITS), "UV", "SECOND_UV", "TANGENT", "VERTEX_COLOR", "ALPHA_MASK",
             "METALLIC", "SPECULAR", "CLEARCOAT", "SHEEN", "UNLIT", "BLENDED", "TRANSMISSION")
 MAX_ATTACHMENTS = 8
+LOD_BIAS = -1.5  # of frames that are averaged, at the image's size
 PEEL_UNITS = {"opaque_depth": 13, "nearer_depth": 14}  # texture units beyond those of materials
 
 
@@ -133,13 +135,17 @@ def draw_surfaces(device: Device, frame: FrameState, clip: F64, defines: dict[st
     device.ctx.depth_func = ">"
     moving = "WRITE_MOTION" in defines
     previous_clip = frame.previous.clip_from_relative()
-    if frame.accumulates and "GRID_CUBE" not in defines:
+    averages = frame.accumulates and "GRID_CUBE" not in defines
+    if averages:
         defines = {**defines, "ACCUMULATES": 1}
+    lod_bias = LOD_BIAS + math.log2(frame.size[1] / frame.output_size[1])
 
     def program_of(d: Drawable) -> Program:
         features = {f: 1 for f in d.features if f in FEATURES or (moving and f == "DEFORMED")}
         program = device.program("gbuffer.vert", "gbuffer.frag", defines={**defines, **features})
         program.set(clip_from_relative=clip, **(samplers or {}))
+        if averages:
+            program.set(lod_bias=lod_bias)
         if moving:
             program.set(previous_clip=previous_clip, jitter=frame.jitter)
             if frame.view.is_orthographic:

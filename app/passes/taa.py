@@ -9,7 +9,7 @@ from app.graph import PREVIOUS, Pass, Resource, Tex
 from app.math3d import View
 
 
-def declare(has_sky: bool, motion: str, depth: str, is_sharpened: bool) -> Pass:
+def declare(has_sky: bool, motion: str, depth: str, is_sharpened: bool, size: tuple[int, int]) -> Pass:
     """The history is 32-bit, since hundreds of static frames accumulate in it.
 
     Parameters
@@ -20,6 +20,8 @@ def declare(has_sky: bool, motion: str, depth: str, is_sharpened: bool) -> Pass:
         The resources that say how the visible surfaces move.
     is_sharpened : bool
         Whether ``sharpen`` follows, which needs to know how often the history was resampled.
+    size : tuple of int
+        Width and height of the image.
     """
     def uniforms(frame: FrameState) -> dict[str, object]:
         always: dict[str, object] = {"history_valid": frame.history_valid, "near": frame.view.near,
@@ -32,11 +34,14 @@ def declare(has_sky: bool, motion: str, depth: str, is_sharpened: bool) -> Pass:
                 "previous_from_view": np.linalg.inv(_shear(frame.previous)) @ rotation @ _shear(frame.view)}
 
     previous = depth + PREVIOUS
-    blur: dict[str, Resource] = {"resampled": Tex("f2", 1)} if is_sharpened else {}
-    return Pass("taa", reads=("lit", motion, "taa@prev", previous, *(name + PREVIOUS for name in blur)),
-                writes={"taa": Tex("f4", 4), **blur},
-                make=make_fullscreen("taa.frag", uniforms, {"SKY": 1} if has_sky else {},
-                                     samplers={motion: "motion", previous: "depth_prev"}))
+    defines = {"SKY": 1} if has_sky else {}
+    samplers = {motion: "motion", previous: "depth_prev"}
+    writes: dict[str, Resource] = {"taa": Tex("f4", 4, size=size)}
+    if is_sharpened:
+        writes["resampled"] = Tex("f2", 1, size=size)
+    history = tuple(name + PREVIOUS for name in writes)
+    return Pass("taa", reads=("lit", motion, previous, *history), writes=writes,
+                make=make_fullscreen("taa.frag", uniforms, defines, samplers=samplers))
 
 
 def _shear(view: View) -> F64:

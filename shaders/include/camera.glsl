@@ -2,7 +2,7 @@
 layout(std140) uniform CameraBlock {
     mat4 view_from_relative;  // rotation only
     vec4 lens;                // half the image's size: at distance 1, in scene units if ORTHOGRAPHIC; jitter + center
-    vec4 image;               // width, height, 1/width, 1/height of the output in pixels
+    vec4 image;               // width, height, 1/width, 1/height of the frame in pixels, before it is upscaled
     vec4 center;              // xy: where the view axis meets the image, in clip units
 };
 
