@@ -256,7 +256,7 @@ class Renderer:
         with self._gl.ctx:
             self._pool.release()
             self._geometry.release()
-            self._lights.buffer.release()
+            self._lights.release()
             self._camera.buffer.release()
         self._gl.close()
 

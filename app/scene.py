@@ -13,7 +13,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from app.arrays import F32, F64
+from app.arrays import F32, F64, Bools
 
 Color = tuple[float, float, float]
 
@@ -428,6 +428,31 @@ Light = PointLight | SpotLight | DirectionalLight | RectLight
 
 
 @dataclass(frozen=True, eq=False)
+class EmissionPoints:
+    """N points of the emissive surfaces that an approximate light stands for, spread evenly by power.
+
+    Attributes
+    ----------
+    offset : ndarray, float32, shape (N, 3)
+        From the light's centre, in world axes.
+    normal : ndarray, float32, shape (N, 3)
+        Unit length.
+    intensity : ndarray, float32, shape (N, 3)
+        W/sr of each along its normal; it falls off with the cosine.
+    area : ndarray, float32, shape (N,)
+        That a point stands for.
+    two_sided : ndarray, bool, shape (N,)
+        Whether a point also emits against its normal.
+    """
+
+    offset: F32
+    normal: F32
+    intensity: F32
+    area: F32
+    two_sided: Bools
+
+
+@dataclass(frozen=True, eq=False)
 class Environment:
     """Light from infinitely far away, seen where no surface is.
 
@@ -527,8 +552,9 @@ class Scene:
         World-space box around all instances at time 0, minimum and maximum corner.
     environment : Environment or None
         None where it is black.
-    approximate_lights : tuple of Light
-        Those of ``lights`` that only approximate emissive meshes. A reference has the meshes' light instead.
+    approximate_lights : dict of Light to EmissionPoints
+        Those of ``lights`` that only approximate emissive meshes, and points of these meshes. A reference has the
+        meshes' light instead.
     approximated_materials : tuple of int
         Indices of those meshes' materials, all light proxies.
     """
@@ -545,7 +571,7 @@ class Scene:
     notices: tuple[str, ...] = ()
     approximations: tuple[str, ...] = ()
     environment: Environment | None = None
-    approximate_lights: tuple[Light, ...] = ()
+    approximate_lights: dict[Light, EmissionPoints] = field(default_factory=dict)
     approximated_materials: tuple[int, ...] = ()
 
     @property
@@ -598,7 +624,8 @@ class Scene:
         environment = self.environment
         return self._with_geometry_kept(
             lights=tuple(_scaled_light(light, scale) for light in self.lights),
-            approximate_lights=tuple(_scaled_light(light, scale) for light in self.approximate_lights),
+            approximate_lights={_scaled_light(light, scale): replace(points, intensity=points.intensity * scale)
+                                for light, points in self.approximate_lights.items()},
             materials=tuple(_scaled_material(m, scale) for m in self.materials),
             environment=environment and replace(environment, radiance=environment.radiance * np.float32(scale)))
 

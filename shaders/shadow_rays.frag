@@ -12,7 +12,6 @@ const int SKY_CANDIDATES = 4;     // of which one is chosen (Talbot, Cline and E
 const uvec3 RECURRENCE = uvec3(3518319155u, 2882110345u, 2360945575u);  // R3 of Roberts 2018, in 32-bit fixed point
 const float TO_UNIT = 1.0 / 4294967296.0;
 const vec2 SKY_CELL_EXTENT = vec2(PI / 32.0);  // of azimuth and polar angle, as in environment.py
-const float LUMINANCE_FLOOR = 1e-30;
 const float MIN_EPSILON = 0.05;   // of ray_epsilon, which covers the rounding of positions
 const float SHORTENED = 0.999;  // so that rays end before what touches the light
 
@@ -35,7 +34,7 @@ uniform float ray_epsilon;   // by which rays start off their surface at most, s
 uniform float sky_distance;  // length of a ray towards the environment, scene units
 
 layout(location = 0) out vec4 out_origin;  // relative space
-layout(location = 1) out vec4 out_vector;  // from there to the ray's end; a: 0: no ray, 1: towards a light, 2: towards the environment
+layout(location = 1) out vec4 out_vector;  // from there to the ray's end; a: 0: no ray, 1: passes light proxies, 2: meets all
 layout(location = 2) out vec4 out_light;   // unshadowed irradiance of the sample, over its probability
 
 struct Receiver {
@@ -101,29 +100,13 @@ vec3 sequence(ivec2 texel)
     return vec3((RECURRENCE * uint(sample_index) + start) >> 8u) * (256.0 * TO_UNIT);
 }
 
-float luminance(vec3 c)
-{
-    return dot(c, vec3(0.2126, 0.7152, 0.0722));
-}
-
-// Whether a candidate replaces the one that was chosen before it, by pick in [0, 1); adds its target to the total. What is
-// left of the number is as random as it was.
-bool replaces(float target, inout float total, inout float pick)
-{
-    float before = total;
-    total += target;
-    bool take = target > 0.0 && pick * total < target;
-    pick = take ? pick * total / target : before > 0.0 ? (pick * total - target) / before : pick;
-    return take;
-}
-
 #ifdef HAS_SKY_STRATA
 // A direction of the environment for s in [0, 1)², one of four in opposite quarters of the unit square that is chosen,
 // by pick in [0, 1), in proportion to what it contributes.
 LightSample sample_sky(vec3 n, vec2 s, float pick)
 {
     ivec2 strata = textureSize(sky_strata, 0) / ivec2(1, 2);
-    LightSample chosen = LightSample(n * sky_distance, vec3(0.0));
+    LightSample chosen = LightSample(n * sky_distance, vec3(0.0), true);
     float total = 0.0, chosen_target = 0.0;
     for (int i = 0; i < SKY_CANDIDATES; ++i) {
         vec2 at = fract(s + 0.5 * vec2(i & 1, i >> 1)) * vec2(strata);
@@ -167,7 +150,7 @@ void main()
     to_sky = replaces(sky, total, choice);
     part = to_sky ? sky : part;
 #endif
-    LightSample ray = LightSample(r.n, vec3(0.0));
+    LightSample ray = LightSample(r.n, vec3(0.0), false);
 #ifdef HAS_TRACED_LIGHT
     if (chosen >= 0 && !to_sky) ray = sample_light(lights[chosen], r.p, r.n, s.yz);
 #endif
@@ -180,6 +163,6 @@ void main()
     // A ray into the surface meets it at once.
     bool free = dot(ray.vector, r.face) > 0.0;
     out_origin = vec4(r.origin, 0.0);
-    out_vector = vec4((ray.vector + r.p - r.origin) * SHORTENED, wanted && free ? (to_sky ? 2.0 : 1.0) : 0.0);
+    out_vector = vec4((ray.vector + r.p - r.origin) * SHORTENED, wanted && free ? (ray.meets_proxies ? 2.0 : 1.0) : 0.0);
     out_light = wanted ? vec4(min(ray.light, HALF_MAX), 1.0) : vec4(0.0);
 }

@@ -7,11 +7,13 @@ from copy import copy
 from dataclasses import dataclass
 from itertools import zip_longest
 
+import moderngl
 import numpy as np
 
 from app.arrays import F32, F64
 from app.errors import SceneError
 from app.gl.context import Device
+from app.gl.shader import Program
 from app.gl.shadow_atlas import CUBE_MAP, PARALLEL_MAP, SINGLE_MAP, Tile, lay_out, size_of
 from app.math3d import affine_matrix, look_rotation, normalize, orthographic, perspective
 from app.scene import DirectionalLight, Light, PointLight, RectLight, Scene, SpotLight
@@ -24,6 +26,9 @@ LIGHT_BYTES = 4 * LIGHT_FLOATS
 COLOR = slice(4, 7)  # of a light's floats
 SPOT_MARGIN_DEG = 2.0
 IN_PLANE = 1e-4  # of a rectangle's size: points so near its plane count as in it, or rounding would decide their side
+
+POINT_ROWS = 3   # of texels for the emission points of a light
+POINTS_UNIT = 14  # texture unit of the emission points, beyond those of what passes read
 
 TRANSMITTANCE_MAPS = "shadow_transmittance", "shadow_transmittance_depth"
 
@@ -86,26 +91,56 @@ class LightSet:
         if len(scene.lights) > max_lights:
             raise SceneError(f"{len(scene.lights)} lights are too many for {device.renderer}", scene.name,
                              f"expected at most {max_lights}")
-        self._set_lights(scene.lights, traced or (False,) * len(scene.lights))
+        self._ctx = device.ctx
+        self._set_lights(scene, traced or (False,) * len(scene.lights))
         self.bounds = self._swept = scene.swept_bounds
         self._has_see_through = any(m.is_see_through for m in scene.materials)
         self._max_size = device.max_size
         self.tiles, self.atlas_size = lay_out(self.mapped, device.max_size)
         self.buffer = device.ctx.buffer(reserve=LIGHT_BYTES * max(1, len(self.lights)))
+        self._emission_points = self._make_emission_points()
 
-    def _set_lights(self, lights: tuple[Light, ...], traced: tuple[bool, ...]) -> None:
-        self.mapped = tuple(light for light, is_traced in zip(lights, traced, strict=True) if not is_traced)
-        others = (light for light, is_traced in zip(lights, traced, strict=True) if is_traced)
+    def _set_lights(self, scene: Scene, traced: tuple[bool, ...]) -> None:
+        self.mapped = tuple(light for light, is_traced in zip(scene.lights, traced, strict=True) if not is_traced)
+        others = (light for light, is_traced in zip(scene.lights, traced, strict=True) if is_traced)
         self.lights = (*self.mapped, *sorted(others, key=lambda light: isinstance(light, RectLight)))
+        self._points = {light: scene.approximate_lights[light] for light in self.lights[len(self.mapped):]
+                        if light in scene.approximate_lights}
+
+    def _make_emission_points(self) -> moderngl.Texture | None:
+        """A texture with ``POINT_ROWS`` rows for each traced light that only approximates emissive surfaces."""
+        if not self._points:
+            return None
+        width = max(len(points.area) for points in self._points.values())
+        texels = np.zeros((len(self._points), POINT_ROWS, width, 4), np.float32)
+        for (positions, normals, intensities), points in zip(texels, self._points.values(), strict=True):
+            count = len(points.area)
+            positions[:count] = np.concatenate([points.offset, points.area[:, None] / np.float32(math.pi)], axis=1)
+            normals[:count] = np.concatenate([points.normal, points.two_sided[:, None]], axis=1)
+            intensities[:count, :3] = points.intensity
+        return self._ctx.texture((width, texels.shape[0] * POINT_ROWS), 4, texels.tobytes(), dtype="f4")
+
+    def bind_emission_points(self, program: Program) -> None:
+        """Let ``program`` read the emission points of traced lights, if any has some."""
+        if self._emission_points is not None:
+            self._emission_points.use(POINTS_UNIT)
+            program.set(emission_points=POINTS_UNIT)
+
+    def release(self) -> None:
+        self.buffer.release()
+        if self._emission_points is not None:
+            self._emission_points.release()
 
     def replace(self, scene: Scene, traced: tuple[bool, ...]) -> bool:
         """Take the lights of ``scene`` if they need the same shaders and shadow maps; whether they do."""
         other = copy(self)
-        other._set_lights(scene.lights, traced)
+        other._set_lights(scene, traced)
         other.tiles, other.atlas_size = lay_out(other.mapped, self._max_size)
         if (other.defines, other.tiles) != (self.defines, self.tiles):
             return False
         self.lights, self.mapped = other.lights, other.mapped
+        if self._points != other._points:  # the points themselves are compared by identity
+            self._points, self._emission_points = other._points, other._make_emission_points()
         return True
 
     def cover(self, boxes: F64) -> None:
@@ -151,7 +186,7 @@ class LightSet:
             "HAS_SOFT_MAP": self.has_soft_maps, "HAS_HARD_MAP": self.has_hard_maps,
             **{f"HAS_{MAP_NAMES[tile.kind]}_MAP": True for tile in self.tiles},
             "HAS_TRACED_LIGHT": bool(traced), "HAS_TRACED_SPHERE": rect_count < len(traced),
-            "HAS_TRACED_RECT": rect_count > 0,
+            "HAS_TRACED_RECT": rect_count > 0, "HAS_EMISSION_POINTS": bool(self._points),
         }
         return {"LIGHT_COUNT": len(self.lights), "MAPPED_COUNT": len(self.mapped),
                 "RECTS_BEGIN": len(self.lights) - rect_count,
@@ -168,6 +203,8 @@ class LightSet:
         position, color, u, v, location, frame_x, frame_y, frame_z = row
         if tile is not None:
             location[:] = (*tile.corner, tile.face, tile.kind)
+        elif light in self._points:
+            location[:2] = POINT_ROWS * list(self._points).index(light), len(self._points[light].area)
         color[3] = list(LIGHT_KINDS).index(type(light))
         if isinstance(light, DirectionalLight):
             parallel = self._parallel(light)

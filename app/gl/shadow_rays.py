@@ -11,7 +11,7 @@ from app.gl.context import Device
 from app.gl.frame_state import FrameState
 from app.gl.shader import Program
 
-TO_LIGHT, TO_SKY = 1.0, 2.0  # in shadow_rays.frag
+PASSES_PROXIES, MEETS_ALL = 1.0, 2.0  # kinds of rays in shadow_rays.frag
 SKY_DISTANCE = 100.0         # of the scene's longest edge, that rays towards the environment cross
 RAY_EPSILON = 1e-4           # of the scene's longest edge, by which rays start off their surface
 
@@ -72,6 +72,7 @@ class ShadowRays:
         shift = (frame.view.eye - self._scene.origin).astype(np.float32)
         self.program.set(noise_phase=frame.noise_phase, ray_epsilon=RAY_EPSILON * self._scene.extent,
                          sky_distance=SKY_DISTANCE * self._scene.extent)
+        frame.lights.bind_emission_points(self.program)
         self._target.use()
         self._device.ctx.enable_only(moderngl.NOTHING)
         for sample in samples:
@@ -79,7 +80,7 @@ class ShadowRays:
             self._device.draw_fullscreen(self.program)
             origin, vector, light = (np.frombuffer(t.read(), np.float32).reshape(count, 4) for t in self._textures)
             unshadowed += light[:, :3]
-            for kind, proxies_block in ((TO_LIGHT, False), (TO_SKY, True)):
+            for kind, proxies_block in ((PASSES_PROXIES, False), (MEETS_ALL, True)):
                 rows = np.flatnonzero(vector[:, 3] == kind)
                 if len(rows):
                     seen = rows[~self._scene.is_occluded(origin[rows, :3] + shift, vector[rows, :3], proxies_block)]

@@ -17,6 +17,7 @@ from app.scene import (
     CameraPath,
     Clearcoat,
     DirectionalLight,
+    EmissionPoints,
     Environment,
     Instance,
     Light,
@@ -264,7 +265,7 @@ def emissive() -> Scene:
 def materials() -> Scene:
     """Every map of a material, two uv sets, mirrored uvs and a mirrored instance, clear coats, sheen, unlit signs.
 
-    Also lights behind a surface whose mapped normals face them.
+    Also lights behind a surface whose mapped normals face them, and a rectangle that stands for a diagonal of points.
     """
     noise = np.random.default_rng(1).integers(0, 256, (32, 32, 4)).astype(np.uint8)
     ramp = np.broadcast_to(np.linspace(40, 255, 16).astype(np.uint8)[:, None, None], (16, 16, 4))
@@ -298,14 +299,14 @@ def materials() -> Scene:
     mirrored = affine_matrix(np.diag([-1.0, 1.0, 1.0]), (0.45, 0.3, 0.5))
     transforms = {2: rotation_about_y(0.6, (-0.7, 0.3, 0.5)), 3: mirrored, 5: rotation_about_y(0.0, (-0.1, 0.3, 0.2)),
                   7: rotation_about_y(np.pi, (0.6, 0.0, -1.8))}
-    edge_u, edge_v = (-0.8, 0.0, 0.0), (0.0, 0.0, -0.8)
-    lights = (PointLight((-1.0, 1.0, 1.4), (1.2, 1.1, 1.0)),
-              RectLight((0.8, 1.6, 0.2), edge_u, edge_v, (2.0, 1.8, 1.5)),
+    panel = RectLight((0.8, 1.6, 0.2), (-0.8, 0.0, 0.0), (0.0, 0.0, -0.8), (2.0, 1.8, 1.5))
+    lights = (PointLight((-1.0, 1.0, 1.4), (1.2, 1.1, 1.0)), panel,
               DirectionalLight((0.9, -0.12, 0.05), (0.7, 0.7, 0.9), angular_radius_deg=0.5),
               PointLight((1.05, 1.0, -1.0), (0.5, 0.5, 0.4), radius=0.01),
               SpotLight((0.2, 1.4, 1.6), (-0.1, -0.8, -1.0), (1.0, 1.0, 1.2), inner_deg=20.0, outer_deg=40.0))
     still = CameraPath.still(Camera((0.2, 0.8, 2.6), (0.0, 0.35, 0.0), fov_y_deg=46.0))
-    scene = _scene("materials", meshes, transforms, materials, lights, {"main": still})
+    scene = replace(_scene("materials", meshes, transforms, materials, lights, {"main": still}),
+                    approximate_lights={panel: _diagonal(panel)})
     sky = np.linspace([0.1, 0.15, 0.3], [0.3, 0.25, 0.2], 8)[:, None]
     return replace(scene, environment=Environment(np.broadcast_to(sky, (8, 16, 3)).astype(np.float32)))
 
@@ -348,6 +349,18 @@ def glass() -> Scene:
     path = CameraPath((0.0, 4 * FRAME_SECONDS), (first, replace(first, eye=(0.15, 0.9, 2.8))))
     scene = _scene("glass", meshes, transforms, materials, lights, {"path": path}, motions)
     return replace(scene, environment=Environment(np.full((4, 8, 3), (0.2, 0.25, 0.35), np.float32)))
+
+
+def _diagonal(light: RectLight) -> EmissionPoints:
+    """Eight points, half of them two-sided."""
+    along = np.linspace(-0.45, 0.45, 8, dtype=np.float32)[:, None]
+    normal = np.cross(light.edge_u, light.edge_v)
+    area = float(np.linalg.norm(normal)) / len(along)
+    tile = np.ones_like(along)
+    return EmissionPoints(along * np.add(light.edge_u, light.edge_v, dtype=np.float32),
+                          tile * (normal / np.linalg.norm(normal)).astype(np.float32),
+                          tile * np.multiply(light.radiance, area, dtype=np.float32), area * tile[:, 0],
+                          np.arange(len(along)) % 2 == 0)
 
 
 def _stripes() -> Bytes:

@@ -84,8 +84,8 @@ class Patches:
         return np.asarray(self.power.sum(axis=1))
 
 
-def make_patches(triangles: EmissiveTriangles, whole: Bools) -> Patches:
-    """Patches of all triangles, in an order that depends on where they are only.
+def divide_into_patches(triangles: EmissiveTriangles, whole: Bools) -> tuple[EmissiveTriangles, Ints]:
+    """Smaller triangles, and the number of the patch of each, which depends on where they are only.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def make_patches(triangles: EmissiveTriangles, whole: Bools) -> Patches:
     cell = np.maximum(np.sqrt(area / patches), diameter / MAX_PIECE_CELLS)
     cell[patches < MIN_PIECE_PATCHES] = np.inf  # the whole piece
     small = _refine(triangles, cell[triangles.piece])
-    return _merge(small, _number_cells(small, cell, low))
+    return small, _number_cells(small, cell, low)
 
 
 def _boxes(triangles: EmissiveTriangles, count: int) -> tuple[F64, F64]:
@@ -143,8 +143,8 @@ def _number_cells(triangles: EmissiveTriangles, cell: F64, low: F64) -> Ints:
     return np.unique(number, return_inverse=True)[1].astype(np.int64)
 
 
-def _merge(triangles: EmissiveTriangles, patch: Ints) -> Patches:
-    """One patch for each number in ``patch``, shape (T,)."""
+def make_patches(triangles: EmissiveTriangles, patch: Ints) -> Patches:
+    """The patches of triangles: one for each number in ``patch``, shape (T,)."""
     power, normals = triangles.power, triangles.normals
     unit = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     weight = power.sum(axis=1)

@@ -11,7 +11,8 @@ import numpy as np
 
 from app.arrays import F64, Bools, Ints
 from app.load.emission import mean_radiance
-from app.load.emission_patches import EmissiveTriangles, make_patches
+from app.load.emission_patches import EmissiveTriangles, divide_into_patches, make_patches
+from app.load.emission_points import place_points
 from app.load.emissive_pieces import Pieces, find_pieces
 from app.load.exact_rectangles import find_rectangles
 from app.load.light_clusters import cluster_patches
@@ -19,7 +20,7 @@ from app.load.light_fit import Receivers
 from app.load.light_proxies import ProxySplitter
 from app.load.receivers import sample_receivers, surround
 from app.load.scene_builder import MAX_COORDINATE, SceneBuilder, vector
-from app.scene import Instance, Light, Material, Mesh, PointLight, RectLight
+from app.scene import EmissionPoints, Instance, Light, Material, Mesh, PointLight, RectLight
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,16 +55,21 @@ def find_emitters(builder: SceneBuilder) -> None:
         return
     triangles, count = emitters.triangles, int(emitters.triangles.piece.max()) + 1
     rectangles = find_rectangles(triangles, emitters.textured)
-    patches = make_patches(triangles, np.isin(np.arange(count), list(rectangles)))
+    small, patch = divide_into_patches(triangles, np.isin(np.arange(count), list(rectangles)))
+    patches = make_patches(small, patch)
     exact = {int(np.flatnonzero(patches.piece == number)[0]): light for number, light in rectangles.items()}
     clusters = cluster_patches(patches, _receivers(builder, emitters, set(emissive)), exact)
-    is_exact = [len(c.patches) == 1 and int(c.patches[0]) in exact for c in clusters]
-    exact_pieces = [patches.piece[c.patches[0]] for c, alone in zip(clusters, is_exact, strict=True) if alone]
-    lights = [(_translate(light, emitters.origin), alone) for cluster, alone in zip(clusters, is_exact, strict=True)
-              for light in cluster.lights]
-    approximate = [light for light, alone in lights if not alone]
-    builder.lights += [light for light, _ in lights]
-    builder.approximate_lights += approximate
+    approximate: dict[Light, EmissionPoints] = {}
+    exact_pieces, lights = [], []
+    for cluster in clusters:
+        lights += [_translate(light, emitters.origin) for light in cluster.lights]
+        if len(cluster.patches) == 1 and int(cluster.patches[0]) in exact:
+            exact_pieces.append(patches.piece[cluster.patches[0]])
+            continue
+        part = small.select(np.flatnonzero(np.isin(patch, cluster.patches)))
+        approximate |= {_translate(light, emitters.origin): place_points(part, light) for light in cluster.lights}
+    builder.lights += lights
+    builder.approximate_lights |= approximate
     if approximate:
         builder.notice(_describe(count, len(lights), len(approximate)))
     _mark_proxies(builder, emitters, np.isin(triangles.piece, exact_pieces))

@@ -290,7 +290,7 @@ def _make_scene(builder: SceneBuilder, path: Path, camera: str, lighting: str | 
         lights=tuple(builder.lights), cameras=builder.cameras, default_camera=camera,
         bounds=bounds_of(meshes, instances), lighting=lighting or "", notices=tuple(builder.notices),
         environment=builder.environment, approximations=tuple(builder.approximations),
-        approximate_lights=tuple(builder.approximate_lights),
+        approximate_lights=builder.approximate_lights,
         approximated_materials=tuple(builder.approximated_materials),
     )
     if any(i.moves for i in instances):

@@ -14,7 +14,7 @@ from app.arrays import F32, F64, Floats, Ints
 from app.errors import SceneError
 from app.load.geometry import RawMesh, clean
 from app.load.tangents import with_tangents
-from app.scene import CameraPath, Environment, Instance, Light, Material, Mesh
+from app.scene import CameraPath, EmissionPoints, Environment, Instance, Light, Material, Mesh
 
 MAX_COORDINATE, MAX_RADIANCE = 1e15, 1e30  # as in scene.schema.json
 MAX_TRIANGLES = MAX_VERTICES = 2**26       # of all meshes; a small file can repeat a large mesh
@@ -33,7 +33,7 @@ class SceneBuilder:
     groups : dict of str to list of int
         Indices into ``instances`` of everything that a name in the file moves: an object, or a node with all its
         descendants.
-    approximate_lights, approximated_materials, approximations : list
+    approximate_lights, approximated_materials, approximations
         See ``Scene``.
     variant : str or None
         Which of ``variants``, the file's sets of materials (KHR_materials_variants), is wanted; None: its default.
@@ -54,7 +54,7 @@ class SceneBuilder:
     groups: dict[str, list[int]] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
     environment: Environment | None = None
-    approximate_lights: list[Light] = field(default_factory=list)
+    approximate_lights: dict[Light, EmissionPoints] = field(default_factory=dict)
     approximated_materials: list[int] = field(default_factory=list)
     approximations: list[str] = field(default_factory=list)
     variant: str | None = None

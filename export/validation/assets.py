@@ -65,7 +65,7 @@ def lit_assets(file: Path, size: tuple[int, int]) -> Iterator[LitAsset]:
     if any(m.is_see_through for m in scene.materials):
         yield LitAsset(file.stem, STUDIO, Still(load_scene(file, lighting=STUDIO, ground=True), camera, size))
         return
-    scene = replace(scene, environment=None, approximate_lights=(), approximated_materials=(), materials=tuple(
+    scene = replace(scene, environment=None, approximate_lights={}, approximated_materials=(), materials=tuple(
         replace(m, emission=(0.0, 0.0, 0.0), is_light_proxy=False) for m in scene.materials))
     for name in LIGHTS:
         lit = scene.with_lights(_light(name, camera))

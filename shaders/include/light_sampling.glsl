@@ -1,4 +1,4 @@
-// Points on lights with an area, and directions of an environment, for shadow rays whose unshadowed light is known.
+// Points of lights with an area, for shadow rays whose unshadowed light is known.
 // Rectangles are sampled by solid angle (Ureña, Fajardo and King 2013, "An Area-Preserving Parametrization for
 // Spherical Rectangles"), warped by the cosines at the corners (Hart, Pharr, Müller, Lopes, McGuire and Shirley 2020,
 // "Practical Product Sampling by Fitting and Composing Warps"); spheres by the cone that they fill.
@@ -8,10 +8,35 @@ const float MIN_SOLID_ANGLE = 1e-3;    // below it rounding spoils the spherical
 const float INSIDE = 1.001;            // of the squared radius, within which a receiver counts as inside of a sphere
 const float MIN_CORNER_COSINE = 0.05;  // so that corners below the horizon don't hide what lies between them
 
+const float LUMINANCE_FLOOR = 1e-30;
+const int POINT_CANDIDATES = 4;        // of emission points, of which one is chosen, as of the environment's directions
+
+#ifdef HAS_EMISSION_POINTS
+uniform sampler2D emission_points;  // a light has three rows: offset from its centre and squared radius of a disc of the
+                                    // point's area; normal and whether the back emits too; intensity along the normal
+#endif
+
 struct LightSample {
     vec3 vector;  // from the receiver to a point of the light
     vec3 light;   // irradiance that it sends, over the density of the sample
+    bool meets_proxies;  // whether light proxies are in the way of its ray
 };
+
+float luminance(vec3 c)
+{
+    return dot(c, vec3(0.2126, 0.7152, 0.0722));
+}
+
+// Whether a candidate replaces the one that was chosen before it, by pick in [0, 1); adds its target to the total. What is
+// left of the number is as random as it was.
+bool replaces(float target, inout float total, inout float pick)
+{
+    float before = total;
+    total += target;
+    bool take = target > 0.0 && pick * total < target;
+    pick = take ? pick * total / target : before > 0.0 ? (pick * total - target) / before : pick;
+    return take;
+}
 
 // A rectangle in the axes of its edges, as seen from the receiver.
 struct SphericalRectangle {
@@ -85,7 +110,7 @@ LightSample sample_rectangle(Light light, vec3 to_light, vec3 n, vec2 s)
         float square = dot(point, point);
         solid_angle = 4.0 * abs(dot(point, cross(u, v))) / max(square * sqrt(square), 1e-30);
     }
-    return LightSample(point, light.color.rgb * (solid_angle * max(dot(normalize(point), n), 0.0) / density));
+    return LightSample(point, light.color.rgb * (solid_angle * max(dot(normalize(point), n), 0.0) / density), false);
 }
 
 LightSample sample_sphere(Light light, vec3 to_light, vec3 n, vec2 s)
@@ -107,13 +132,43 @@ LightSample sample_sphere(Light light, vec3 to_light, vec3 n, vec2 s)
 #ifdef HAS_SPOT_LIGHT
     if (int(light.color.w) == SPOT) radiance *= spot_falloff(light, axis);
 #endif
-    return LightSample(vector, radiance * (solid_angle * max(dot(direction, n), 0.0)));
+    return LightSample(vector, radiance * (solid_angle * max(dot(direction, n), 0.0)), false);
 }
+
+#ifdef HAS_EMISSION_POINTS
+// A point of the surfaces that a light only approximates: what holds them, and they themselves, may be in the way.
+LightSample sample_emission_points(Light light, vec3 to_light, vec3 n, vec2 s)
+{
+    int row = int(light.tile.x);
+    LightSample chosen = LightSample(to_light, vec3(0.0), true);
+    float total = 0.0, chosen_target = 0.0, pick = s.y;
+    for (int i = 0; i < POINT_CANDIDATES; ++i) {
+        int index = int(fract(s.x + float(i) / float(POINT_CANDIDATES)) * light.tile.y);
+        vec4 at = texelFetch(emission_points, ivec2(index, row), 0);
+        vec4 facing = texelFetch(emission_points, ivec2(index, row + 1), 0);
+        vec3 intensity = texelFetch(emission_points, ivec2(index, row + 2), 0).rgb;
+        vec3 vector = to_light + at.xyz;
+        float square = max(dot(vector, vector), 1e-30), emitted = -dot(vector, facing.xyz);
+        float cosines = (facing.w > 0.5 ? abs(emitted) : max(emitted, 0.0)) * max(dot(vector, n), 0.0) / square;
+        vec3 received = intensity * (light.tile.y * cosines / (square + at.w));
+        float target = luminance(received);
+        bool take = replaces(target, total, pick);
+        chosen.vector = take ? vector : chosen.vector;
+        chosen.light = take ? received : chosen.light;
+        chosen_target = take ? target : chosen_target;
+    }
+    chosen.light *= total / (float(POINT_CANDIDATES) * max(chosen_target, LUMINANCE_FLOOR));
+    return chosen;
+}
+#endif
 
 // A point of ``light`` for s in [0, 1)², as seen from relative point p with unit normal n.
 LightSample sample_light(Light light, vec3 p, vec3 n, vec2 s)
 {
     vec3 to_light = light.position.xyz - p;
+#ifdef HAS_EMISSION_POINTS
+    if (light.tile.y > 0.5) return sample_emission_points(light, to_light, n, s);
+#endif
 #ifdef HAS_RECT_LIGHT
     if (int(light.color.w) == RECT) return sample_rectangle(light, to_light, n, s);
 #endif

@@ -13,7 +13,8 @@ struct Light {
     vec4 u;         // rectangle: half edge, w = distance up to which points are in its plane; spot: axis; directional: x = half
                     // width of its map
     vec4 v;         // rectangle: half edge, w = two-sided; spot: inner and outer half angle in radians
-    vec4 tile;      // shadow map: corner and face size in texels, kind of map
+    vec4 tile;      // shadow map: corner and face size in texels, kind of map; without one: first row of its emission points,
+                    // and their number
     vec4 frame_x;   // axes of a single map; rectangle: direction of u, w = its length
     vec4 frame_y;   // rectangle: direction of v, w = its length
     vec4 frame_z;   // rectangle: unit normal, along u x v

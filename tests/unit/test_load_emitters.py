@@ -164,4 +164,4 @@ def test_emission_texture_counts_by_its_linear_mean(tmp_path):
     scene = load_scene(gltf.save(tmp_path))
     np.testing.assert_allclose(power_of(scene), 2 * np.pi * 0.25, rtol=1e-6)
     assert all(light.two_sided for light in scene.lights)
-    assert scene.approximate_lights == scene.lights, "the mean of a texture is no exact radiance"
+    assert tuple(scene.approximate_lights) == scene.lights, "the mean of a texture is no exact radiance"

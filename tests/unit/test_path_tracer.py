@@ -15,6 +15,7 @@ from app.math3d import View
 from app.scene import (
     Camera,
     DirectionalLight,
+    EmissionPoints,
     Environment,
     Light,
     Material,
@@ -303,7 +304,8 @@ def test_meshes_emit_what_lights_only_approximate() -> None:
     light = RectLight((0.0, 1.0, -0.5), (3.0, 0.0, 0.0), (0.0, 0.0, -3.0), (9.0, 9.0, 9.0), True)
     above = PointLight((0.0, 2.0, -1.0), (1.0, 1.0, 1.0))  # behind the panel, as seen from the origin
     scene = make_scene([floor(2.0), panel], [above, light], CAMERA)
-    approximated = replace(scene, approximate_lights=(light,), approximated_materials=(1,))
+    unused = EmissionPoints(*[np.zeros(0)] * 5)
+    approximated = replace(scene, approximate_lights={light: unused}, approximated_materials=(1,))
     bare = replace(make_scene([floor(2.0), quad((-0.5, 1.0, -1.0), (1, 0, 0), (0, 0, 1), emissive())], [above], CAMERA))
     view = View.of(CAMERA, (64, 48), 1e-3)
     exact, seen, expected = (PathTracer(s, max_bounces=0, emission_is_direct=s is bare).trace(

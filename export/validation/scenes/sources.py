@@ -25,5 +25,5 @@ def with_found_emitters(scene: Scene) -> Scene:
     builder.drop_unused()
     return replace(scene, meshes=tuple(builder.meshes), instances=tuple(builder.instances),
                    materials=tuple(builder.materials), lights=tuple(builder.lights), notices=tuple(builder.notices),
-                   approximate_lights=tuple(builder.approximate_lights),
+                   approximate_lights=builder.approximate_lights,
                    approximated_materials=tuple(builder.approximated_materials))

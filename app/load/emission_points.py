@@ -1,0 +1,40 @@
+"""Points of the emissive surfaces that an approximate light stands for, to which its shadow rays go."""
+
+import numpy as np
+
+from app.arrays import F64, Ints
+from app.load.emission_patches import EmissiveTriangles
+from app.scene import EmissionPoints, Light, PointLight, RectLight
+
+POINTS = 256  # of a light
+R2 = np.array([0.7548776662466927, 0.5698402909980532])  # Roberts 2018, "The Unreasonable Effectiveness of Quasirandom
+                                                         # Sequences"
+
+
+def place_points(triangles: EmissiveTriangles, light: Light) -> EmissionPoints:
+    """Points of ``triangles``, one for each part of equal power, so that neighbours in the order lie close together."""
+    weight = triangles.power.sum(axis=1)
+    row = _choose(triangles, weight)
+    u, v = np.hsplit((0.5 + R2 * np.arange(POINTS)[:, None]) % 1.0, 2)
+    root = np.sqrt(u)
+    a, b, c = np.moveaxis(triangles.corners[row], 1, 0)
+    position = (1 - root) * a + root * (1 - v) * b + root * v * c
+    normals = triangles.normals[row]
+    area = np.linalg.norm(normals, axis=1)
+    share = weight.sum() / (POINTS * weight[row])  # how often a point stands for its triangle
+    assert isinstance(light, RectLight | PointLight)
+    center = light.center if isinstance(light, RectLight) else light.position
+    return EmissionPoints((position - center).astype(np.float32), (normals / area[:, None]).astype(np.float32),
+                          ((share * area)[:, None] * triangles.radiance[row]).astype(np.float32),
+                          (share * area).astype(np.float32), triangles.two_sided[row])
+
+
+def _choose(triangles: EmissiveTriangles, weight: F64) -> Ints:
+    """The triangle of each point: systematic samples of the power, along the longest axis of the triangles."""
+    middle = triangles.corners.mean(axis=1)
+    away = middle - weight @ middle / weight.sum()
+    along = away @ np.linalg.eigh(np.einsum("t,ti,tj->ij", weight, away, away))[1][:, 2]
+    order = np.argsort(along, kind="stable")
+    sums = np.cumsum(weight[order])
+    wanted = (np.arange(POINTS) + 0.5) / POINTS * sums[-1]
+    return np.asarray(order[np.minimum(np.searchsorted(sums, wanted), len(order) - 1)])

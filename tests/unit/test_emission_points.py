@@ -1,0 +1,41 @@
+"""Points that stand for the surfaces of an approximate light."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.load.emission_patches import EmissiveTriangles
+from app.load.emission_points import POINTS, place_points
+from app.scene import PointLight
+
+CENTER = np.array([1.0, 2.0, 3.0])
+
+
+def triangles() -> EmissiveTriangles:
+    """Two squares that face up and left, the second two-sided, and a weak small one far away."""
+    square = np.array([[(0, 0, 0), (0, 0, 1), (1, 0, 1)], [(0, 0, 0), (1, 0, 1), (1, 0, 0)]], float)
+    left = np.array([[(5, 0, 0), (5, 0, 1), (5, 1, 1)], [(5, 0, 0), (5, 1, 1), (5, 1, 0)]], float)
+    radiance = np.repeat([(1.0, 2.0, 4.0), (3.0, 1.0, 0.0), (0.1, 0.1, 0.1)], 2, axis=0)
+    return EmissiveTriangles(np.concatenate([square, left, 0.1 * square + (20, 0, 0)]), radiance,
+                             np.repeat([False, True, False], 2), np.repeat([0, 1, 2], 2))
+
+
+def test_points_lie_on_the_surfaces_in_proportion_to_their_power() -> None:
+    points = place_points(triangles(), PointLight((1.0, 2.0, 3.0), (1.0, 1.0, 1.0), 0.5))
+    at = points.offset + CENTER
+    up, side = np.abs(at[:, 1]) < 1e-5, np.abs(at[:, 0] - 5) < 1e-5
+    np.testing.assert_array_equal(up, ~side)
+    np.testing.assert_allclose(points.normal[up], [[0, 1, 0]] * int(up.sum()), atol=1e-6)
+    np.testing.assert_allclose(points.normal[side], [[-1, 0, 0]] * int(side.sum()), atol=1e-6)
+    np.testing.assert_array_equal(points.two_sided, side)
+    assert abs(int(side.sum()) - POINTS * 8 / (7 + 8)) <= 2, "power counts both sides"
+    quarter = (at[side, 1] < 0.5) & (at[side, 2] < 0.5)
+    assert abs(quarter.mean() - 0.25) < 0.03
+
+
+def test_points_have_the_power_and_area_of_the_surfaces() -> None:
+    emitters = triangles()
+    points = place_points(emitters, PointLight((1.0, 2.0, 3.0), (1.0, 1.0, 1.0), 0.5))
+    power = (np.pi * (1 + points.two_sided)[:, None] * points.intensity).sum(axis=0)
+    np.testing.assert_allclose(power, emitters.power.sum(axis=0), rtol=0.02)
+    assert abs(points.area.sum() - 2.01) < 0.04
