@@ -8,11 +8,14 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from app.arrays import F64
 from app.math3d import View
 from app.raycast.caster import Caster
 from app.scene import Scene
 from app.surfels.lookup import SurfelLookup
 from app.surfels.world import WorldSurfels
+
+MIN_EYE_MOVE = 0.25  # median radii of surfels, before the eye's surroundings are tested again
 
 
 class TrackedSurfels:
@@ -35,7 +38,7 @@ class TrackedSurfels:
 
     def __init__(self, scene: Scene, caster: Callable[[], Caster], count: int, rays: int) -> None:
         self._scene, self._caster, self.count, self.rays = scene, caster, count, rays
-        self._placed_from, self._eye = np.zeros(3), np.zeros(3)
+        self._placed_from = self._tested_from = np.zeros(3)  # world space
         self._covers_own_eye = False
         self._viewpoints: tuple[Sequence[View], float] | None = None  # of which the surfels are, and the time
         self.version = 0
@@ -70,18 +73,23 @@ class TrackedSurfels:
             return
         moved = self.world.move_to(time)
         self.version += moved
-        if (moved or not np.array_equal(view.eye, self._eye)) and self._needs_others(view):
-            self._place([view], time)
-        self._eye = view.eye
+        if moved or self._is_farther(view, MIN_EYE_MOVE, self._tested_from):
+            self._tested_from = view.eye
+            if self._needs_others(view):
+                self._place([view], time)
 
     def _needs_others(self, view: View) -> bool:
         """Whether newly placed surfels would serve the view better."""
         # Surfels that don't cover the eye they were placed from would otherwise be replaced in every frame.
-        far = float(np.linalg.norm(view.eye - self._placed_from)) > float(np.median(self.world.radius))
-        return (far or self._covers_own_eye) and not self.world.covers(view.eye)
+        is_far = self._is_farther(view, 1.0, self._placed_from)
+        return (is_far or self._covers_own_eye) and not self.world.covers(view.eye)
+
+    def _is_farther(self, view: View, radii: float, point: F64) -> bool:
+        """Whether the view's eye is more than so many median radii of the surfels away from a point in world space."""
+        return float(np.linalg.norm(view.eye - point)) > radii * float(self.world.median_radius)
 
     def _place(self, views: Sequence[View], time: float) -> None:
         self.world = WorldSurfels(self._scene, self.caster, views, self.count, self.rays, time)
-        self._placed_from = self._eye = views[0].eye
+        self._placed_from = self._tested_from = views[0].eye
         self._covers_own_eye = self.world.covers(views[0].eye)
         self.version += 1

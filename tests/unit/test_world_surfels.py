@@ -353,6 +353,17 @@ def test_surfels_are_placed_again_when_the_camera_leaves_them() -> None:
     assert (tracked.world.position + tracked.world.origin)[:, 0].min() > 4
 
 
+def test_coverage_is_tested_only_after_noticeable_moves(monkeypatch: pytest.MonkeyPatch) -> None:
+    tracked = track(two_rooms(), 512)
+    tracked.update(view(), 0.0)
+    tested: list[float] = []
+    monkeypatch.setattr(WorldSurfels, "covers", lambda _, eye: tested.append(eye[0]) is None)
+    step = 0.1 * float(tracked.world.median_radius)
+    for index in range(1, 10):
+        tracked.update(view((INSIDE[0] - index * step, *INSIDE[1:])), 0.0)
+    assert tested == pytest.approx([INSIDE[0] - index * step for index in (3, 6, 9)])
+
+
 def test_tracked_surfels_move_with_bodies() -> None:
     tracked = track(crossing(), 128)
     tracked.update(view(), 0.0)
