@@ -6,13 +6,24 @@ Clip space has z in [0, 1] (``glClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE)``).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from app.arrays import F64, Bools
 from app.scene import Camera
+
+MAX_PRODUCT = 2**18  # multiplications up to which OpenBLAS starts no threads
+
+
+def row_blocks(rows: int, row_size: int) -> Iterator[slice]:
+    """Slices of rows whose products with a matrix, ``row_size`` multiplications for a row, BLAS computes in one thread.
+
+    Its other threads spin for a while after a product, and slow down what runs next.
+    """
+    step = max(1, MAX_PRODUCT // row_size)
+    return (slice(start, min(start + step, rows)) for start in range(0, rows, step))
 
 
 def normalize(v: F64) -> F64:

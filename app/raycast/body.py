@@ -71,7 +71,10 @@ class Body:
         # Vertex values of the uv sets; few scenes have a second one.
         sets = 2 if any(t.uv_set for m in self._materials for t in m.maps.values()) else 1
         self._uvs = [_concatenate([p.uvs[number] for p in parts], (0, 2), np.float32) for number in range(sets)]
-        self._colors = _concatenate([p.colors for p in parts], (0, 4), np.float32)
+        self._colors = None
+        if any(p.colors is not None for p in parts):
+            self._colors = _concatenate([np.ones((len(p.positions), 4), np.float32) if p.colors is None else p.colors
+                                         for p in parts], (0, 4), np.float32)
         self._material = _concatenate([np.full(len(p.triangles), number[id(p.material)]) for p in parts], (0,),
                                       np.int64)
         self.part = np.repeat(np.arange(len(parts)), [len(p.triangles) for p in parts])
@@ -191,7 +194,9 @@ class Body:
         for index, rows in self._by_material(met[self._alpha_tested[material]], triangle):
             m = self._materials[index]
             at = triangle[rows], uv[rows]
-            alpha = np.full(len(rows), m.alpha, np.float32) * self._interpolate(self._colors, *at)[:, 3]
+            alpha = np.full(len(rows), m.alpha, np.float32)
+            if self._colors is not None:
+                alpha *= self._interpolate(self._colors, *at)[:, 3]
             if m.albedo_map is not None:
                 alpha *= sample_nearest(m.albedo_map, self._interpolate(self._uvs[0], *at))[:, 3]
             if m.is_see_through:  # some rays pass, as much light as does
@@ -207,7 +212,8 @@ class Body:
         if m.transmission is None:
             return share[:, 0]
         at = [self._interpolate(uvs, triangle, uv) for uvs in self._uvs]
-        share *= self._interpolate(self._colors, triangle, uv)[:, :3]
+        if self._colors is not None:
+            share *= self._interpolate(self._colors, triangle, uv)[:, :3]
         share *= self._textured(m.albedo_map, at, m.alpha_cutoff is not None)
         share *= self._textured(m.transmission.factor_map, at)[:, :1]
         share *= 1 - m.metallic * self._textured(m.metallic_roughness_map, at)[:, 2:]
@@ -224,12 +230,11 @@ class Body:
         length = np.linalg.norm(normal, axis=1, keepdims=True)
         normal = np.where(length > 1e-6, normal / np.maximum(length, 1e-30), face)
         normal = np.where((normal * face).sum(axis=1, keepdims=True) < 0, -normal, normal)
-        albedo = self._interpolate(self._colors, triangle, uv)[:, :3]
-        emission = np.zeros_like(albedo)
-        front = self._is_front(triangle, directions)
-        n_v = np.abs((normal * directions).sum(axis=1)) / np.linalg.norm(directions, axis=1)
         material = self._material[triangle]
-        albedo *= self._albedo[material]
+        albedo = self._albedo[material]
+        if self._colors is not None:
+            albedo *= self._interpolate(self._colors, triangle, uv)[:, :3]
+        emission = np.zeros_like(albedo)
         specular, (roughness, metallic) = self._specular[material], self._roughness_metallic[material].T[..., None]
         for index, rows in self._by_material(np.flatnonzero(self._varies[material]), triangle):
             m = self._materials[index]
@@ -240,12 +245,14 @@ class Body:
             roughness[rows] *= maps[:, 1:2]
             metallic[rows] *= maps[:, 2:]
             if m.emits and not m.is_light_proxy:
-                emits = front[rows, None] | m.double_sided
+                emits = m.double_sided | self._is_front(triangle[rows], directions[rows])[:, None]
                 emitted = np.array(m.emission, np.float32) * self._textured(m.emission_map, at)
                 emission[rows] = np.where(emits, emitted, 0.0)
         shiny = self._has_specular[material]
+        towards = directions[shiny]
+        n_v = np.abs((normal[shiny] * towards).sum(axis=1)) / np.linalg.norm(towards, axis=1)
         albedo[shiny] = _reflectance(np.clip(albedo[shiny], 0, 1), specular[shiny], roughness[shiny], metallic[shiny],
-                                     n_v[shiny, None])
+                                     n_v[:, None])
         return SurfaceInteraction(normal.astype(np.float32), np.clip(albedo, 0.0, 1.0), np.maximum(emission, 0.0))
 
     def _is_front(self, triangle: Ints, directions: F32) -> Bools:
@@ -254,7 +261,7 @@ class Body:
 
     def _interpolate(self, values: F32, triangle: Ints, uv: F32) -> F32:
         """Vertex values at barycentric coordinates."""
-        a, b, c = (values[self.triangles[triangle, i]] for i in range(3))
+        a, b, c = (values[corner] for corner in self.triangles[triangle].T)
         u, v = uv[:, :1], uv[:, 1:]
         interpolated: F32 = (1 - u - v) * a + u * b + v * c
         return interpolated
@@ -313,7 +320,7 @@ class _Part:
     positions: F32
     normals: F32
     uvs: tuple[F32, F32]
-    colors: F32
+    colors: F32 | None
     triangles: Ints
     material: Material
     mirrored: bool
@@ -332,7 +339,7 @@ def _transform_instance(scene: Scene, instance: Instance, matrix: F64, time: flo
     normals = normals / np.maximum(length, 1e-30)
     none = np.zeros((count, 2), np.float32)
     first, second = (none if uvs is None else _clamp(uvs, -HALF_MAX) for uvs in (mesh.uvs, mesh.second_uvs))
-    colors = np.ones((count, 4), np.float32) if mesh.colors is None else _clamp(mesh.colors, 0.0)
+    colors = None if mesh.colors is None else _clamp(mesh.colors, 0.0)
     material = scene.materials[mesh.material]
     uv_sets = mesh.uvs, mesh.second_uvs
     without_uvs: dict[str, Any] = {name: None for name in _MAPS if (texture := material.maps.get(name)) is not None

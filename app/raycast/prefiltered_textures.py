@@ -53,8 +53,8 @@ def _blur(texture: Texture, alpha_tested: bool) -> F32:
 def _linear(color: Bytes | F32, is_color: bool) -> F32:
     if color.dtype != np.uint8:
         return np.asarray(np.nan_to_num(color, posinf=HALF_MAX, neginf=0).clip(0, HALF_MAX))
-    share = color.astype(np.float32) / np.float32(255)
-    return np.asarray(srgb_decode(share)) if is_color else share
+    share = np.arange(256, dtype=np.float32) / np.float32(255)
+    return np.asarray((srgb_decode(share) if is_color else share)[color])
 
 
 def _nearest(pixels: NDArray[Any], texture: Texture, uv: F32) -> NDArray[Any]:

@@ -8,13 +8,13 @@ behind a wall gets the plane of that wall, and has no weight beyond it.
 import numpy as np
 
 from app.arrays import F32, Bools, Ints
+from app.math3d import row_blocks
 from app.raycast.caster import STATIC, Caster
 from app.surfels import kernel
 
 NEIGHBOURS = 16            # of a surfel, by the weight that it has there
 LIFTS = (1.0, 0.5, 0.1)    # radii above the surfaces at which the neighbour must be hidden: low things are no walls
 MIN_COSINE = 0.2           # between a ray and the wall that it meets
-BLOCK = 256                # surfels at once
 
 
 def find_clip_planes(caster: Caster, position: F32, normal: F32, radius: F32, height: F32) -> F32:
@@ -65,13 +65,12 @@ def _neighbours(position: F32, normal: F32, radius: F32) -> tuple[Ints, F32]:
     count = min(NEIGHBOURS, len(position) - 1)
     near, weight = np.zeros((len(position), count), np.int64), np.zeros((len(position), count), np.float32)
     key, query = kernel.keys(position, normal, radius), kernel.queries(position, normal)
-    for start in range(0, len(position), BLOCK):
-        exponent = key[start:start + BLOCK] @ query.T
+    for block in row_blocks(len(position), query.size):
+        exponent = key[block] @ query.T
         rows = np.arange(len(exponent))
-        exponent[rows, start + rows] = -np.inf
-        block = np.argpartition(-exponent, count - 1, axis=1)[:, :count]
-        near[start:start + BLOCK] = block
-        weight[start:start + BLOCK] = np.exp(exponent[rows[:, None], block])
+        exponent[rows, block.start + rows] = -np.inf
+        near[block] = np.argpartition(-exponent, count - 1, axis=1)[:, :count]
+        weight[block] = np.exp(exponent[rows[:, None], near[block]])
     return near, weight
 
 

@@ -3,8 +3,7 @@
 import numpy as np
 
 from app.arrays import F32, Ints
-
-BLOCK = 1024  # rows of the distance matrix computed at once
+from app.math3d import row_blocks
 
 
 def sample_farthest(points: F32, count: int) -> Ints:
@@ -32,8 +31,7 @@ def neighbour_distance(points: F32, rank: int) -> F32:
     if len(points) <= rank:
         return nearest
     points, square = _center(points)
-    for start in range(0, len(points), BLOCK):
-        rows = slice(start, start + BLOCK)
+    for rows in row_blocks(len(points), points.size):
         distance = square[rows, None] + square - 2 * (points[rows] @ points.T)
         nearest[rows] = np.sqrt(np.maximum(np.partition(distance, rank, axis=1)[:, rank], 0))
     return nearest

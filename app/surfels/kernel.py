@@ -1,13 +1,12 @@
 """The weights with which light is interpolated between surfels.
 
 The logarithm of a weight is a dot product of a query, which describes the point, and a key, which describes the surfel.
-All weights together are therefore one matrix product: the network's attention, and here the search for the nearest
-surfel.
+All weights together are therefore one matrix product, the network's attention.
 """
 
 import numpy as np
 
-from app.arrays import F32, Ints
+from app.arrays import F32
 
 # A weight's exponent is minus the sum of these factors times
 DISTANCE_WEIGHT = 3.0  # the squared distance in radii of the surfel,
@@ -15,9 +14,8 @@ NORMAL_WEIGHT = 8.0    # 1 - the cosine between the normals,
 PLANE_WEIGHT = 24.0    # the squared distance of the surfel from the point's plane in radii,
 CLIP_WEIGHT = 200.0    # and how far the point is beyond the surfel's clip plane, in radii,
 CLIP_MARGIN = 0.02     # less this: points on the wall itself are not beyond it.
-BLOCK = 4096           # queries multiplied at once
-# Up to this many queries avoid BLAS, whose threads spin for a while after a product and slow down the next passes.
-MAX_EINSUM_QUERIES = 256
+
+CENTER, INVERSE_SQUARE = slice(14, 17), 17  # of a key: the surfel's position times the next, and 1 / radius²
 
 
 def keys(position: F32, normal: F32, radius: F32) -> F32:
@@ -47,30 +45,6 @@ def queries(position: F32, normal: F32) -> F32:
                            -DISTANCE_WEIGHT * (position**2).sum(axis=1, keepdims=True)], axis=1).astype(np.float32)
 
 
-def nearest(key: F32, clip: F32, position: F32, normal: F32) -> Ints:
-    """Index of the surfel that has the largest weight at each point, shape (N,).
-
-    Parameters
-    ----------
-    key, clip : ndarray, float32, shapes (S, 18) and (S, 4)
-        ``keys`` and ``clip_keys`` of the surfels.
-    """
-    found = _largest(queries(position, normal), key)
-    at = np.concatenate([position, np.ones_like(position[:, :1])], axis=1)
-    clipped = np.flatnonzero((clip[found] * at).sum(axis=1) < 0)
-    for start in range(0, len(clipped), BLOCK):
-        rows = clipped[start:start + BLOCK]
-        exponent = queries(position[rows], normal[rows]) @ key.T + np.minimum(at[rows] @ clip.T, 0)
-        found[rows] = exponent.argmax(axis=1)
-    return found
-
-
 def clip_keys(plane: F32, radius: F32) -> F32:
     """The negative part of their product with (x, 1) is the exponent at x that clip planes add, shape (S, 4)."""
     return -CLIP_WEIGHT * (plane / radius[:, None] - np.array([0, 0, 0, CLIP_MARGIN], np.float32))
-
-
-def _largest(query: F32, key: F32) -> Ints:
-    if len(query) <= MAX_EINSUM_QUERIES:
-        return np.asarray(np.einsum("nc,sc->ns", query, key).argmax(axis=1))
-    return np.concatenate([(query[i:i + BLOCK] @ key.T).argmax(axis=1) for i in range(0, len(query), BLOCK)])

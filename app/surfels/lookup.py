@@ -12,6 +12,7 @@ CELL_RADII = 0.5      # edge of a cell, in median radii of surfels
 MAX_CELLS = 2**17     # that are remembered
 AXIS_CELLS = 2**19    # along an axis; coordinates beyond share a cell
 MIN_EXPONENT = -80.0  # as in the network
+BLOCK = 4096          # points for which candidates are looked for at once
 
 
 class SurfelLookup:
@@ -118,8 +119,8 @@ class SurfelLookup:
         """The surfels with the largest weights at points, shape (N, K), in descending order."""
         count = self._candidates.shape[1]
         blocks = []
-        for start in range(0, len(position), kernel.BLOCK):
-            rows = slice(start, start + kernel.BLOCK)
+        for start in range(0, len(position), BLOCK):
+            rows = slice(start, start + BLOCK)
             at = np.concatenate([position[rows], np.ones_like(position[rows, :1])], axis=1)
             exponent = (kernel.queries(position[rows], normal[rows]) @ self._keys.T + self._surfels[:, 7]
                         + np.minimum(at @ self._clip.T, 0))

@@ -12,7 +12,7 @@ from app.environment import sky_light
 from app.math3d import View
 from app.raycast.caster import STATIC, AttachedPoints, Caster, Hits
 from app.scene import Scene
-from app.surfels import kernel
+from app.surfels import kernel, neighbours
 from app.surfels.clip_planes import find_clip_planes
 from app.surfels.farthest_points import neighbour_distance, sample_farthest
 from app.surfels.random_walks import sample_sphere, trace_walks
@@ -199,7 +199,7 @@ class WorldSurfels:
                 plane = self.clip_plane[surfels].copy()
                 plane[:, 3] += plane[:, :3] @ center
                 clip = kernel.clip_keys(plane, self.radius[surfels])
-                nearest[rows] = surfels[kernel.nearest(key, clip, hits.position[rows] - center, hits.normal[rows])]
+                nearest[rows] = surfels[neighbours.nearest(key, clip, hits.position[rows] - center, hits.normal[rows])]
         return nearest
 
     def _pad(self, rows: NDArray[Any], fill: float = 0.0) -> F32:

@@ -9,6 +9,7 @@ from app.math3d import View
 from app.raycast.caster import Caster
 from app.scene import Camera
 from app.surfels import kernel
+from app.surfels.neighbours import nearest
 from app.surfels.world import WorldSurfels
 from tests.gl.scenes import Part, box, make_scene, quad
 
@@ -62,8 +63,8 @@ def test_rays_that_end_beside_a_wall_meet_surfels_of_their_own_side() -> None:
     position = (points - world.origin).astype(np.float32)
     key = kernel.keys(world.position, world.normal, world.radius)
     clip = kernel.clip_keys(world.clip_plane, world.radius)
-    sides = [np.sign(points[:, 0] - 2.5) == np.sign(world.position[nearest, 0] + world.origin[0] - 2.5)
-             for nearest in (kernel.nearest(key, clip, position, up), kernel.nearest(key, 0 * clip, position, up))]
+    sides = [np.sign(points[:, 0] - 2.5) == np.sign(world.position[surfel, 0] + world.origin[0] - 2.5)
+             for surfel in (nearest(key, clip, position, up), nearest(key, 0 * clip, position, up))]
     assert sides[0].all()
     assert not sides[1].all()  # the test would notice missing planes
 

@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.math3d import View
+from app.math3d import View, unit_rows
 from app.raycast.caster import STATIC, Anchors, AttachedPoints, Caster
 from app.scene import Camera, Material, Motion, Scene
+from app.surfels import kernel
 from app.surfels.farthest_points import neighbour_distance, sample_farthest
+from app.surfels.neighbours import nearest
 from app.surfels.random_walks import sample_cosine_hemisphere, trace_walks
 from app.surfels.ray_bundle import trace_cosine_rays
 from app.surfels.tracked import TrackedSurfels
@@ -112,6 +114,23 @@ def test_points_that_nearly_coincide_are_chosen_once_each(size: float) -> None:
     assert sorted(sample_farthest(points, 100)) == list(range(100))
     assert len(sample_farthest(points, 200)) == 100
     assert len(sample_farthest(points[:0], 4)) == 0
+
+
+def test_the_nearest_surfel_is_that_of_the_whole_product() -> None:
+    """Also for points far from all surfels, where none faces them, and beyond the nearest one's clip plane."""
+    world, rng = made(furnished(), 256), np.random.default_rng(2)
+    rows = slice(0, world.used)
+    key = kernel.keys(world.position[rows], world.normal[rows], world.radius[rows])
+    plane = np.concatenate([unit_rows(rng.normal(size=(world.used, 3))), rng.uniform(-1, 1, (world.used, 1))], axis=1)
+    clip = kernel.clip_keys(plane.astype(np.float32), world.radius[rows])
+    position = np.concatenate([rng.uniform(-2, 2, (3000, 3)), rng.uniform(-50, 50, (50, 3))]).astype(np.float32)
+    normal = unit_rows(rng.normal(size=position.shape)).astype(np.float32)
+    at = np.concatenate([position, np.ones_like(position[:, :1])], axis=1)
+    exponent = kernel.queries(position, normal) @ key.T + np.minimum(at @ clip.T, 0)
+    surfel = nearest(key, clip, position, normal)
+    lost = exponent.max(axis=1) - np.take_along_axis(exponent, surfel[:, None], 1)[:, 0]
+    assert (lost <= 1e-5 * np.abs(exponent.max(axis=1))).all()
+    assert (surfel == exponent.argmax(axis=1)).mean() > 0.99
 
 
 def test_neighbour_distance_agrees_with_sorted_distances() -> None:
