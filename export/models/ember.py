@@ -67,14 +67,15 @@ class Ember(Network):
         specs = self.contract.inputs
         screen, surfels = sanitize(screen, specs["screen"]), sanitize(surfels, specs["surfels"])
         between = sanitize(bounces, specs["bounces"]) - 1  # the last bounce uses all rays
-        position, normal, irradiance, emissive, radius, weight, plane = surfels[0].t().tensor_split(
-            (3, 6, 9, 12, 13, 14), dim=1)
+        # Not ``tensor_split``, of which the exporter makes loops over sequences.
+        position, normal, irradiance, emissive, radius, weight, plane = torch.split(
+            surfels[0].t(), [3, 3, 3, 3, 1, 1, 4], dim=1)
         # ``bounce`` replaces NaN in its result: there are so many rays that a pass over them shows in the frame time.
         index, albedo = rays[0, 0].long().clamp(0, len(position) - 1), rays[0, 1:].clamp(0, 1).permute(1, 2, 0)
         few = index.shape[1] // RAY_SHARE
         indirect = neumann_series(irradiance, emissive, index[:, :few], albedo[:, :few], between)
         indirect = emissive + bounce(irradiance + indirect, index, albedo)
-        pixel_position, pixel_normal = screen[0].flatten(1).t().tensor_split(2, dim=1)
+        pixel_position, pixel_normal = torch.split(screen[0].flatten(1).t(), [3, 3], dim=1)
         used = (weight > 0).to(weight)
         center = (position * used).sum(dim=0) / used.sum().clamp(min=1)  # squares of large coordinates would cancel
         pixel_position, position = pixel_position - center, position - center
@@ -103,11 +104,12 @@ def neumann_series(irradiance: Tensor, emissive: Tensor, index: Tensor, albedo: 
     bounces : Tensor
         Any number, 0 for no light; broadcastable to (S, 3).
     """
+    colors = int(irradiance.shape[1])  # a constant of the graph
     last = emissive + bounce(irradiance, index, albedo)
     twice = torch.cat([albedo, albedo], dim=2)  # broadcasting would take ten times as long
     total, uniform, ratio = last * (bounces > 0).to(last), torch.ones_like(last), torch.zeros_like(last)
     for number in range(1, BOUNCES + 1):
-        last, dimmer = bounce(torch.cat([last, uniform], dim=1), index, twice).tensor_split(2, dim=1)
+        last, dimmer = torch.split(bounce(torch.cat([last, uniform], dim=1), index, twice), [colors, colors], dim=1)
         total = total + last * (bounces > number).to(last)
         ratio = (dimmer / uniform.clamp(min=1e-6)).clamp(max=MAX_RATIO)
         uniform = dimmer
@@ -138,8 +140,8 @@ def interpolate(light: Tensor, pixel_position: Tensor, pixel_normal: Tensor, pos
     """
     reach = radius.clamp(min=1e-6)
     scale = 1 / reach.square()
-    x, y, z = position.tensor_split(3, dim=1)
-    a, b, c = pixel_normal.tensor_split(3, dim=1)
+    x, y, z = torch.split(position, [1, 1, 1], dim=1)
+    a, b, c = torch.split(pixel_normal, [1, 1, 1], dim=1)
     offset = (pixel_position * pixel_normal).sum(dim=1, keepdim=True)
     square = position.square().sum(dim=1, keepdim=True)
     norm = pixel_position.square().sum(dim=1, keepdim=True)
