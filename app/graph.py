@@ -44,9 +44,16 @@ class Tex:
 
 @dataclass(frozen=True)
 class Buf:
-    """A buffer of float32 that a pass writes, shaped (C, h, w)."""
+    """A tensor of float32 that a pass writes, shaped (C, h, w).
+
+    Attributes
+    ----------
+    on_host : bool
+        Whether it is made and read on the CPU, and has no buffer on the GPU.
+    """
 
     shape: tuple[int, ...]
+    on_host: bool = False
 
 
 Resource = Tex | Buf

@@ -3,6 +3,7 @@
 import ctypes
 import ctypes.util
 import gc
+import os
 import weakref
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -15,6 +16,7 @@ from app.gl.shader import Program, compile_program
 GL_LOWER_LEFT, GL_ZERO_TO_ONE = 0x8CA1, 0x935F
 GL_TEXTURE_2D, GL_DEPTH_COMPONENT32F, GL_DEPTH_COMPONENT, GL_FLOAT = 0x0DE1, 0x8CAC, 0x1902, 0x1406
 REQUIRED = 450  # clip control, fine derivatives
+DEVICE_INDEX = "GLCONTEXT_DEVICE_INDEX"  # environment variable that glcontext reads: number of an EGL device, from 0
 ANISOTROPY = 8.0
 SOFTWARE = ("llvmpipe", "softpipe", "swrast", "software")
 
@@ -44,12 +46,16 @@ class Device:
             options: dict[str, Any] = {"backend": "egl", "libgl": ctypes.util.find_library("EGL")}
             self.ctx = moderngl.create_context(require=REQUIRED, standalone=True, **options)
         except Exception as error:  # glcontext raises bare Exceptions
+            if isinstance(error, ValueError) or "device index" in str(error):
+                raise DeviceError(f"no OpenGL device {os.environ.get(DEVICE_INDEX)!r} ({error})", DEVICE_INDEX,
+                                  "expected the number of an EGL device, counted from 0") from None
             raise DeviceError(f"no OpenGL context ({error})", "EGL",
                               "expected OpenGL 4.5 or later: on Debian install libegl1 and libgl1-mesa-dri, "
                               "or the EGL library of the GPU's driver") from None
         self.ctx.gc_mode = "context_gc"  # what nobody refers to any more waits for ``collect``
-        self.renderer: str = self.ctx.info["GL_RENDERER"]
-        self.version: str = self.ctx.info["GL_VERSION"]
+        info = self.ctx.info
+        self.renderer: str = info["GL_RENDERER"]
+        self.version: str = info["GL_VERSION"]
         self.software = any(name in self.renderer.lower() for name in SOFTWARE)
         if strict and self.software:
             renderer = self.renderer
@@ -62,7 +68,9 @@ class Device:
         self.anisotropy = 1.0 if self.software else ANISOTROPY
         self._functions = _EglFunctions()
         self._functions.call("glClipControl", GL_LOWER_LEFT, GL_ZERO_TO_ONE)
-        self.max_size: int = self.ctx.info["GL_MAX_TEXTURE_SIZE"]
+        self.max_size: int = info["GL_MAX_TEXTURE_SIZE"]
+        while self.ctx.error != "GL_NO_ERROR":  # moderngl asks for limits that some drivers don't know
+            pass
         self.defines: dict[str, object] = {}
         self._programs: dict[object, Program] = {}
         self._triangle: dict[int, moderngl.VertexArray] = {}

@@ -26,22 +26,29 @@ class Pool:
         self._device, self._plan, self._size, self.parity = device, plan, size, 0
         self._textures: dict[str, list[moderngl.Texture]] = {}
         self._buffers: dict[str, moderngl.Buffer] = {}
+        self._arrays: dict[str, F32] = {}
         self._stamps: dict[str, int] = {}
         self._targets: dict[tuple[tuple[str, ...], int], moderngl.Framebuffer] = {}
         self._depths: dict[str, moderngl.Texture] = {}
         for name, resource in plan.resources.items():
-            if isinstance(resource, Buf):
-                self._buffers[name] = device.ctx.buffer(reserve=4 * int(np.prod(resource.shape)))
-            else:
+            if isinstance(resource, Tex):
                 copies = 2 if name in plan.history else 1
                 self._textures[name] = [self._texture(resource, size) for _ in range(copies)]
+            elif resource.on_host:
+                self.write_array(name, np.zeros(resource.shape, np.float32))
+            else:
+                self._buffers[name] = device.ctx.buffer(reserve=4 * int(np.prod(resource.shape)))
         self._check_memory()
 
     def _check_memory(self) -> None:
         """GL does not refuse allocations that do not fit into memory; it only sets an error flag."""
-        if self._device.ctx.error != "GL_NO_ERROR":
+        error = self._device.ctx.error
+        if error == "GL_OUT_OF_MEMORY":
             raise DeviceError(f"not enough graphics memory for {self._size[0]}x{self._size[1]}", self._device.renderer,
                               "expected a smaller --size")
+        if error != "GL_NO_ERROR":
+            raise DeviceError(f"can't allocate textures ({error})", self._device.renderer,
+                              "expected an OpenGL 4.5 driver that accepts what the specification allows")
 
     def _texture(self, tex: Tex, size: tuple[int, int]) -> moderngl.Texture:
         width, height = tex.resolve(size)
@@ -61,6 +68,16 @@ class Pool:
 
     def buffer(self, name: str) -> moderngl.Buffer:
         return self._buffers[name]
+
+    def array(self, name: str) -> F32:
+        """A tensor on the CPU; read-only, and another object whenever its numbers are others."""
+        return self._arrays[name]
+
+    def write_array(self, name: str, values: F32) -> None:
+        """Replace a tensor on the CPU; ``values`` must not be modified any more."""
+        values.flags.writeable = False
+        self._arrays[name] = values
+        self.renew_stamp(name)
 
     def holds_texture(self, name: str) -> bool:
         return name.removesuffix(PREVIOUS) in self._textures
@@ -95,6 +112,8 @@ class Pool:
             Between frames: the newest copy of a resource with a history, which was swapped at the frame's end.
         """
         resource = self._plan.resources[name]
+        if name in self._arrays:
+            return self._arrays[name]
         if isinstance(resource, Buf):
             return np.frombuffer(self._buffers[name].read(), np.float32).reshape(resource.shape)
         texture = self.texture(name + PREVIOUS if newest and name in self._plan.history else name)
@@ -105,9 +124,14 @@ class Pool:
     def write(self, name: str, values: Pixels | float) -> None:
         """Replace a resource by a constant, an image [H, W, C] with its top row first, or a tensor."""
         resource = self._plan.resources[name]
+        if isinstance(resource, Buf):
+            tensor = np.broadcast_to(values, resource.shape).astype(np.float32)
+            if resource.on_host:
+                self.write_array(name, tensor)
+                return
         self.renew_stamp(name)
         if isinstance(resource, Buf):
-            self._buffers[name].write(np.broadcast_to(values, resource.shape).astype(np.float32).tobytes())
+            self._buffers[name].write(tensor.tobytes())
             return
         texture = self.texture(name)
         shape = texture.height, texture.width, texture.components
@@ -149,10 +173,19 @@ class Resources:
         self._check(name, (*self._bound.reads, *self._bound.writes))
         return self._pool.buffer(name)
 
+    def array(self, name: str) -> F32:
+        """A tensor on the CPU, as ``Pool.array`` gives it."""
+        self._check(name, self._bound.reads)
+        return self._pool.array(name)
+
+    def write_array(self, name: str, values: F32) -> None:
+        """Replace a tensor on the CPU; ``values`` must not be modified any more."""
+        self._check(name, self._bound.writes)
+        self._pool.write_array(name, values)
+
     def rows(self, name: str) -> F32:
-        """A buffer of shape (C, N) as N rows, shape (N, C)."""
-        self.buffer(name)
-        return np.ascontiguousarray(self._pool.read(name).T)
+        """A tensor on the CPU of shape (C, N) as N rows, shape (N, C)."""
+        return np.ascontiguousarray(self.array(name).T)
 
     def target(self, *names: str, with_depth: bool = False) -> moderngl.Framebuffer:
         """The framebuffer of ``names``, or of everything the pass writes, bound for drawing."""

@@ -63,6 +63,11 @@ class TensorSpec:
         """Number of tensor channels, C."""
         return sum(CHANNELS[name].components for name in self.channels)
 
+    @property
+    def has_radiance(self) -> bool:
+        """Whether some channel holds radiance, which is divided by the exposure."""
+        return any(CHANNELS[name].radiance for name in self.channels)
+
     def extent(self, screen: tuple[Any, ...]) -> tuple[Any, ...]:
         """The tensor's shape without batch and channels, where ``screen`` stands for [h, w]."""
         size = self.size or 0

@@ -1,6 +1,6 @@
 """Prepares a network's inputs: finite, inside their ranges, masked where the sky is, and exposed."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -13,7 +13,8 @@ MIN_MEAN_RADIANCE = 1e-20  # smallest divisor; outputs are multiplied by the mea
 _SURFACE_GUIDES = ("solid_angle", "normal.view.xyz", "normal.world.xyz", "depth", "position.view.xyz")
 
 
-def prepare_inputs(contract: ModelContract, tensors: Mapping[str, F32], out: Mapping[str, F32]) -> float:
+def prepare_inputs(contract: ModelContract, tensors: Mapping[str, F32], out: Mapping[str, F32],
+                   prepared: Collection[str] = ()) -> float:
     """Turn what the renderer packed into what the network is fed.
 
     Parameters
@@ -22,6 +23,8 @@ def prepare_inputs(contract: ModelContract, tensors: Mapping[str, F32], out: Map
         For each input tensor its ``TensorSpec.shape``; not modified.
     out : mapping of str to ndarray, float32
         Receives the results, in the same shapes.
+    prepared : collection of str
+        Input tensors without radiance whose results ``out`` holds already.
 
     Returns
     -------
@@ -30,7 +33,8 @@ def prepare_inputs(contract: ModelContract, tensors: Mapping[str, F32], out: Map
         exposure is ``none``.
     """
     for t, spec in contract.inputs.items():
-        clamp(tensors[t], *channel_bounds(spec), out=out[t])
+        if t not in prepared:
+            clamp(tensors[t], *channel_bounds(spec), out=out[t])
     if contract.exposure == "none":
         return 1.0
     radiance, clamped, unclamped_sum, texels, surfaces = [], [], 0.0, 0, _surface_masks(contract, out)

@@ -76,6 +76,7 @@ class Network:
         self._padded = tuple(-(-n // m) * m for n in self._size)
         self._buffers = {t: np.zeros((1, s.components, *s.extent(self._padded)), np.float32)
                          for t, s in self.contract.inputs.items()}
+        self._unchanged: dict[str, F32] = {}  # read-only tensors whose results are in the buffers
         self._cache.clear()
         self.run({t: np.zeros((s.components, *s.extent(self._size)), np.float32)
                   for t, s in self.contract.inputs.items()})
@@ -87,7 +88,8 @@ class Network:
         ----------
         tensors : mapping of str to ndarray, float32
             For each input tensor its ``TensorSpec.shape``, top row first. Not modified; NaN becomes the channel's
-            background, and infinities the ends of its range.
+            background, and infinities the ends of its range. A read-only tensor without radiance must hold the same
+            numbers when it is passed again: it is prepared once.
 
         Returns
         -------
@@ -102,7 +104,10 @@ class Network:
         h, w = self._size
         cropped = {t: self._buffers[t][0, ..., :h, :w] if s.grid == SCREEN else self._buffers[t][0]
                    for t, s in self.contract.inputs.items()}
-        exposure = prepare_inputs(self.contract, tensors, cropped)
+        exposure = prepare_inputs(self.contract, tensors, cropped,
+                                  [t for t, x in self._unchanged.items() if tensors[t] is x])
+        self._unchanged = {t: tensors[t] for t, spec in self.contract.inputs.items()
+                           if not (tensors[t].flags.writeable or spec.has_radiance)}
         for t, spec in self.contract.inputs.items():
             if spec.grid == SCREEN:  # pad by repeating the edge
                 self._buffers[t][..., w:] = self._buffers[t][..., w - 1:w]

@@ -39,8 +39,10 @@ def declare(name: str, contract: ModelContract, tensors: dict[str, str], environ
     def make(device: Device, bound: BoundPass) -> Execute:
         def execute(frame: FrameState, resources: Resources) -> None:
             for tensor, spec in specs.items():
-                resources.buffer(tensor).write(np.concatenate([values(channel, frame) for channel in spec.channels]))
+                packed = np.concatenate([values(channel, frame) for channel in spec.channels])
+                resources.write_array(tensor, packed)
 
         return execute
 
-    return Pass(name, writes={tensor: Buf(spec.shape((0, 0))) for tensor, spec in specs.items()}, make=make)
+    writes = {tensor: Buf(spec.shape((0, 0)), on_host=True) for tensor, spec in specs.items()}
+    return Pass(name, writes=writes, make=make)

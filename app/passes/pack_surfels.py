@@ -27,7 +27,7 @@ def declare(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, s
     """
     specs = {t: spec for t, spec in contract.inputs.items() if spec.grid in (SURFELS, RAYS)}
     return Pass("pack_surfels", reads=("surfel_light",),
-                writes={names[t]: Buf(spec.shape((0, 0))) for t, spec in specs.items()},
+                writes={names[t]: Buf(spec.shape((0, 0)), on_host=True) for t, spec in specs.items()},
                 make=lambda device, bound: make(surfels, contract, names, contract.scene_extent / extent))
 
 
@@ -44,7 +44,7 @@ def make(surfels: TrackedSurfels, contract: ModelContract, names: dict[str, str]
             planes = np.empty(spec.shape((0, 0)), np.float32)
             for name, rows in spec.rows():
                 planes[rows] = values[name]
-            resources.buffer(names[tensor]).write(planes)
+            resources.write_array(names[tensor], planes)
             resources.set_current(surfels.version, names[tensor])
 
     return execute

@@ -20,17 +20,17 @@ def declare(network: Network, tensors: dict[str, str]) -> Pass:
     """
     assert network.contract.surfels is not None
     return Pass("surfel_indirect", reads=tuple(tensors.values()),
-                writes={"surfel_indirect": Buf((3, network.contract.surfels[0]))},
+                writes={"surfel_indirect": Buf((3, network.contract.surfels[0]), on_host=True)},
                 make=lambda device, bound: make(device, bound, network, tensors))
 
 
 def make(device: Device, bound: BoundPass, network: Network, tensors: dict[str, str]) -> Execute:
-    inputs = {t: np.zeros(spec.shape((1, 1)), np.float32) for t, spec in network.contract.inputs.items()}
-    assert all(spec.grid == SCREEN for t, spec in network.contract.inputs.items() if t not in tensors)
+    empty = {t: np.zeros(spec.shape((1, 1)), np.float32) for t, spec in network.contract.inputs.items()
+             if t not in tensors}
+    assert all(network.contract.inputs[t].grid == SCREEN for t in empty)
 
     def execute(frame: FrameState, resources: Resources) -> None:
-        for tensor, name in tensors.items():
-            resources.buffer(name).read_into(inputs[tensor])
-        resources.buffer("surfel_indirect").write(network.run(inputs)[SURFEL_INDIRECT])
+        inputs = empty | {tensor: resources.array(name) for tensor, name in tensors.items()}
+        resources.write_array("surfel_indirect", network.run(inputs)[SURFEL_INDIRECT])
 
     return execute

@@ -30,7 +30,7 @@ def declare(surfels: TrackedSurfels, lights: LightSet) -> Pass:
     columns = math.isqrt(surfels.count * MAX_LIGHT_SAMPLES - 1) + 1
     rows = -(-surfels.count * MAX_LIGHT_SAMPLES // columns)
     return Pass("surfel_light", reads=lights.shadow_maps,
-                writes={"surfel_light": Buf((3, surfels.count))},
+                writes={"surfel_light": Buf((3, surfels.count), on_host=True)},
                 make=lambda device, bound: make(device, bound, surfels, lights, (columns, rows)))
 
 
@@ -68,7 +68,7 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
         device.draw_fullscreen(program)
         drawn = np.frombuffer(texels.read(alignment=1), np.float16).astype(np.float32)
         light = mean_light(drawn.reshape(texels.height, texels.width, 4), world) + world.sky_irradiance
-        resources.buffer("surfel_light").write(light.T.tobytes())
+        resources.write_array("surfel_light", light.T)
         resources.set_current(key)
 
     return execute

@@ -92,8 +92,9 @@ def _measure(size: tuple[int, int], runtime: _Runtime, options: Options) -> Json
         shapes = {name: values.shape for name, values in network._buffers.items()}
         shapes[OUTPUT] = (1, 3, *shapes["screen"][2:])
         target = renderer._gl.ctx.buffer(reserve=4 * int(np.prod(shapes[OUTPUT])))
-        buffers = {name: renderer._pool.buffer(f"tensor_{name}").glo for name in network._buffers}
-        registered = _Registered(runtime, {**buffers, OUTPUT: target.glo}, shapes)
+        buffers = {name: renderer._gl.ctx.buffer(renderer.resource(f"tensor_{name}").tobytes())
+                   for name in network._buffers}
+        registered = _Registered(runtime, {name: b.glo for name, b in {**buffers, OUTPUT: target}.items()}, shapes)
         inputs = {name: torch.empty(shapes[name], device="cuda") for name in network._buffers}
         model = Ember().eval().cuda()
 

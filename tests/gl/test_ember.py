@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from app.graph import Buf
 from app.load import embedded_scene
 from app.math3d import View
 from app.network.selection import find_model
@@ -22,6 +23,7 @@ from tests.conftest import SMALL_EMBER
 from tests.gl.closed_forms import F64, point_irradiance
 from tests.gl.scenes import Images, Point, box, draw, floor, make_scene, quad
 from tests.gl.test_indirect import mean_over_walls
+from tests.override import override
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
@@ -33,6 +35,23 @@ def small(small_ember: Path) -> Path:
     """Ember with fewer surfels, which are made in a second."""
     pytest.importorskip("torch", reason="export needs torch")
     return small_ember
+
+
+def test_rays_of_surfels_stay_on_the_host_and_count_when_they_change(small: Path) -> None:
+    scene = embedded_scene()
+    camera = scene.cameras[scene.default_camera].at(0.0)
+    with Renderer(scene, settings("indirect"), small) as renderer:
+        assert {name for name, r in renderer.plan.resources.items() if isinstance(r, Buf) and not r.on_host} == {
+            "tensor_screen"}
+        first = renderer.render(camera)["indirect"]
+        rays = renderer.resource("tensor_rays")
+        override(renderer, "tensor_rays", lambda rays: rays * np.float32([1, 0, 0, 0]).reshape(4, 1, 1))
+        assert renderer.render(camera)["indirect"].max() < 0.1 * first.max()
+        override(renderer, "tensor_rays", None)
+        np.testing.assert_array_equal(renderer.render(camera)["indirect"], first)
+        again = renderer.resource("tensor_rays")
+        renderer.render(camera)
+        assert renderer.resource("tensor_rays") is again and np.array_equal(rays, again)
 
 
 def settings(*outputs: str) -> Settings:

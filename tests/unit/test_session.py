@@ -73,6 +73,28 @@ def test_the_input_is_left_untouched(bundled: Network) -> None:
         np.testing.assert_array_equal(x[t], before[t])
 
 
+def test_a_read_only_tensor_is_prepared_once() -> None:
+    network = Network(find_model("radiosity"), SIZE, provider="cpu")
+    x = room(network)
+
+    def light(bounces: np.ndarray) -> float:
+        return float(network.run(x | {"bounces": bounces})["indirect.rgb"].mean())
+
+    number = np.full(1, 1, np.float32)
+    given = number.view()
+    given.flags.writeable = False
+    once = light(given)
+    number[:] = 3
+    assert light(given) == once
+    thrice = light(number)
+    assert thrice > 1.1 * once
+    number[:] = 1
+    assert light(number) == once
+    number[:] = 3
+    network.resize(SIZE)
+    assert light(given) == thrice
+
+
 def mean_of(network: Network, x: np.ndarray) -> float:
     return prepare_inputs(network.contract, {"x": x}, {"x": np.empty_like(x)})
 
