@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.arrays import F32, F64, Bools
+from app.errors import SceneError
 
 Color = tuple[float, float, float]
 
@@ -186,7 +187,9 @@ class Material:
     is_light_proxy: bool = False
 
     def __post_init__(self) -> None:
-        assert self.albedo_map is None or self.albedo_map.uv_set == 0
+        texture = self.albedo_map
+        if texture is not None and not (isinstance(texture, Texture) and texture.uv_set == 0):
+            raise SceneError("bad albedo_map", f"material {self.name!r}", "expected a Texture of uv set 0")
 
     @property
     def emits(self) -> bool:

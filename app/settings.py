@@ -3,6 +3,7 @@
 import math
 import re
 from dataclasses import dataclass
+from typing import SupportsFloat, SupportsIndex
 
 from app.errors import SettingsError
 
@@ -73,15 +74,19 @@ class Settings:
         if not all(isinstance(n, int) and 1 <= n <= MAX_SIDE for n in self.size):
             raise SettingsError(f"bad size {self.size[0]}x{self.size[1]}", "--size",
                                 f"expected WIDTHxHEIGHT, each from 1 to {MAX_SIDE}")
-        if not (math.isfinite(self.exposure) and self.exposure > 0):
+        if not (isinstance(self.exposure, SupportsFloat) and math.isfinite(self.exposure) and self.exposure > 0):
             raise SettingsError(f"bad exposure {self.exposure}", "--exposure", "expected a finite number above 0")
-        if self.bounces is not None and not 1 <= self.bounces <= MAX_BOUNCES:
+        if self.bounces is not None and not (isinstance(self.bounces, SupportsIndex)
+                                             and 1 <= self.bounces <= MAX_BOUNCES):
             raise SettingsError(f"bad number of bounces {self.bounces}", "--bounces", f"expected 1 to {MAX_BOUNCES}")
-        if self.scale is not None and not 0 < self.scale <= 1:
+        if self.scale is not None and not (isinstance(self.scale, SupportsFloat) and 0 < self.scale <= 1):
             raise SettingsError(f"bad scale {self.scale}", "--scale", "expected a number above 0, at most 1")
+        for name, value in (("--tonemap", self.tonemap), ("--provider", self.provider)):
+            if not isinstance(value, str):
+                raise SettingsError(f"bad value {value}", name, "expected a name")
         if not self.outputs:
             raise SettingsError("no output given", "--aov", "expected at least one name, such as final")
-        if not 0 <= self.seed <= MAX_SEED:
+        if not (isinstance(self.seed, SupportsIndex) and 0 <= self.seed <= MAX_SEED):
             raise SettingsError(f"bad seed {self.seed}", "--seed", f"expected 0 to {MAX_SEED}")
 
     @property

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from app.api.checked import check_camera, check_size, read_array
 from app.arrays import F64
 from app.errors import SceneError
 from app.load.scene_builder import vector
@@ -47,23 +48,19 @@ def camera_from_matrix(pose: ArrayLike, intrinsics: ArrayLike | None = None, siz
     SceneError
         When a matrix has another shape or form.
     """
-    if convention not in _FLIPS:
-        raise SceneError(f"unknown convention {convention!r}", _WHERE, f"expected one of: {', '.join(_FLIPS)}")
-    matrix = _matrix(pose, (4, 4), "pose") @ _FLIPS[convention]
+    matrix = _matrix(pose, (4, 4), "pose") @ _flip(convention)
     rotation = matrix[:3, :3]
     if (np.abs(rotation.T @ rotation - np.eye(3)).max() > _TOLERANCE or np.linalg.det(rotation) < 0
             or np.abs(matrix[3] - (0, 0, 0, 1)).max() > _TOLERANCE):
         raise SceneError("the pose is no rigid transform", _WHERE, "expected a rotation and a translation")
-    if not 0 < fov_y_deg < 180:
-        raise SceneError(f"bad fov_y_deg {fov_y_deg}", _WHERE, "expected degrees between 0 and 180")
     eye = matrix[:3, 3]
-    return Camera(vector(eye), vector(eye - rotation[:, 2]), vector(rotation[:, 1]), fov_y_deg,
-                  intrinsics=None if intrinsics is None else _intrinsics(intrinsics, size))
+    return check_camera(Camera(vector(eye), vector(eye - rotation[:, 2]), vector(rotation[:, 1]), fov_y_deg,
+                               intrinsics=None if intrinsics is None else _intrinsics(intrinsics, size)))
 
 
 def camera_matrix(camera: Camera, convention: Convention = "opengl") -> F64:
     """The pose of ``camera``, float64, shape (4, 4): camera space to world space."""
-    return np.asarray(View.of(camera, (1, 1), 1.0).pose @ _FLIPS[convention])
+    return np.asarray(View.of(check_camera(camera), (1, 1), 1.0).pose @ _flip(convention))
 
 
 def intrinsic_matrix(camera: Camera, size: tuple[int, int]) -> F64:
@@ -74,9 +71,16 @@ def intrinsic_matrix(camera: Camera, size: tuple[int, int]) -> F64:
     SceneError
         When it projects in parallel.
     """
+    camera, size = check_camera(camera), check_size(size)
     if camera.orthographic_height is not None:
         raise SceneError("an orthographic camera has no intrinsics", _WHERE, "expected a perspective camera")
     return View.of(camera, size, 1.0).intrinsics(size)
+
+
+def _flip(convention: str) -> F64:
+    if convention not in _FLIPS:
+        raise SceneError(f"unknown convention {convention!r}", _WHERE, f"expected one of: {', '.join(_FLIPS)}")
+    return _FLIPS[convention]
 
 
 def _intrinsics(values: ArrayLike, size: tuple[int, int] | None) -> Intrinsics:
@@ -87,11 +91,12 @@ def _intrinsics(values: ArrayLike, size: tuple[int, int] | None) -> Intrinsics:
     if not (fx > 0 and fy > 0 and math.hypot(k[0, 1], k[1, 0]) <= _TOLERANCE * fx and np.array_equal(k[2], (0, 0, 1))):
         raise SceneError("the intrinsics have skew or no focal length", _WHERE,
                          "expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
-    return Intrinsics(fx, fy, float(k[0, 2]) + _CENTER, float(k[1, 2]) + _CENTER, *map(float, size))
+    return Intrinsics(fx, fy, float(k[0, 2]) + _CENTER, float(k[1, 2]) + _CENTER, *map(float, check_size(size)))
 
 
 def _matrix(values: ArrayLike, shape: tuple[int, int], name: str) -> F64:
-    matrix = np.asarray(values, np.float64)
+    expected = f"expected finite numbers of the shape {shape}"
+    matrix = read_array(values, f"{_WHERE}: {name}", expected)
     if matrix.shape != shape or not np.isfinite(matrix).all():
-        raise SceneError(f"bad {name} of the shape {matrix.shape}", _WHERE, f"expected finite numbers of {shape}")
+        raise SceneError(f"bad {name} of the shape {matrix.shape}", _WHERE, expected)
     return matrix

@@ -1,10 +1,13 @@
 """Errors of a picture against another one."""
 
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from app.api.checked import read_array
 from app.api.frame import Frame
 from app.arrays import F32
 from app.errors import MetricError
+
+EXPECTED = "expected a frame or an array of the shape (H, W, 3)"
 
 
 def compare(frame: Frame | ArrayLike, reference: Frame | ArrayLike) -> dict[str, float]:
@@ -32,9 +35,7 @@ def compare(frame: Frame | ArrayLike, reference: Frame | ArrayLike) -> dict[str,
 
 
 def _radiance(picture: Frame | ArrayLike) -> F32:
-    import numpy as np
-
-    image: NDArray[np.float32] = np.asarray(picture["final"] if isinstance(picture, Frame) else picture, np.float32)
+    image = read_array(picture["final"] if isinstance(picture, Frame) else picture, "compare", EXPECTED)
     if image.ndim != 3 or image.shape[2] != 3:
-        raise MetricError(f"bad shape {image.shape}", "compare", "expected a frame or an array of (H, W, 3)")
-    return image
+        raise MetricError(f"bad shape {image.shape}", "compare", EXPECTED)
+    return image.astype("float32")

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.api.checked import check_path
 from app.arrays import Bytes
 from app.errors import SettingsError, did_you_mean
 from app.io.aov_preview import LABELS, preview
@@ -87,12 +88,12 @@ class Frame(Mapping[str, NDArray[Any]]):
         AfterglowError
             When the file can't be written, or has another suffix.
         """
-        file = Path(path)
-        if file.suffix == ".exr":
+        file = check_path(path, "picture")
+        if file.suffix.lower() == ".exr":
             write_exr(file, {"" if name == "final" else name: exr_layer(name, image)
                              for name, image in self.images.items()},
                       header=picture_header(self.scene, self.camera, self.size, self.images))
-        elif file.suffix == ".png":
+        elif file.suffix.lower() == ".png":
             write_png(file, self.display)
         else:
             raise SettingsError(f"unknown kind of picture {file.suffix!r}", file, "expected .exr or .png")

@@ -7,17 +7,20 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import trimesh
 from numpy.typing import ArrayLike
 
+from app.api.checked import check_material, read_array
 from app.arrays import F64
 from app.errors import SceneError
 from app.io.image import srgb_decode
-from app.load.geometry import RawMesh, add_alpha, smooth_normals
+from app.load.geometry import RawMesh, add_alpha, clean, smooth_normals
 from app.load.gltf import read_gltf
 from app.load.gltf_materials import DEFAULT as GLTF_DEFAULT
 from app.load.scene import read_scene
 from app.load.scene_builder import SceneBuilder
-from app.scene import Material
+from app.load.tangents import with_tangents
+from app.scene import Material, Mesh
 
 
 def build_part(mesh: Any, name: str, material: Material | None, smooth: bool, attributes: dict[str, ArrayLike]
@@ -29,11 +32,17 @@ def build_part(mesh: Any, name: str, material: Material | None, smooth: bool, at
     SceneError
         When it is none of what is expected, or has no triangle with an area.
     """
+    is_arrays = isinstance(mesh, Sequence) and len(mesh) == 2 and not isinstance(mesh, str)
+    if attributes and not is_arrays:
+        raise SceneError(f"{', '.join(attributes)} given with a {type(mesh).__name__}", name,
+                         "expected them with (vertices, triangles) only")
+    if material is not None:
+        material = check_material(material, name)
     if isinstance(mesh, str | Path):
         part = read_scene(Path(mesh))[0]
     elif hasattr(mesh, "export"):
         part = _from_trimesh(mesh, name, smooth)
-    elif isinstance(mesh, Sequence) and len(mesh) == 2:
+    elif is_arrays:
         part = _from_arrays(mesh[0], mesh[1], name, material or Material(), smooth, attributes)
     else:
         raise SceneError(f"can't add a {type(mesh).__name__}", name,
@@ -41,7 +50,7 @@ def build_part(mesh: Any, name: str, material: Material | None, smooth: bool, at
     if not part.instances:
         raise SceneError("no triangle to draw", name, "expected at least one triangle with an area")
     if material is not None:
-        part.materials = [material] * len(part.materials)
+        _replace_materials(part, material, name)
     return part
 
 
@@ -61,13 +70,52 @@ def _from_trimesh(mesh: Any, name: str, smooth: bool) -> SceneBuilder:
     with TemporaryDirectory() as folder:
         file = Path(folder) / "mesh.glb"
         try:
-            mesh.export(str(file), include_normals=smooth)
+            _without_metal(mesh).export(str(file), include_normals=smooth)
             read_gltf(file, builder)
         except (ValueError, TypeError, KeyError, AttributeError, IndexError) as error:
             raise SceneError(f"can't read the mesh ({error})", name, "expected a trimesh object with triangles"
                              ) from error
     _replace_default_material(builder)
     return builder
+
+
+def _without_metal(mesh: Any) -> Any:
+    """``mesh`` with dielectric materials in place of those of OBJ files, which glTF would take for metals."""
+    mesh = mesh.copy()
+    for part in getattr(mesh, "geometry", {"": mesh}).values():
+        material: Any = getattr(getattr(part, "visual", None), "material", None)
+        if isinstance(material, trimesh.visual.material.SimpleMaterial):
+            part.visual.material = material.to_pbr()  # type: ignore[no-untyped-call]
+            part.visual.material.metallicFactor = 0.0
+            if material.image is not None and np.array_equal(material.diffuse, trimesh.visual.color.DEFAULT_COLOR):
+                part.visual.material.baseColorFactor = None  # what trimesh has for no colour would darken the image
+    return mesh
+
+
+def _replace_materials(part: SceneBuilder, material: Material, name: str) -> None:
+    """Give all meshes ``material``, and tangents where it has a normal map."""
+    uv_sets = {texture.uv_set for texture in material.maps.values()}
+    for mesh in part.meshes:
+        if (0 in uv_sets and mesh.uvs is None) or (1 in uv_sets and mesh.second_uvs is None):
+            raise SceneError("the material has textures, but the mesh has no uvs for them", name,
+                             "expected uvs, or a material without textures")
+    part.materials = [material] * len(part.materials)
+    if material.maps.keys() & {"normal_map", "clearcoat_normal_map"}:
+        if any(instance.deformation is not None for instance in part.instances):
+            raise SceneError("a normal map can't be put on a mesh that deforms", name,
+                             "expected a material without a normal map")
+        part.meshes = [mesh if mesh.tangents is not None else _add_tangents(mesh, material) for mesh in part.meshes]
+
+
+def _add_tangents(mesh: Mesh, material: Material) -> Mesh:
+    normals = mesh.normals.astype(np.float64) if mesh.normals.any() else None  # zeros: flat faces
+    rows: dict[str, Any] = {key: None if values is None else values.astype(np.float64) for key, values in (
+        ("uvs", mesh.uvs), ("second_uvs", mesh.second_uvs), ("colors", mesh.colors))}
+    raw = RawMesh(mesh.positions.astype(np.float64), mesh.triangles.astype(np.int64), normals, **rows)
+    cleaned = clean(with_tangents(raw, material))
+    arrays: dict[str, Any] = {key: None if (values := getattr(cleaned, key)) is None else values.astype(np.float32)
+                              for key in ("positions", "normals", "uvs", "second_uvs", "colors", "tangents")}
+    return replace(mesh, triangles=cleaned.triangles.astype(np.uint32), **arrays)
 
 
 def _replace_default_material(builder: SceneBuilder) -> None:
@@ -87,6 +135,7 @@ def _replace_default_material(builder: SceneBuilder) -> None:
 def _from_arrays(vertices: ArrayLike, triangles: ArrayLike, name: str, material: Material, smooth: bool,
                  attributes: dict[str, ArrayLike]) -> SceneBuilder:
     positions = _rows(vertices, (3,), f"{name}: vertices")
+    read_array(triangles, f"{name}: triangles", "expected integers of the shape (T, 3)")
     faces = np.asarray(triangles)
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
         raise SceneError(f"bad triangles of the shape {faces.shape} and type {faces.dtype}", name,
@@ -96,6 +145,8 @@ def _from_arrays(vertices: ArrayLike, triangles: ArrayLike, name: str, material:
         raise SceneError("a triangle refers to a missing vertex", name, f"expected indices below {len(positions)}")
     widths = {"normals": (3,), "uvs": (2,), "colors": (3, 4)}
     rows = {key: _rows(values, widths[key], f"{name}: {key}", len(positions)) for key, values in attributes.items()}
+    if "colors" in rows and not ((rows["colors"] >= 0) & (rows["colors"] <= 1)).all():
+        raise SceneError("a colour is out of range", f"{name}: colors", "expected linear numbers from 0 to 1")
     if smooth and "normals" not in rows:
         rows["normals"] = smooth_normals(positions, faces)
     builder = SceneBuilder(name, materials=[material])
@@ -107,8 +158,8 @@ def _from_arrays(vertices: ArrayLike, triangles: ArrayLike, name: str, material:
 
 
 def _rows(values: ArrayLike, widths: tuple[int, ...], where: str, count: int | None = None) -> F64:
-    rows = np.asarray(values, np.float64)
+    shapes = " or ".join(f"({count if count is not None else 'V'}, {width})" for width in widths)
+    rows = read_array(values, where, f"expected numbers of the shape {shapes}")
     if rows.ndim != 2 or rows.shape[1] not in widths or (count is not None and len(rows) != count):
-        expected = " or ".join(f"({count if count is not None else 'V'}, {width})" for width in widths)
-        raise SceneError(f"bad shape {rows.shape}", where, f"expected {expected}")
+        raise SceneError(f"bad shape {rows.shape}", where, f"expected {shapes}")
     return rows

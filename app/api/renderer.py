@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from operator import itemgetter
 from pathlib import Path
+from threading import RLock
+from typing import Any, SupportsIndex
 
 import numpy as np
 
+from app.api.checked import check_camera, check_cameras, check_lights, check_number, check_size
 from app.api.frame import Frame, make_frame
-from app.api.scene import Scene, comparable
+from app.api.scene import Scene
 from app.errors import SettingsError, did_you_mean
 from app.network.selection import DEFAULT_MODEL, Model, by_role, find_models
 from app.renderer import Renderer as Engine
@@ -25,7 +29,7 @@ AnyCamera = Camera | CameraPath | str | None
 class Renderer:
     """Draws ``scene``; a context manager, and otherwise to be closed by ``close``.
 
-    The OpenGL context is made with the first frame and belongs to the thread that made it.
+    The OpenGL context is made with the first frame. Several threads may use a renderer: one waits for the other.
 
     Parameters
     ----------
@@ -51,9 +55,11 @@ class Renderer:
                  outputs: Sequence[str] = ("final",), taa: bool = True, exposure: float = 1.0,
                  auto_exposure: bool = False, tonemap: str = TONE_MAPS[0], bounces: int | None = None, seed: int = 0,
                  provider: str = "auto", strict_device: bool = False, scale: float | None = None) -> None:
+        if not isinstance(scene, Scene):
+            raise SettingsError(f"can't draw a {type(scene).__name__}", "scene", "expected a Scene, such as load gives")
         self.scene = scene
         self._settings = Settings(
-            size=(size[0], size[1]), outputs=tuple(outputs), taa=taa, exposure=exposure, auto_exposure=auto_exposure,
+            size=check_size(size), outputs=_names(outputs), taa=taa, exposure=exposure, auto_exposure=auto_exposure,
             tonemap=tonemap, bounces=bounces, seed=seed, provider=provider, strict_device=strict_device, scale=scale)
         self._models = _find(model)
         self._engine: Engine | None = None
@@ -61,6 +67,8 @@ class Renderer:
         self._movable: tuple[str, ...] = ()
         self._lights: tuple[Light, ...] = ()
         self._clock = 0.0
+        self._video = 0  # number of the video, or of the other picture, that was drawn last
+        self._lock = RLock()
 
     @property
     def exposure(self) -> float:
@@ -94,13 +102,18 @@ class Renderer:
         following : tuple of camera and float, optional
             Camera and time of the next picture, for ``flow``. Objects moved by ``transform`` count as at rest.
         """
-        engine = self._follow()
-        view = self._camera(camera, time)
-        after = (view, time) if following is None else (self._camera(*following), following[1])
-        if settle is None:
-            return self._still(engine, view, time, [view], after)
-        engine.place_surfels(())
-        return self._draw(engine, view, time, settle, after)
+        time = check_number(time, "time")
+        if settle is not None and not (isinstance(settle, SupportsIndex) and int(settle) >= 0):
+            raise SettingsError(f"bad number of frames {settle!r}", "settle", "expected a whole number from 0")
+        with self._lock:
+            engine = self._follow()
+            view = self._camera(camera, time)
+            after = (view, time) if following is None else self._following(following)
+            self._video += 1
+            if settle is None:
+                return self._still(engine, view, time, [view], after)
+            engine.place_surfels(())
+            return self._draw(engine, view, time, int(settle), after)
 
     def render_batch(self, cameras: Sequence[AnyCamera], time: float = 0.0) -> list[Frame]:
         """Draw stills of many cameras at one time, much faster than one by one.
@@ -112,29 +125,39 @@ class Renderer:
         list of Frame
             In the order of the cameras.
         """
-        frames = dict(self.iterate_batch(cameras, time))
-        return [frames[index] for index in range(len(cameras))]
+        return [frame for _, frame in sorted(self.iterate_batch(cameras, time), key=itemgetter(0))]
 
     def iterate_batch(self, cameras: Sequence[AnyCamera], time: float = 0.0) -> Iterator[tuple[int, Frame]]:
         """Draw a batch that is too large to be kept: the frames of ``render_batch`` in another order.
+
+        The scene as it is at the first frame counts for all.
 
         Yields
         ------
         tuple of int and Frame
             The index of the camera, and its picture.
         """
-        engine = self._follow()
-        views = [self._camera(camera, time) for camera in cameras]
+        time = check_number(time, "time")
+        with self._lock:
+            engine = self._follow()
+            views = [self._camera(camera, time) for camera in _listed(cameras, "cameras")]
         # In an order of their own, so that whatever a pass keeps was made for the same camera.
         order = sorted(range(len(views)), key=lambda index: repr(views[index]))
         together = [views[index] for index in order]
         for index in order:
-            yield index, self._still(engine, views[index], time, together, (views[index], time))
+            with self._lock:
+                if engine is not self._engine:
+                    raise SettingsError("the renderer was closed or made anew for another scene during a batch",
+                                        "cameras", "expected a renderer of its own for each")
+                self._video += 1
+                frame = self._still(engine, views[index], time, together, (views[index], time))
+            yield index, frame
 
     def render_video(self, cameras: Sequence[AnyCamera], times: Sequence[float], lead_in: int = 0) -> Iterator[Frame]:
         """Draw consecutive frames of a video, one after the other.
 
-        They depend on nothing that was drawn before. The scene may be changed between two frames.
+        They depend on nothing that was drawn before. The scene may be changed between two frames, but the renderer must
+        draw nothing else until the last one.
 
         Parameters
         ----------
@@ -150,24 +173,38 @@ class Renderer:
         ------
         Frame
         """
-        for index, time in enumerate(times):
-            engine = self._follow()
-            view = self._camera(cameras[index], time)
-            if index == 0:
-                engine.cut()
-            engine.place_surfels([view] if index == 0 else ())
-            after = min(index + 1, len(times) - 1)
-            following = self._camera(cameras[after], times[after]), times[after]
-            if index < lead_in:
-                engine.advance(view, time + self._clock)
-            else:
-                yield self._draw(engine, view, time, 0, following)
+        listed = _listed(cameras, "cameras")
+        moments = [check_number(time, f"times[{index}]") for index, time in enumerate(_listed(times, "times"))]
+        if len(listed) != len(moments):
+            raise SettingsError(f"{len(listed)} cameras and {len(moments)} times", "times",
+                                "expected one of each for every frame")
+        with self._lock:
+            self._video += 1
+            video = self._video
+        for index, time in enumerate(moments):
+            with self._lock:
+                if video != self._video:
+                    raise SettingsError("another picture was drawn between two frames of a video", "cameras",
+                                        "expected a renderer of its own for each video")
+                engine = self._follow()
+                view = self._camera(listed[index], time)
+                if index == 0:
+                    engine.cut()
+                engine.place_surfels([view] if index == 0 else ())
+                after = min(index + 1, len(moments) - 1)
+                following = self._following((listed[after], moments[after]))
+                if index < lead_in:
+                    engine.advance(view, time + self._clock)
+                    continue
+                frame = self._draw(engine, view, time, 0, following)
+            yield frame
 
     def close(self) -> None:
         """Release everything; the next picture would begin anew."""
-        if self._engine is not None:
-            self._engine.close()
-        self._engine, self._movable = None, ()
+        with self._lock:
+            if self._engine is not None:
+                self._engine.close()
+            self._engine, self._movable = None, ()
 
     def __enter__(self) -> Renderer:
         return self
@@ -192,7 +229,7 @@ class Renderer:
     def _camera(self, camera: AnyCamera, time: float) -> Camera:
         scene = self._assembled.loaded.scene
         if camera is None or isinstance(camera, str):
-            cameras = {**scene.cameras, **self.scene.cameras}
+            cameras = {**scene.cameras, **check_cameras(self.scene.cameras)}
             name = scene.default_camera if camera is None else camera
             if name not in cameras:
                 raise SettingsError(f"no camera {name!r}", "camera", did_you_mean(name, cameras))
@@ -200,14 +237,21 @@ class Renderer:
         if not isinstance(camera, Camera | CameraPath):
             raise SettingsError(f"can't look through a {type(camera).__name__}", "camera",
                                 "expected a Camera, such as camera_from_matrix gives, or a name")
-        return camera.at(time) if isinstance(camera, CameraPath) else camera
+        return check_camera(check_cameras({"camera": camera})["camera"].at(time))
+
+    def _following(self, following: Any) -> tuple[Camera, float]:
+        if not (isinstance(following, tuple) and len(following) == 2):
+            raise SettingsError(f"bad value of the type {type(following).__name__}", "following",
+                                "expected a camera and a time")
+        time = check_number(following[1], "following: time")
+        return self._camera(following[0], time), time
 
     def _follow(self) -> Engine:
         """The engine for the scene as it is now."""
         moved = self._moved()
         if self._engine is None or self.scene.key != self._key or not set(moved) <= set(self._movable):
             return self._begin(moved)
-        lights = comparable(self.scene.lights)
+        lights = check_lights(self.scene.lights)
         if lights != self._lights:
             derived = self._assembled.loaded.scene.lights[self._assembled.loaded.own_lights:]
             if not lights or not self._lights or not self._engine.relight((*lights, *derived)):
@@ -239,12 +283,24 @@ class Renderer:
         self.close()
         self._movable = tuple(dict.fromkeys(movable))
         self._assembled = self.scene.assemble(self._movable)
-        self._key, self._lights = self.scene.key, comparable(self.scene.lights)
+        self._key, self._lights = self.scene.key, check_lights(self.scene.lights)
         self._engine = Engine(self._assembled.loaded.scene, self._settings, self._models)
         return self._engine
 
 
+def _listed(values: Any, what: str) -> list[Any]:
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise SettingsError(f"can't go through a {type(values).__name__}", what, "expected a sequence")
+    return list(values)
+
+
+def _names(outputs: Any) -> tuple[str, ...]:
+    if isinstance(outputs, str) or not isinstance(outputs, Iterable):
+        raise SettingsError(f"bad outputs {outputs!r}", "outputs", 'expected a sequence of names, such as ["final"]')
+    return tuple(outputs)
+
+
 def _find(model: Models) -> tuple[Model, ...]:
-    names = [] if model is None else [model] if isinstance(model, str | Path) else list(model)
+    names = [] if model is None else [model] if isinstance(model, str | Path) else _listed(model, "model")
     found = [part for name in names for part in find_models(str(name), "model")]
     return tuple(by_role(found, "model").values())

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from app.api.checked import check_cameras, check_environment, check_lights, check_path, read_array
 from app.api.meshes import build_part, merge
 from app.arrays import F64
 from app.errors import SceneError, did_you_mean
@@ -17,7 +18,7 @@ from app.load.scene import LoadedScene, apply_lighting, choose_camera, finish_sc
 from app.load.scene_builder import SceneBuilder
 from app.load.sidecar import Lighting, Sidecar
 from app.paths import data_dir
-from app.scene import Camera, CameraPath, Environment, Light, Material, Motion
+from app.scene import CameraPath, Environment, Light, Material, Motion
 
 
 class SceneObject:
@@ -29,16 +30,19 @@ class SceneObject:
     """
 
     def __init__(self, name: str, transform: F64) -> None:
-        self.name, self._transform = name, transform
+        self.name, self.transform = name, transform
+
+    def __repr__(self) -> str:
+        return f"SceneObject({self.name!r})"
 
     @property
     def transform(self) -> F64:
         """Object space to world space, float64, shape (4, 4); assign another matrix to move the object.
 
-        Objects of a file are in world space already: their transform is the identity at first, and is applied to where
-        the file has them.
+        The array is read-only. Objects of a file are in world space already: their transform is the identity at first,
+        and is applied to where the file has them.
         """
-        return self._transform.copy()
+        return self._transform
 
     @transform.setter
     def transform(self, matrix: ArrayLike) -> None:
@@ -82,18 +86,20 @@ class Scene:
     environment : Environment or None
     cameras : dict of str to CameraPath
         A ``Camera`` may be put into it too.
-    objects : dict of str to SceneObject
+    objects : mapping of str to SceneObject
+        Read-only: ``add`` and ``remove`` change it.
     """
 
     def __init__(self, name: str = "scene", *, studio: bool = True) -> None:
-        self._path, self._base = Path(name), SceneBuilder(name)
+        self._path, self._base = check_path(name, "scene"), SceneBuilder(str(name))
         self._lighting: str | None = None
         self._parts: dict[str, SceneBuilder] = {}
         self.studio = studio
         self.lights: list[Light] = []
         self.environment: Environment | None = None
         self.cameras: dict[str, CameraPath] = {}
-        self.objects: dict[str, SceneObject] = {}
+        self._objects: dict[str, SceneObject] = {}
+        self.objects = MappingProxyType(self._objects)
 
     @classmethod
     def _of(cls, path: Path, builder: SceneBuilder, camera: str, lighting: str | None, studio: bool) -> Scene:
@@ -102,7 +108,7 @@ class Scene:
         scene._path, scene._base, scene._lighting = path, builder, lighting
         scene.lights, scene.environment = list(builder.lights), builder.environment
         scene.cameras = {camera: builder.cameras[camera], **builder.cameras}
-        scene.objects = {name: SceneObject(name, np.eye(4)) for name in builder.groups}
+        scene._objects.update({name: SceneObject(name, np.eye(4)) for name in builder.groups})
         return scene
 
     def add(self, mesh: Any, material: Material | None = None, transform: ArrayLike | None = None, *,
@@ -116,7 +122,7 @@ class Scene:
             Vertices, shape (V, 3), in scene units, and triangles, integers of shape (T, 3), counter-clockwise seen
             from the front; or what trimesh loaded; or a scene file, of which only the surfaces are added.
         material : Material, optional
-            Replaces those of a trimesh object or a file.
+            Replaces those of a trimesh object or a file. One with textures needs ``uvs``, or those of the object.
         transform : array_like, shape (4, 4), optional
             Object space to world space; default is the identity.
         name : str
@@ -131,20 +137,22 @@ class Scene:
         SceneError
             When an array has another shape, or there is no triangle with an area.
         """
+        if not isinstance(name, str):
+            raise SceneError(f"bad name {name!r}", "scene", "expected a string")
         given = {key: values for key, values in (("normals", normals), ("uvs", uvs), ("colors", colors))
                  if values is not None}
-        name = self._free_name(name)
-        matrix = np.eye(4) if transform is None else _transform(transform, name)
-        part = build_part(mesh, name, material, smooth, given)
-        added = self.objects[name] = SceneObject(name, matrix)
-        self._parts[name] = part
+        added = SceneObject(self._free_name(name), np.eye(4))
+        if transform is not None:
+            added.transform = transform
+        self._parts[added.name] = build_part(mesh, added.name, material, smooth, given)
+        self._objects[added.name] = added
         return added
 
     def remove(self, name: str) -> None:
         """Remove an object that was added."""
         if name not in self._parts:
             raise SceneError(f"no added object {name!r}", self._path, did_you_mean(name, self._parts))
-        del self._parts[name], self.objects[name]
+        del self._parts[name], self._objects[name]
 
     def __getitem__(self, name: str) -> SceneObject:
         """The object of that name."""
@@ -157,17 +165,17 @@ class Scene:
         builder = self._base.fork()
         for name, part in self._parts.items():
             merge(part, np.eye(4) if name in movable else self.objects[name].transform, name, builder)
-        motions = {name: Motion(np.zeros(1), self.objects[name].transform[None]) for name in movable}
+        motions = {name: Motion(np.zeros(1), np.array([self.objects[name].transform])) for name in movable}
         for name, item in self.objects.items():
             if name in motions:
                 _attach(builder, name, motions[name])
             elif name not in self._parts and not np.array_equal(item.transform, np.eye(4)):
                 _attach(builder, name, None, item.transform)
         require_instances(builder, self._path)
-        lights = comparable(self.lights)
-        builder.lights, builder.environment = list(lights), self.environment
-        builder.cameras = {name: CameraPath.still(camera) if isinstance(camera, Camera) else camera
-                           for name, camera in self.cameras.items()}
+        lights = check_lights(self.lights)
+        builder.lights = list(lights)
+        builder.environment = None if self.environment is None else check_environment(self.environment)
+        builder.cameras = check_cameras(self.cameras)
         lightings = {} if self._lighting is None else {self._lighting: Lighting(lights)}
         loaded = finish_scene(builder, self._path, Sidecar(lightings=lightings),
                               studio=self.studio and self.environment is None)
@@ -207,23 +215,11 @@ def load(path: str | Path | None = None, *, lighting: str | None = None, scene_j
     SceneError
         When a file is missing, corrupt or of an unknown kind.
     """
-    file = data_dir() / "cornell-box.obj" if path is None else Path(path)
+    file = data_dir() / "cornell-box.obj" if path is None else check_path(path, "scene")
     builder, sidecar = read_scene(file, scene_json=scene_json, variant=variant, animation=animation)
     camera = choose_camera(builder, file, sidecar)
     _, name = apply_lighting(builder, file, sidecar, lighting, builder.cameras[camera].at(0.0))
     return Scene._of(file, builder, camera, name, studio)
-
-
-def comparable(lights: Iterable[Light]) -> tuple[Light, ...]:
-    """``lights`` with tuples in place of arrays and lists."""
-    return tuple(map(_comparable, lights))
-
-
-def _comparable(light: Light) -> Light:
-    values = {field.name: getattr(light, field.name) for field in fields(light)}
-    rows: dict[str, Any] = {name: tuple(map(float, value)) for name, value in values.items()
-                            if isinstance(value, np.ndarray | list)}
-    return replace(light, **rows)
 
 
 def _attach(builder: SceneBuilder, name: str, motion: Motion | None, transform: F64 | None = None) -> None:
@@ -237,7 +233,9 @@ def _attach(builder: SceneBuilder, name: str, motion: Motion | None, transform: 
 
 
 def _transform(matrix: ArrayLike, name: str) -> F64:
-    values = np.array(matrix, np.float64)
+    expected = "expected an affine matrix of the shape (4, 4)"
+    values = read_array(matrix, f"{name}: transform", expected)
     if values.shape != (4, 4) or not np.isfinite(values).all() or not np.array_equal(values[3], (0, 0, 0, 1)):
-        raise SceneError("bad transform", name, "expected an affine matrix of the shape (4, 4)")
+        raise SceneError("bad transform", name, expected)
+    values.flags.writeable = False
     return values

@@ -3,7 +3,9 @@
 from collections.abc import Iterable
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
+from app.api.checked import check_path
 from app.api.frame import Frame
 from app.errors import SettingsError
 from app.io.video import CODECS, check_video, open_video
@@ -24,14 +26,24 @@ def write_video(path: str | Path, frames: Iterable[Frame]) -> None:
     AfterglowError
         When the suffix or the size does not suit, there is no frame, or the extra ``video`` is not installed.
     """
-    file, pending = Path(path), iter(frames)
+    file, pending = check_path(path, "video"), iter(frames)
     kind = file.suffix.removeprefix(".")
     if kind not in CODECS:
         raise SettingsError(f"unknown kind of video {file.suffix!r}", file, f"expected one of: {', '.join(CODECS)}")
     first = next(pending, None)
     if first is None:
         raise SettingsError("no frame given", file, "expected at least one")
-    check_video([kind], first.size)
-    with open_video(file, first.size) as write:
+    size = _checked(first, file).size
+    check_video([kind], size)
+    with open_video(file, size) as write:
         for frame in chain([first], pending):
-            write(frame.display)
+            write(_checked(frame, file, size).display)
+
+
+def _checked(frame: Any, file: Path, size: tuple[int, int] | None = None) -> Frame:
+    if not isinstance(frame, Frame):
+        raise SettingsError(f"can't write a {type(frame).__name__}", file, "expected frames, as a renderer gives them")
+    if size is not None and frame.size != size:
+        raise SettingsError(f"a frame has another size, {frame.size[0]}x{frame.size[1]}", file,
+                            f"expected {size[0]}x{size[1]} as before")
+    return frame

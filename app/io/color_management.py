@@ -9,6 +9,7 @@ import OpenImageIO as oiio
 from app.arrays import F32, Bytes
 from app.errors import SettingsError, did_you_mean
 from app.io.image import to_8bit
+from app.settings import TONE_MAPS
 
 SEPARATOR = "/"              # between a display and its view
 LINEAR = "lin_rec709_scene"  # the renderer's colours
@@ -25,7 +26,9 @@ def find_view(text: str, where: str = "--tonemap") -> tuple[str, str]:
     views = {SEPARATOR.join((display, view)): (display, view)
              for display in _config().getDisplayNames() for view in _config().getViewNames(display)}
     if text not in views:
-        raise SettingsError(f"unknown tone map or view {text!r}", where, did_you_mean(text, views))
+        known = did_you_mean(text, views) if SEPARATOR in text else (
+            f"{did_you_mean(text, TONE_MAPS)}, or a view of OpenColorIO, such as {next(iter(views), 'DISPLAY/VIEW')!r}")
+        raise SettingsError(f"unknown tone map or view {text!r}", where, known)
     return views[text]
 
 

@@ -122,12 +122,18 @@ def _light(spec: dict[str, Any], path: object, *keys: object) -> Light:
     if kind == "directional":
         return DirectionalLight(**values | {"direction": _unit(values["direction"], path, *keys, "direction")})
     if kind == "rectangle":
-        u, v = np.array(values["edge_u"]), np.array(values["edge_v"])
-        if abs(u @ v) > _MAX_EDGE_COSINE * np.linalg.norm(u) * np.linalg.norm(v) or not np.any(np.cross(u, v)):
+        if not span_rectangle(values["edge_u"], values["edge_v"]):
             raise SceneError("edge_u and edge_v do not span a rectangle", at(path, *keys),
                              "expected two edges at a right angle, neither of length 0")
         return RectLight(**values)
     return _spot(values, path, *keys)
+
+
+def span_rectangle(edge_u: Sequence[float], edge_v: Sequence[float]) -> bool:
+    """Whether two edges are perpendicular and neither has length 0."""
+    u, v = np.array(edge_u), np.array(edge_v)
+    lengths = float(np.linalg.norm(u) * np.linalg.norm(v))
+    return bool(abs(u @ v) <= _MAX_EDGE_COSINE * lengths and np.any(np.cross(u, v)))
 
 
 def _spot(values: dict[str, Any], path: object, *keys: object) -> SpotLight:

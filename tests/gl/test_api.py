@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -207,3 +209,97 @@ def test_mistakes_are_one_line(mistake: object) -> None:
     with pytest.raises(AfterglowError) as caught:
         mistake()
     assert "\n" not in str(caught.value)
+
+
+QUAD = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]), np.array([[0, 1, 2], [0, 2, 3]])
+UVS = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+ABOVE = afterglow.Camera((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), orthographic_height=2.0)
+
+
+def draw_aov(scene: afterglow.Scene, name: str, camera: afterglow.Camera = ABOVE, size: tuple[int, int] = SIZE
+             ) -> np.ndarray:
+    with afterglow.Renderer(scene, size, None, taa=False, outputs=(name,)) as renderer:
+        return renderer.render(camera)[name]
+
+
+def test_textures_of_obj_files_that_trimesh_loaded_keep_their_colours() -> None:
+    image = np.zeros((4, 4, 3), np.uint8)
+    image[:2], image[2:] = (255, 0, 0), (0, 0, 255)  # red above blue
+    mesh, scene = trimesh.Trimesh(*QUAD, process=False), afterglow.Scene()
+    mesh.visual = trimesh.visual.TextureVisuals(uv=UVS, image=Image.fromarray(image))
+    scene.add(mesh)
+    albedo = draw_aov(scene, "albedo")
+    assert albedo[8, 24] == pytest.approx([1.0, 0.0, 0.0], abs=0.05)
+    assert albedo[28, 24] == pytest.approx([0.0, 0.0, 1.0], abs=0.05)
+
+
+def test_a_normal_map_acts_alike_on_arrays_trimesh_objects_and_files(tmp_path: Path) -> None:
+    pixels = np.full((4, 4, 4), 255, np.uint8)
+    pixels[..., :3] = 200, 128, 220
+    material = afterglow.Material(normal_map=afterglow.Texture(pixels, is_color=False))
+    mesh = trimesh.Trimesh(*QUAD, process=False)
+    mesh.visual = trimesh.visual.TextureVisuals(uv=UVS)
+    mesh.export(tmp_path / "quad.glb")
+    normals = []
+    for quad, options in ((QUAD, {"uvs": UVS}), (mesh, {}), (tmp_path / "quad.glb", {})):
+        scene = afterglow.Scene()
+        scene.add(quad, material, **options)
+        normals.append(draw_aov(scene, "normal")[18, 24])
+    assert normals[0][0] > 0.5
+    assert np.allclose(normals, normals[0], atol=1e-3)
+
+
+@pytest.mark.parametrize("convention", ["opengl", "opencv"])
+def test_balls_are_seen_where_a_calibrated_camera_sees_them(convention: str) -> None:
+    scene, centers = afterglow.Scene(), np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.5]])
+    for center, colour in zip(centers, np.eye(3), strict=True):
+        scene.add(trimesh.creation.icosphere(2, 0.15), afterglow.Material(albedo=colour),
+                  trimesh.transformations.translation_matrix(center))
+    size, intrinsics = (240, 160), np.array([[300.0, 0, 100], [0, 150, 90], [0, 0, 1]])  # neither square nor centred
+    pose = trimesh.transformations.euler_matrix(0.05, 0.1, 0.2)
+    pose[:3, 3] = 0.3, 0.2, 5.0
+    opencv = pose @ np.diag([1.0, -1, -1, 1])
+    camera = afterglow.camera_from_matrix(opencv if convention == "opencv" else pose, intrinsics, size,
+                                          convention=convention)
+    albedo = draw_aov(scene, "albedo", camera, size)
+    for channel, center in enumerate(centers):
+        u, v, w = intrinsics @ (np.linalg.inv(opencv) @ np.append(center, 1.0))[:3]
+        rows, columns = np.nonzero(albedo[..., channel] > 0.5)
+        assert (columns.mean(), rows.mean()) == pytest.approx((u / w, v / w), abs=0.3)
+
+
+def test_threads_share_a_renderer() -> None:
+    with afterglow.Renderer(floor_and_box(), SIZE, None) as renderer:
+        expected = renderer.render(CAMERA)["final"]
+        with ThreadPoolExecutor(2) as threads:
+            pictures = list(threads.map(lambda _: renderer.render(CAMERA)["final"], range(4)))
+    assert all(np.array_equal(picture, expected) for picture in pictures)
+
+
+def test_what_would_spoil_a_video_or_a_batch_is_refused() -> None:
+    scene = floor_and_box()
+    with afterglow.Renderer(scene, SIZE, None, taa=False) as renderer:
+        video = renderer.render_video([CAMERA] * 3, [0.0] * 3)
+        next(video)
+        renderer.render(CAMERA)
+        with pytest.raises(AfterglowError, match="another picture"):
+            next(video)
+        batch = renderer.iterate_batch([CAMERA, replace(CAMERA, fov_y_deg=50.0)])
+        next(batch)
+        scene.remove("box")
+        renderer.render(CAMERA)
+        with pytest.raises(AfterglowError, match="during a batch"):
+            next(batch)
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+def test_an_error_between_frames_leaves_no_video(tmp_path: Path, error: type[BaseException]) -> None:
+    pytest.importorskip("av")
+    with afterglow.Renderer(floor_and_box(), SIZE, None, taa=False) as renderer:
+        def frames() -> Iterator[afterglow.Frame]:
+            yield renderer.render(CAMERA)
+            raise error
+
+        with pytest.raises(error):
+            afterglow.write_video(tmp_path / "a.mp4", frames())
+    assert not list(tmp_path.iterdir())
