@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 from app.errors import SettingsError
@@ -135,6 +134,8 @@ class FrameInputs:
         Its radiance is scaled already.
     caster : callable
         Gives the caster of ``scene``; only passes that run call it.
+    surfels : TrackedSurfels
+        Those that the network reads, or others that reflections show; placed by the first pass that runs.
     """
 
     scene: Scene
@@ -142,6 +143,7 @@ class FrameInputs:
     lights: LightSet
     caster: Callable[[], Caster]
     models: Models
+    surfels: TrackedSurfels
 
     @property
     def has_specular(self) -> bool:
@@ -184,17 +186,6 @@ class FrameInputs:
     def has_reflected_rays(self) -> bool:
         """Whether some surface is smooth enough for rays."""
         return self.why_no_reflections is None and any(map(reflection.needs_rays, self.scene.materials))
-
-    @property
-    def network_surfels(self) -> tuple[int, int] | None:
-        """How many surfels the network of their light reads, and how many rays of each; None if there is none."""
-        model = self.models.surfels or self.models.indirect
-        return None if model is None or isinstance(model, str) else model.contract.surfels
-
-    @cached_property
-    def surfels(self) -> TrackedSurfels:
-        """The surfels that the network reads, or others that reflections show."""
-        return TrackedSurfels(self.scene, self.caster, *(self.network_surfels or REFLECTION_SURFELS))
 
     @property
     def has_surfel_indirect(self) -> bool:
@@ -246,8 +237,8 @@ def _steps(inputs: FrameInputs, finished: str) -> Iterator[Step]:
         yield from _absent("no material is blended or transmits light", *LAYER_PASSES)
     if settings.taa:
         prefix = "front_" if inputs.has_see_through else ""
-        yield taa.declare(scene.environment is not None, prefix + "motion", prefix + "depth", inputs.has_textures,
-                          settings.size)
+        yield from taa.declare(scene.environment is not None, prefix + "motion", prefix + "depth", inputs.has_textures,
+                               settings.size, is_upscaled=settings.render_scale < 1)
         yield sharpen.declare(settings.size) if inputs.has_textures else Absent("sharpen", "no material has a texture")
     else:
         yield from _absent("switched off by --no-taa", "taa", "sharpen")
@@ -341,7 +332,7 @@ def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:
                            "accumulate", "push_pull", *MISSED_PASSES, "upsample")
         return
     target = "indirect_now" if settings.taa else "indirect_low"
-    if inputs.network_surfels is not None or inputs.has_reflected_rays:
+    if inputs.models.surfels_read is not None or inputs.has_reflected_rays:
         yield surfel_light.declare(inputs.surfels, inputs.lights)
     else:
         yield Absent("surfel_light", "neither the model nor a reflection reads surfels")

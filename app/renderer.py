@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from app.frame import RADIANCE, FrameInputs, build_frame
+from app.frame import RADIANCE, REFLECTION_SURFELS, FrameInputs, build_frame
 from app.gl.context import Device
 from app.gl.frame_state import REFRESH_FRAMES, CameraBlock, Execute, FrameState
 from app.gl.geometry import GpuScene
 from app.gl.lights import LightSet
 from app.gl.pool import Pixels, Pool, Resources
 from app.gl.timer import MAX_FRAMES, Timer, Yardstick
-from app.graph import BoundPass
+from app.graph import BoundPass, Plan
 from app.io.color_management import display_view, find_view
 from app.math3d import GOLDEN_RATIO, View, halton
 from app.network.selection import Model, load_models
@@ -30,7 +30,7 @@ from app.settings import TONE_MAPS, Settings
 from app.surfels.tracked import TrackedSurfels
 
 NEAR = 1e-4           # of the scene's longest edge
-JITTER_PERIOD = 64    # frames after which the sub-pixel offsets repeat
+JITTER_PERIOD = 64    # frames after which the sub-pixel offsets repeat, at full size; more for smaller ones
 COMPONENTS = {"depth": 1, "motion": 2, "instance": 1, "material": 1, "flow": 2}
 
 AfterPass = Callable[[BoundPass, Pool], None]
@@ -38,6 +38,23 @@ AfterPass = Callable[[BoundPass, Pool], None]
 
 class _AbandonedError(Exception):
     """The frame is no longer wanted."""
+
+
+class _Pipeline:
+    """The passes of frames at one render scale, and the textures that they write."""
+
+    def __init__(self, device: Device, inputs: FrameInputs) -> None:
+        outputs = inputs.settings.outputs
+        frame = build_frame(inputs)
+        self._device = device
+        self.sources = {o: frame.resource(o) for o in outputs}
+        self.plan = frame.compile(outputs)
+        self.pool = Pool(device, self.plan, inputs.settings.render_size)
+        self.make_passes()
+
+    def make_passes(self) -> None:
+        self.executors: list[tuple[BoundPass, Execute, Resources]] = [
+            (b, b.spec.make(self._device, b), Resources(self.pool, b)) for b in self.plan.passes if b.spec.make]
 
 
 def always() -> bool:
@@ -56,8 +73,6 @@ class Renderer:
 
     Attributes
     ----------
-    plan : Plan
-        The passes that run, and why others don't.
     missing : tuple of str
         Outputs that are zeros, since the scene can't have them.
     device : dict of str to str
@@ -95,17 +110,15 @@ class Renderer:
         self._traced = self._needs_rays(scene)
         self._lights = LightSet(self._gl, scene, self._traced)
         self._camera = CameraBlock(self._gl)
-        self._inputs = FrameInputs(scene, settings, self._lights, self._get_caster, self._models)
-        frame = build_frame(self._inputs)
-        self._sources = {o: frame.resource(o) for o in settings.outputs}
-        self.missing = tuple(o for o, source in self._sources.items() if source is None)
-        self.plan = frame.compile(settings.outputs)
+        surfels = TrackedSurfels(scene, self._get_caster, *(self._models.surfels_read or REFLECTION_SURFELS))
+        self._inputs = FrameInputs(scene, settings, self._lights, self._get_caster, self._models, surfels)
+        self._pipeline = _Pipeline(self._gl, self._inputs)
+        self._pipelines = {settings.render_scale: self._pipeline}
+        self.missing = tuple(o for o, source in self._pipeline.sources.items() if source is None)
         self._accumulates = "taa" in self.plan.resources
-        self._pool = Pool(self._gl, self.plan, settings.render_size)
-        self._executors = self._make_passes()
         self._timer = Timer(self._gl, settings.timing)
         self._yardstick = Yardstick(self._gl, settings.size) if settings.timing else None
-        self._non_finite: dict[str, int] = {b.name: 0 for b in self.plan.passes}
+        self._non_finite: Counter[str] = Counter()
         self.after_pass: list[AfterPass] = [self._count_non_finite] if settings.check else []
         self._previous: View | None = None
         self._index = 0
@@ -113,8 +126,14 @@ class Renderer:
         self._unchanged = self._still = 0  # frames
         self._viewpoints: tuple[View, ...] = ()
 
-    def _make_passes(self) -> list[tuple[BoundPass, Execute, Resources]]:
-        return [(b, b.spec.make(self._gl, b), Resources(self._pool, b)) for b in self.plan.passes if b.spec.make]
+    @property
+    def plan(self) -> Plan:
+        """The passes that run, and why others don't."""
+        return self._pipeline.plan
+
+    @property
+    def _pool(self) -> Pool:
+        return self._pipeline.pool
 
     def render(self, camera: Camera, time: float = 0.0,
                following: tuple[Camera, float] | None = None) -> dict[str, Pixels]:
@@ -187,6 +206,22 @@ class Renderer:
         """Use another linear factor before the tone map, from the next frame on."""
         self.settings = replace(self.settings, exposure=exposure)
 
+    def set_render_scale(self, scale: float) -> None:
+        """Draw frames at another size from the next one on; what was accumulated stays, and times begin anew.
+
+        What the passes of a size have made is kept for when it returns.
+        """
+        if scale == self.settings.render_scale:
+            return
+        self.settings = replace(self.settings, render_scale=scale)
+        self.reset_timing()
+        with self._gl.ctx:
+            before = self._pool
+            if scale not in self._pipelines:
+                self._pipelines[scale] = _Pipeline(self._gl, replace(self._inputs, settings=self.settings))
+            self._pipeline = self._pipelines[scale]
+            self._pool.take_history(before)
+
     def relight(self, lights: tuple[Light, ...]) -> bool:
         """Use other lights from the next frame on; False, and no change, when they need other shaders or maps."""
         scene = self.scene.with_lights(*lights)
@@ -241,20 +276,20 @@ class Renderer:
         """
         passes: dict[str, Any] = self._timer.report(newest)
         frame = passes.pop("frame", {"cpu_ms": {}, "gpu_ms": {}})
-        for name, count in self._non_finite.items():
-            if name in passes:
-                passes[name]["non_finite"] = count
+        for name in {b.name for b in self.plan.passes} & set(passes):
+            passes[name]["non_finite"] = self._non_finite[name]
         return {"frame": frame, "passes": passes}
 
     def reset_timing(self) -> None:
         """Forget all times and counts so far."""
         self._timer.clear()
-        self._non_finite = dict.fromkeys(self._non_finite, 0)
+        self._non_finite.clear()
 
     def close(self) -> None:
         """Release everything; the renderer can't be used afterwards."""
         with self._gl.ctx:
-            self._pool.release()
+            for pipeline in self._pipelines.values():
+                pipeline.pool.release()
             self._geometry.release()
             self._lights.release()
             self._camera.buffer.release()
@@ -292,7 +327,7 @@ class Renderer:
         self._camera.upload(frame)
         asking = 0.0  # seconds
         with self._timer.frame():
-            for bound, execute, resources in self._executors:
+            for bound, execute, resources in self._pipeline.executors:
                 start = perf_counter()
                 if not wanted():
                     raise _AbandonedError
@@ -311,7 +346,8 @@ class Renderer:
         """Another kind of projection needs other shaders, and is a cut."""
         if is_orthographic != ("ORTHOGRAPHIC" in self._gl.defines):
             self._gl.defines = {"ORTHOGRAPHIC": 1} if is_orthographic else {}
-            self._executors = self._make_passes()
+            for pipeline in self._pipelines.values():
+                pipeline.make_passes()
             self._gl.collect()
             self.cut()
 
@@ -332,7 +368,7 @@ class Renderer:
 
     def _jitter(self) -> tuple[float, float]:
         """Halton offsets in clip units, centred on the pixel."""
-        i = (self._index + self.settings.seed) % JITTER_PERIOD + 1
+        i = (self._index + self.settings.seed) % round(JITTER_PERIOD / self.settings.render_scale**2) + 1
         w, h = self.settings.render_size
         return (2 * halton(i, 2) - 1) / w, (2 * halton(i, 3) - 1) / h
 
@@ -348,7 +384,7 @@ class Renderer:
     def _read(self, name: str) -> Pixels:
         w, h = self.settings.size
         channels = COMPONENTS.get(name, 3)
-        source = self._sources[name]
+        source = self._pipeline.sources[name]
         if source is None:
             return np.zeros((h, w, channels), np.float32)
         image = self._pool.read(source, newest=True)

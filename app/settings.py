@@ -8,10 +8,11 @@ from typing import SupportsFloat, SupportsIndex
 from app.errors import SettingsError
 
 MAX_SIDE = 16384
+MIN_RENDER_SCALE = 0.5
 MAX_BOUNCES = 64
 MAX_SEED = 2**31 - 1
 TONE_MAPS = ("srgb", "agx", "pbr-neutral", "aces")
-SETTLE_FRAMES = 16  # until temporal anti-aliasing has converged
+SETTLE_FRAMES = 16  # until temporal anti-aliasing has converged, at a render scale of 1
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,9 @@ class Settings:
         Count the non-finite texels that each pass writes.
     scale : float or None
         Size of the networks' screen grid relative to the image, in (0, 1]; None for the networks' own.
+    render_scale : float
+        Size at which frames are drawn before temporal anti-aliasing accumulates them at the image's, relative to it,
+        from 0.5 to 1.
 
     Raises
     ------
@@ -69,11 +73,20 @@ class Settings:
     timing: bool = False
     check: bool = False
     scale: float | None = None
+    render_scale: float = 1.0
 
     def __post_init__(self) -> None:
         if not all(isinstance(n, int) and 1 <= n <= MAX_SIDE for n in self.size):
             raise SettingsError(f"bad size {self.size[0]}x{self.size[1]}", "--size",
                                 f"expected WIDTHxHEIGHT, each from 1 to {MAX_SIDE}")
+        if not (isinstance(self.render_scale, SupportsFloat) and MIN_RENDER_SCALE <= self.render_scale <= 1):
+            raise SettingsError(f"bad scale {self.render_scale}", "--render-scale",
+                                f"expected a number from {MIN_RENDER_SCALE} to 1")
+        if self.render_scale < 1 and not self.taa:
+            raise SettingsError("needs temporal anti-aliasing", "--render-scale", "expected 1 with --no-taa")
+        if self.render_scale < 1 and self.outputs != ("final",):
+            raise SettingsError(f"can't draw {', '.join(o for o in self.outputs if o != 'final')} at the image's size",
+                                "--render-scale", "expected 1, or final as the only --aov")
         if not (isinstance(self.exposure, SupportsFloat) and math.isfinite(self.exposure) and self.exposure > 0):
             raise SettingsError(f"bad exposure {self.exposure}", "--exposure", "expected a finite number above 0")
         if self.bounces is not None and not (isinstance(self.bounces, SupportsIndex)
@@ -92,7 +105,13 @@ class Settings:
     @property
     def render_size(self) -> tuple[int, int]:
         """Width and height in pixels at which frames are drawn."""
-        return self.size
+        width, height = (math.ceil(n * self.render_scale) for n in self.size)
+        return width, height
+
+    @property
+    def settle_frames(self) -> int:
+        """Frames until temporal anti-aliasing has converged: as many samples of each pixel at any render scale."""
+        return round(SETTLE_FRAMES / self.render_scale**2) if self.taa else 0
 
 
 def parse_size(text: str) -> tuple[int, int]:

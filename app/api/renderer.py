@@ -18,7 +18,7 @@ from app.errors import SettingsError, did_you_mean
 from app.network.selection import DEFAULT_MODEL, Model, by_role, find_models
 from app.renderer import Renderer as Engine
 from app.scene import Camera, CameraPath, Light
-from app.settings import SETTLE_FRAMES, TONE_MAPS, Settings
+from app.settings import TONE_MAPS, Settings
 
 TIME_STEP = 1e-6  # seconds added to the clock when an object has moved, so that its transform is read again
 
@@ -42,7 +42,7 @@ class Renderer:
         model that shades surfaces by an environment.
     outputs : sequence of str
         ``final`` and AOVs.
-    taa, exposure, tonemap, auto_exposure, bounces, seed, provider, strict_device, scale
+    taa, exposure, tonemap, auto_exposure, bounces, seed, provider, strict_device, scale, render_scale
         As in ``Settings``; each has an option of the command line.
 
     Raises
@@ -54,13 +54,15 @@ class Renderer:
     def __init__(self, scene: Scene, size: tuple[int, int] = (1024, 768), model: Models = DEFAULT_MODEL, *,
                  outputs: Sequence[str] = ("final",), taa: bool = True, exposure: float = 1.0,
                  auto_exposure: bool = False, tonemap: str = TONE_MAPS[0], bounces: int | None = None, seed: int = 0,
-                 provider: str = "auto", strict_device: bool = False, scale: float | None = None) -> None:
+                 provider: str = "auto", strict_device: bool = False, scale: float | None = None,
+                 render_scale: float = 1.0) -> None:
         if not isinstance(scene, Scene):
             raise SettingsError(f"can't draw a {type(scene).__name__}", "scene", "expected a Scene, such as load gives")
         self.scene = scene
         self._settings = Settings(
             size=check_size(size), outputs=_names(outputs), taa=taa, exposure=exposure, auto_exposure=auto_exposure,
-            tonemap=tonemap, bounces=bounces, seed=seed, provider=provider, strict_device=strict_device, scale=scale)
+            tonemap=tonemap, bounces=bounces, seed=seed, provider=provider, strict_device=strict_device, scale=scale,
+            render_scale=render_scale)
         self._models = _find(model)
         self._engine: Engine | None = None
         self._key: tuple[object, ...] = ()
@@ -98,7 +100,7 @@ class Renderer:
         settle : int, optional
             Frames to draw before it, continuing from the picture before, as in a video; 0 draws the next frame of one.
             Without it the picture is a still that depends on nothing that was drawn before: with temporal
-            anti-aliasing, 16 frames are drawn before it.
+            anti-aliasing, 16 frames are drawn before it, or more with ``render_scale``.
         following : tuple of camera and float, optional
             Camera and time of the next picture, for ``flow``. Objects moved by ``transform`` count as at rest.
         """
@@ -216,7 +218,7 @@ class Renderer:
                following: tuple[Camera, float]) -> Frame:
         engine.cut()
         engine.place_surfels(together)
-        return self._draw(engine, camera, time, SETTLE_FRAMES if self._settings.taa else 0, following)
+        return self._draw(engine, camera, time, self._settings.settle_frames, following)
 
     def _draw(self, engine: Engine, camera: Camera, time: float, settle: int, following: tuple[Camera, float]
               ) -> Frame:

@@ -30,6 +30,7 @@ def measure_cold_start(scene: Path, lighting: str | None, camera: str | None, va
     """
     task = {"scene": str(scene), "lighting": lighting, "camera": camera, "variant": variant,
             "provider": provider, "size": configuration.size, "scale": configuration.scale,
+            "render_scale": configuration.render_scale,
             "models": [str(model) for model in configuration.models]}
     return json.loads(run_module("app.bench.cold_start", stdin=json.dumps(task)))
 
@@ -43,7 +44,8 @@ def _draw_first_frame(task: dict[str, Any]) -> dict[str, float]:
     scene = load_scene(task["scene"], lighting=task["lighting"], variant=task["variant"])
     camera = scene.cameras[task["camera"] or scene.default_camera].at(0.0)
     begin = perf_counter()
-    settings = Settings(size=tuple(task["size"]), scale=task["scale"], provider=task["provider"])
+    settings = Settings(size=tuple(task["size"]), scale=task["scale"], render_scale=task["render_scale"],
+                        provider=task["provider"])
     with Renderer(scene, settings, [find_model(name) for name in task["models"]]) as renderer:
         renderer.render(camera)
         return {"startup_s": perf_counter() - begin, "peak_mb": _peak_bytes() / 1e6}

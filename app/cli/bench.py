@@ -28,8 +28,9 @@ from app.cli.options import (
 )
 from app.errors import SettingsError, did_you_mean
 from app.io.terminal import print_table, say
+from app.network.selection import DEFAULT_MODEL
 from app.paths import PROGRAM
-from app.settings import Settings, parse_size
+from app.settings import MIN_RENDER_SCALE, Settings, parse_size
 
 WORSE = 1  # exit code
 ALL = "all"
@@ -45,8 +46,9 @@ def bench(
         metavar="SCENE", help="Scene files; the embedded Cornell box and patio if omitted.",
         show_default=False)] = None,
     models: Annotated[str, typer.Option(
-        help="all (none, ssgi, the bundled networks, and under an environment ember with each that shades it), or "
-             "names and paths; NAME+NAME for one for indirect light and one that shades an environment.",
+        help="all (none, ssgi, the bundled networks, ember at half the size, and under an environment ember with each "
+             "that shades it), or names and paths; NAME+NAME for one for indirect light and one that shades an "
+             "environment; NAME@SCALE for frames drawn at a fraction of the size (--render-scale of the renderer).",
         metavar="all|NAME,…", rich_help_panel=NETWORK)] = ALL,
     sizes: Annotated[str, typer.Option(
         help="Pixels; errors are measured at the first size.", metavar="WxH,…")] = "256x192,1024x768",
@@ -107,7 +109,8 @@ def bench(
         scenes=tuple(scenes or embedded(lighting, camera)), sizes=_sizes(sizes), lighting=lighting, camera=camera,
         variant=variant, reference_folder=None if reference == AUTO else Path(reference), spp=spp, rounds=repeats,
         provider=provider, skip_idle_scenes=not scenes)
-    names = (*all_models(), *sky_models()) if models == ALL else tuple(parse_list(models))
+    every = (*all_models(), f"{DEFAULT_MODEL}@{MIN_RENDER_SCALE}", *sky_models())
+    names = every if models == ALL else tuple(parse_list(models))
     if not names:
         raise SettingsError("no model given", "--models", "expected all, or names and paths")
     precisions = parse_names(precision, PRECISIONS, "--precision") if precision else ()

@@ -124,7 +124,7 @@ def check_name(name: str, known: Collection[str], option: str) -> None:
 
 
 def parse_scale(text: str, option: str) -> float:
-    """The size of a network's grid relative to the image, such as ``1/8`` or ``0.25``.
+    """A size relative to the image's, such as ``1/8`` or ``0.25``.
 
     Raises
     ------

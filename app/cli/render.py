@@ -75,7 +75,8 @@ def render(
         help="Frames to write, 1/30 s apart.", min=1, metavar="N", rich_help_panel=PICTURE)] = 1,
     settle: Annotated[int | None, typer.Option(
         help="Frames drawn before the first one that is written, so that TAA converges.", min=0, metavar="N",
-        show_default=f"{SETTLE_FRAMES} for a still, 0 otherwise", rich_help_panel=PICTURE)] = None,
+        show_default=f"{SETTLE_FRAMES} for a still, more with --render-scale, 0 otherwise",
+        rich_help_panel=PICTURE)] = None,
     aov: Annotated[str, typer.Option(
         help="Images to write: final, albedo, normal, depth, position, motion, direct, specular, reflection, indirect, "
              "emission, …", metavar="NAME,…", rich_help_panel=PICTURE)] = "final",
@@ -91,6 +92,9 @@ def render(
     reflections: Annotated[bool, typer.Option(
         "--reflections/--no-reflections", help="Indirect light on glossy surfaces.",
         rich_help_panel=PICTURE)] = True,
+    render_scale: Annotated[str, typer.Option(
+        help="Size at which frames are drawn before TAA accumulates them at full size, relative to it, from 0.5 to 1.",
+        metavar="SCALE", rich_help_panel=PICTURE)] = "1",
     seed: Annotated[int, typer.Option(
         help="Varies the sampling patterns.", metavar="N", rich_help_panel=PICTURE)] = 0,
     model: ModelNames = [DEFAULT_MODEL],  # noqa: B006
@@ -131,7 +135,8 @@ def render(
     from app.renderer import Renderer
 
     settings = Settings(
-        size=parse_size(size), outputs=parse_names(aov, AOVS, "--aov"), taa=taa, reflections=reflections,
+        size=parse_size(size), render_scale=parse_scale(render_scale, "--render-scale"),
+        outputs=parse_names(aov, AOVS, "--aov"), taa=taa, reflections=reflections,
         exposure=exposure, tonemap=tonemap, auto_exposure=auto_exposure, bounces=bounces, seed=seed, provider=provider,
         strict_device=strict_device, timing=True, check=check,
         scale=None if scale is None else parse_scale(scale, "--scale"))
@@ -170,8 +175,8 @@ def render(
                 typer.echo(f"approximated {approximation}", err=True)
         prepare_folders(out, *([timing.parent] if timing is not None else []))
         if settle is None:
-            has_taa = any(p.name == "taa" for p in renderer.plan.passes)
-            settle = SETTLE_FRAMES if frames == 1 and has_taa else 0
+            has_taa = "taa" in renderer.plan.resources
+            settle = settings.settle_frames if frames == 1 and has_taa else 0
         images = _draw(renderer, path, settings, time, frames, settle, out, kinds)
         report = {
             **renderer.timing(), "culled": dict(renderer.plan.culled), "device": renderer.device,

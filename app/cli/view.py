@@ -44,6 +44,9 @@ def view(
         rich_help_panel=SERVER)] = "127.0.0.1",
     port: Annotated[int, typer.Option(
         help="Port; 0 for a free one.", min=0, max=65535, metavar="N", rich_help_panel=SERVER)] = 0,
+    target_fps: Annotated[float, typer.Option(
+        help="Frames per second to reach while something moves, by drawing frames at down to half the size; 0 draws "
+             "all at full size.", min=0, max=1000, metavar="N", rich_help_panel=SERVER)] = 10.0,
     model: ModelNames = [DEFAULT_MODEL],  # noqa: B006
     bounces: Bounces = None,
     provider: Provider = AUTO,
@@ -97,7 +100,7 @@ def view(
     state = State(settings.size, first_view, loaded.scene.lights[:loaded.own_lights], indirect[0],
                   environment=next(iter(shading), ""), bounces=bounces)
     choices = Choices(models, VIEWABLE_OUTPUTS, (*TONE_MAPS, *default_views()), movable)
-    session = Session(file, loaded, state, choices, provider)
+    session = Session(file, loaded, state, choices, provider, target_fps)
     asyncio.run(serve(session, host, port,
                       lambda link: typer.echo(f"Afterglow is at {link}\nCtrl-C ends it")))
     typer.echo("ended")

@@ -10,7 +10,9 @@ from app.network.contract import ModelContract
 from app.network.contract_json import read_contract
 from app.network.selection import HALF_SUFFIX, NONE, SEPARATOR, Model, find_models, shades_environment
 from app.scene import Scene
+from app.settings import Settings
 
+AUTO = "auto"  # any execution provider
 PRECISIONS = {"float32": "", "float16": HALF_SUFFIX}  # with the end of such networks' names
 MAX_DENOMINATOR = 64  # of scales that are written as fractions
 
@@ -29,12 +31,19 @@ class Configuration:
         Width and height of the image in pixels.
     scale : float or None
         Size of the networks' screen grid relative to the image; None for the networks' own.
+    render_scale : float
+        As in ``Settings``.
     """
 
     label: str
     models: tuple[Model, ...]
     size: tuple[int, int]
     scale: float | None = None
+    render_scale: float = 1.0
+
+    def settings(self, provider: str, timing: bool = False) -> Settings:
+        """How to draw it."""
+        return Settings(self.size, scale=self.scale, render_scale=self.render_scale, provider=provider, timing=timing)
 
     @property
     def file(self) -> Model | None:
@@ -49,7 +58,8 @@ class Configuration:
     @property
     def grid(self) -> tuple[int, int] | None:
         """Width and height of the first network's screen grid; None without a network."""
-        return next((contract.screen_size(self.size) for contract in self._contracts), None)
+        render_size = self.settings(AUTO).render_size
+        return next((contract.screen_size(render_size) for contract in self._contracts), None)
 
     @property
     def precision(self) -> str | None:
@@ -68,7 +78,7 @@ def expand(models: Sequence[str], sizes: Sequence[tuple[int, int]], scales: Sequ
     Parameters
     ----------
     models : sequence of str
-        Texts for ``find_models``.
+        Texts for ``find_models``, or such a text, ``@`` and a render scale.
     scales : sequence of float
         Sizes of the networks' screen grid relative to the image; the networks' own if empty.
     precisions : sequence of str
@@ -87,16 +97,18 @@ def expand(models: Sequence[str], sizes: Sequence[tuple[int, int]], scales: Sequ
     AfterglowError
         When there is no such model, two have the same task, or two configurations have the same label.
     """
-    variants: dict[str, tuple[tuple[Model, ...], float | None]] = {}
+    variants: dict[str, tuple[tuple[Model, ...], float | None, float]] = {}
     absent: list[str] = []
     for text in models:
-        for label, files, scale in _variants(find_models(text, where), scales, precisions, absent):
+        name, render_scale = _split_render_scale(text)
+        for variant, files, scale in _variants(find_models(name, where), scales, precisions, absent):
+            label = variant if render_scale == 1 else f"{variant}@{render_scale:g}"
             if label in variants:
                 raise ModelError(f"two models are called {label!r}", text,
                                  "expected each once, and different file names")
-            variants[label] = files, scale
-    return [Configuration(label, files, size, scale)
-            for size in sizes for label, (files, scale) in variants.items()], absent
+            variants[label] = files, scale, render_scale
+    return [Configuration(label, files, size, scale, render_scale)
+            for size in sizes for label, (files, scale, render_scale) in variants.items()], absent
 
 
 def select_applicable(configurations: Sequence[Configuration], scene: Scene) -> tuple[list[Configuration], list[str]]:
@@ -111,6 +123,15 @@ def no_environment_error(scene: Scene, labels: Sequence[str]) -> SettingsError:
     """The error for models that shade an environment in a scene without one."""
     return SettingsError(f"{scene.name} has no environment for {', '.join(labels)}", "--models",
                          "expected a lighting with one, or other models")
+
+
+def _split_render_scale(text: str) -> tuple[str, float]:
+    """The parts of ``ember@0.5``; 1 without a render scale."""
+    name, _, number = text.rpartition("@")
+    try:
+        return (name, Settings(render_scale=float(number)).render_scale) if name else (text, 1.0)
+    except ValueError:  # no number, so the @ belongs to the name of a file
+        return text, 1.0
 
 
 def _variants(models: tuple[Model, ...], scales: Sequence[float], precisions: Sequence[str],

@@ -27,13 +27,15 @@ def draw_layers(scene: Scene, camera: Camera, configuration: Configuration, prov
     -------
     dict of str to ndarray, float32, shape (H, W, 3)
         ``final`` with converged temporal anti-aliasing, as the reference's is averaged over each pixel; ``direct`` and
-        ``indirect`` of one frame through pixel centres, as in the reference.
+        ``indirect`` of one frame through pixel centres, as in the reference; of frames of the image's size only.
     """
-    settings = Settings(size=configuration.size, scale=configuration.scale, provider=provider)
+    settings = configuration.settings(provider)
     with Renderer(scene, settings, configuration.models) as renderer:
-        for _ in range(SETTLE_FRAMES - 1):
+        for _ in range(settings.settle_frames - 1):
             renderer.advance(camera)
         layers = {"final": renderer.render(camera)["final"]}
+    if settings.render_scale < 1:
+        return layers
     centred = replace(settings, outputs=("direct", "indirect"), taa=False)
     with Renderer(scene, centred, configuration.models) as renderer:
         return {**renderer.render(camera), **layers}

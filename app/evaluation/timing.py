@@ -15,7 +15,6 @@ from app.evaluation.configurations import Configuration
 from app.math3d import look_rotation
 from app.renderer import Renderer
 from app.scene import Camera, Scene
-from app.settings import Settings
 
 BURST = 6              # counted frames per round
 WARM_UP = 2            # uncounted frames before them: caches still hold the data of the other configurations
@@ -65,8 +64,7 @@ class InterleavedTimer:
         self._renderers: list[tuple[TimedRun, Renderer, Iterator[int]]] = []
         with ExitStack() as stack:
             for run in runs:
-                settings = Settings(size=run.configuration.size, scale=run.configuration.scale, timing=True,
-                                    provider=provider)
+                settings = run.configuration.settings(provider, timing=True)
                 renderer = stack.enter_context(Renderer(run.scene, settings, run.configuration.models))
                 run.device = dict(renderer.device)
                 self._renderers.append((run, renderer, count()))

@@ -14,6 +14,7 @@ from app.errors import DeviceError
 from app.gl.shader import Program, compile_program
 
 GL_LOWER_LEFT, GL_ZERO_TO_ONE = 0x8CA1, 0x935F
+GL_COLOR_BUFFER_BIT, GL_NEAREST = 0x4000, 0x2600
 GL_TEXTURE_2D, GL_DEPTH_COMPONENT32F, GL_DEPTH_COMPONENT, GL_FLOAT = 0x0DE1, 0x8CAC, 0x1902, 0x1406
 REQUIRED = 450  # clip control, fine derivatives
 DEVICE_INDEX = "GLCONTEXT_DEVICE_INDEX"  # environment variable that glcontext reads: number of an EGL device, from 0
@@ -108,6 +109,12 @@ class Device:
         self._functions.call("glTexImage2D", GL_TEXTURE_2D, 0, GL_DEPTH_COMPONENT32F, *size, 0,
                              GL_DEPTH_COMPONENT, GL_FLOAT, None)
         return texture
+
+    def blit(self, source: moderngl.Framebuffer, target: moderngl.Framebuffer) -> None:
+        """Copy the nearest texels of ``source`` to ``target``, of any size."""
+        target.use()
+        self._functions.call("glBlitNamedFramebuffer", source.glo, target.glo, 0, 0, *source.size, 0, 0, *target.size,
+                             GL_COLOR_BUFFER_BIT, GL_NEAREST)
 
     def collect(self) -> None:
         """Release GL objects that nobody refers to any more."""

@@ -1,5 +1,7 @@
 """Textures, buffers and framebuffers for a plan, with ping-pong history."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping
 from itertools import chain
 from typing import Any
@@ -150,6 +152,18 @@ class Pool:
     def swap(self) -> None:
         """Make this frame's textures last frame's."""
         self.parity ^= 1
+
+    def take_history(self, other: Pool) -> None:
+        """Between frames: go on with the histories of ``other``, resampled where their size differs."""
+        for name in self._plan.history & other._plan.history:
+            self._device.blit(other._framebuffer(name + PREVIOUS), self._framebuffer(name + PREVIOUS))
+
+    def _framebuffer(self, name: str) -> moderngl.Framebuffer:
+        """A framebuffer of the texture of ``name``, or of ``name@prev``, alone."""
+        key = ((name,), self.parity)
+        if key not in self._targets:
+            self._targets[key] = self._device.ctx.framebuffer([self.texture(name)])
+        return self._targets[key]
 
     def release(self) -> None:
         owned: Iterable[Any] = chain(self._targets.values(), *self._textures.values(), self._depths.values(),

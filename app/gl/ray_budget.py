@@ -1,5 +1,6 @@
 """How many rays a frame may trace from the texels of a grid."""
 
+import math
 from dataclasses import dataclass
 
 from app.gl.frame_state import FrameState, MotionKind
@@ -17,6 +18,8 @@ class RayBudget:
         Of frames in which objects or lights change.
     rays, max_samples : int
         Of the other frames; ``max_samples`` is for these and changed ones.
+
+    Frames that are smaller than the image trace as many fewer in each frame with history.
     """
 
     first_rays: int
@@ -31,5 +34,6 @@ class RayBudget:
         if not (has_history and frame.history_valid):
             return range(first)
         rays = self.changed_rays if frame.motion is MotionKind.OBJECTS else self.rays
-        count = min(self.max_samples, max(1, rays // texels))
+        share = math.prod(frame.size) / math.prod(frame.output_size)
+        count = min(self.max_samples, max(1, int(rays * share) // texels))
         return range(first + frame.index * count, first + (frame.index + 1) * count)

@@ -46,7 +46,7 @@ class SceneCase:
         Passes whose output becomes goldens; None for all.
     outputs : tuple of str
         What the passes run for.
-    tonemap, auto_exposure
+    tonemap, auto_exposure, render_scale
         As in ``Settings``.
     """
 
@@ -63,6 +63,7 @@ class SceneCase:
     outputs: tuple[str, ...] = OUTPUTS
     tonemap: str = TONE_MAPS[0]
     auto_exposure: bool = False
+    render_scale: float = 1.0
 
     def origin(self) -> str:
         """GL renderer and version."""
@@ -71,7 +72,8 @@ class SceneCase:
     def renderer(self) -> Renderer:
         """A new renderer for the case."""
         settings = Settings(size=self.size, outputs=self.outputs, taa=self.taa, reflections=self.reflections,
-                            tonemap=self.tonemap, auto_exposure=self.auto_exposure, provider="cpu", seed=self.seed)
+                            tonemap=self.tonemap, auto_exposure=self.auto_exposure, provider="cpu", seed=self.seed,
+                            render_scale=self.render_scale)
         return Renderer(self.scene, settings, self.model)
 
     def draw(self, saved: Path) -> list[Picture]:

@@ -41,7 +41,7 @@ SAME_RENDERER = {
     # Rounding moves what is refracted, and which pixel of a tile is the first that the low-resolution grid misses.
     **{stage: Tolerance(1.5e-2, 5e-4, 5e-3) for stage in ("peel0_blend", "peel1_blend")},
     "missed_pixels": Tolerance(2e-3, 1e-2, 0.0),
-    "taa": Tolerance(2e-2, 1e-2, 5e-3),
+    **{stage: Tolerance(2e-2, 1e-2, 5e-3) for stage in ("taa", "upscale_guide", "upscale")},
     "tonemap": Tolerance(5e-3, 1e-3, 5e-3),
     OTHER_STAGES: Tolerance(2e-3, 5e-4, 5e-3),
 }
@@ -50,7 +50,7 @@ OTHER_RENDERER = {
     **_SURFELS,
     "direct": Tolerance(2e-2, 2e-2, 2e-2),
     "composite": Tolerance(2e-2, 2e-2, 2e-2),
-    "taa": Tolerance(2e-1, 5e-2, 2e-2),
+    **{stage: Tolerance(2e-1, 5e-2, 2e-2) for stage in ("taa", "upscale_guide", "upscale")},
     "sharpen": Tolerance(2e-1, 5e-2, 2e-2),
     "tonemap": Tolerance(2e-2, 2e-2, 2e-2),
     OTHER_STAGES: Tolerance(2e-2, 1e-2, 2e-2),

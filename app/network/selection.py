@@ -54,6 +54,12 @@ class Models:
         """Execution provider of the networks, or ``none``."""
         return next((m.provider for m in (self.indirect, self.environment) if not isinstance(m, str | None)), NONE)
 
+    @property
+    def surfels_read(self) -> tuple[int, int] | None:
+        """How many surfels the network of their light reads, and how many rays of each; None if there is none."""
+        model = self.surfels or self.indirect
+        return None if model is None or isinstance(model, str) else model.contract.surfels
+
 
 def bundled_models() -> dict[str, Path]:
     """The networks that come with the program, name to file, sorted by name."""

@@ -26,7 +26,7 @@ class Network:
     path : path
         ``.onnx`` file with a contract.
     size : tuple of int
-        Width and height of the screen grid; ``contract.screen_size(output)``.
+        Width and height of the screen grid, ``contract.screen_size(output)``; later frames may have another one.
     provider : str
         ``auto`` (CUDA if it works, else the CPU) or the short name of an execution provider.
     strict : bool
@@ -71,15 +71,19 @@ class Network:
 
     def resize(self, size: tuple[int, int]) -> None:
         """Allocate for a screen grid of the given width and height, and do a warm-up run."""
-        m = self.contract.multiple_of
-        self._size = size[1], size[0]
-        self._padded = tuple(-(-n // m) * m for n in self._size)
-        self._buffers = {t: np.zeros((1, s.components, *s.extent(self._padded)), np.float32)
-                         for t, s in self.contract.inputs.items()}
-        self._unchanged: dict[str, F32] = {}  # read-only tensors whose results are in the buffers
+        self._allocate((size[1], size[0]))
         self._cache.clear()
         self.run({t: np.zeros((s.components, *s.extent(self._size)), np.float32)
                   for t, s in self.contract.inputs.items()})
+
+    def _allocate(self, size: tuple[int, ...]) -> None:
+        """Buffers for a screen grid of the given height and width."""
+        m = self.contract.multiple_of
+        self._size = size
+        self._padded = tuple(-(-n // m) * m for n in size)
+        self._buffers = {t: np.zeros((1, s.components, *s.extent(self._padded)), np.float32)
+                         for t, s in self.contract.inputs.items()}
+        self._unchanged: dict[str, F32] = {}  # read-only tensors whose results are in the buffers
 
     def run(self, tensors: Mapping[str, F32]) -> dict[str, F32]:
         """Infer one frame.
@@ -101,6 +105,9 @@ class Network:
         ModelError
             When onnxruntime fails or returns a tensor of another shape.
         """
+        size = next((tensors[t].shape[-2:] for t, s in self.contract.inputs.items() if s.grid == SCREEN), self._size)
+        if size != self._size:
+            self._allocate(size)
         h, w = self._size
         cropped = {t: self._buffers[t][0, ..., :h, :w] if s.grid == SCREEN else self._buffers[t][0]
                    for t, s in self.contract.inputs.items()}

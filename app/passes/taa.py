@@ -1,15 +1,21 @@
-"""Temporal anti-aliasing."""
+"""Temporal anti-aliasing, and temporal upsampling where frames are smaller than the image."""
+
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from app.arrays import F64
-from app.gl.frame_state import FrameState
+from app.gl.context import Device
+from app.gl.frame_state import Execute, FrameState
 from app.gl.fullscreen import make_fullscreen
-from app.graph import PREVIOUS, Pass, Resource, Tex
+from app.graph import PREVIOUS, BoundPass, Pass, Resource, Tex
 from app.math3d import View
 
+MOMENTS = "guide_mean", "guide_deviation"
 
-def declare(has_sky: bool, motion: str, depth: str, is_sharpened: bool, size: tuple[int, int]) -> Pass:
+
+def declare(has_sky: bool, motion: str, depth: str, is_sharpened: bool, size: tuple[int, int],
+            is_upscaled: bool) -> Iterator[Pass]:
     """The history is 32-bit, since hundreds of static frames accumulate in it.
 
     Parameters
@@ -22,6 +28,8 @@ def declare(has_sky: bool, motion: str, depth: str, is_sharpened: bool, size: tu
         Whether ``sharpen`` follows, which needs to know how often the history was resampled.
     size : tuple of int
         Width and height of the image.
+    is_upscaled : bool
+        Whether frames are smaller than the image.
     """
     def uniforms(frame: FrameState) -> dict[str, object]:
         always: dict[str, object] = {"history_valid": frame.history_valid, "near": frame.view.near,
@@ -33,15 +41,25 @@ def declare(has_sky: bool, motion: str, depth: str, is_sharpened: bool, size: tu
         return {**always, "previous_lens": frame.previous.half_size,
                 "previous_from_view": np.linalg.inv(_shear(frame.previous)) @ rotation @ _shear(frame.view)}
 
-    previous = depth + PREVIOUS
-    defines = {"SKY": 1} if has_sky else {}
-    samplers = {motion: "motion", previous: "depth_prev"}
+    def reprojecting(shader: str) -> Callable[[Device, BoundPass], Execute]:
+        return make_fullscreen(shader, uniforms, {"SKY": 1} if has_sky else {},
+                               samplers={motion: "motion", depth + PREVIOUS: "depth_prev"})
+
     writes: dict[str, Resource] = {"taa": Tex("f4", 4, size=size)}
     if is_sharpened:
         writes["resampled"] = Tex("f2", 1, size=size)
     history = tuple(name + PREVIOUS for name in writes)
-    return Pass("taa", reads=("lit", motion, previous, *history), writes=writes,
-                make=make_fullscreen("taa.frag", uniforms, defines, samplers=samplers))
+    if is_upscaled:
+        yield Pass("upscale_guide", reads=("lit", motion, depth + PREVIOUS, *(name + PREVIOUS for name in MOMENTS)),
+                   writes=dict.fromkeys((*MOMENTS, "guide_motion"), Tex("f2", 4)),
+                   make=reprojecting("upscale_guide.frag"))
+        yield Pass("upscale", reads=("lit", *MOMENTS, "guide_motion", *history), writes=writes,
+                   make=make_fullscreen("upscale.frag", lambda frame: {
+                       "output_image": (*size, 1 / size[0], 1 / size[1]), "history_valid": frame.history_valid,
+                       "settled": frame.settled}))
+    else:
+        yield Pass("taa", reads=("lit", motion, depth + PREVIOUS, *history), writes=writes,
+                   make=reprojecting("taa.frag"))
 
 
 def _shear(view: View) -> F64:

@@ -27,8 +27,10 @@ class ModelRenderer:
         self._renderer: Renderer | None = None
         self._renderer_key: object = None
 
-    def draw(self, state: State, model: str, should_continue: Callable[[], bool]) -> bool:
+    def draw(self, state: State, model: str, should_continue: Callable[[], bool], render_scale: float = 1.0) -> bool:
         """Draw a frame, or abandon it as soon as ``should_continue`` returns False; return whether it was drawn.
+
+        Only final images with temporal anti-aliasing are drawn at a ``render_scale`` below 1.
 
         Raises
         ------
@@ -47,6 +49,7 @@ class ModelRenderer:
             self._renderer = Renderer(scene, settings, _model_files(state, model))
             self._renderer_key = key
         self._renderer.set_exposure(state.exposure)
+        self._renderer.set_render_scale(render_scale if state.taa and state.aov == FINAL else 1.0)
         return self._renderer.advance(state.camera, state.time + self._edited_scene.time, should_continue)
 
     def read_display(self, state: State) -> Bytes:

@@ -16,6 +16,7 @@ from app.view.edited_scene import EditedScene
 from app.view.encoder import encode_jpeg, pack_message
 from app.view.frame_scheduler import FrameScheduler, FrameTask
 from app.view.model_renderer import MAX_TIMED_FRAMES, ModelRenderer
+from app.view.motion_scale import MotionScale
 from app.view.state import FINAL, REFERENCE, Json, camera_to_json
 
 STATS_SECONDS = 0.5  # between two reports
@@ -50,13 +51,17 @@ class RenderThread(Thread):
         Receives each frame. The next frame starts when it returns, so that a frame is sent before new work begins.
     on_error : callable
         Receives the error of a state that can't be drawn.
+    target_fps : float
+        Frames per second to reach while something moves, by drawing smaller ones; 0 to draw all at full size.
     """
 
     def __init__(self, scheduler: FrameScheduler, edited_scene: EditedScene, provider: str,
-                 deliver: Callable[[RenderedFrame], object], on_error: Callable[[Exception], object]) -> None:
+                 deliver: Callable[[RenderedFrame], object], on_error: Callable[[Exception], object],
+                 target_fps: float = 0.0) -> None:
         super().__init__(name="render_thread", daemon=True)
         self._scheduler, self._deliver, self._on_error = scheduler, deliver, on_error
         self._renderers = [ModelRenderer(edited_scene, provider) for _ in range(2)]
+        self._motion_scale = MotionScale(target_fps)
         self._frame_ends: deque[float] = deque(maxlen=MAX_TIMED_FRAMES)
         self._last_stats = 0.0
         self._number = 0
@@ -84,13 +89,17 @@ class RenderThread(Thread):
         used, unused = self._renderers[:len(state.models)], self._renderers[len(state.models):]
         for renderer in unused:
             renderer.close()
+        answers_input = task.repeat == 0
+        render_scale = self._motion_scale.scale if answers_input else 1.0
         for renderer, model in zip(used, state.models, strict=True):
-            if not renderer.draw(state, model, should_continue):
+            if not renderer.draw(state, model, should_continue, render_scale):
                 return None
             should_continue = always  # abandoning the second model's frame would leave it one frame behind the first
         files = [encode_jpeg(renderer.read_display(state)) for renderer in used]
+        if answers_input:
+            self._motion_scale.measure(perf_counter() - begin)
         self._number += 1
-        if task.repeat == 0 and self._frame_ends and begin - self._frame_ends[-1] > 1:
+        if answers_input and self._frame_ends and begin - self._frame_ends[-1] > 1:
             self._frame_ends.clear()  # exclude the idle time from the frame rate
         self._frame_ends.append(perf_counter())
         header = {"kind": "frame", "number": self._number, "input": task.input, "repeat": task.repeat,

@@ -45,16 +45,19 @@ class Session:
         The scene file.
     loaded : LoadedScene
         The scene as loaded from it.
+    target_fps : float
+        As in ``RenderThread``.
     """
 
-    def __init__(self, file: Path, loaded: LoadedScene, state: State, choices: Choices, provider: str) -> None:
+    def __init__(self, file: Path, loaded: LoadedScene, state: State, choices: Choices, provider: str,
+                 target_fps: float = 0.0) -> None:
         self._file, self._loaded, self._choices = file, loaded, choices
         self._clients: list[Client] = []
         self._scheduler = FrameScheduler(state)
         self._folder = TemporaryDirectory(prefix="afterglow-view-")
         folder = Path(self._folder.name)
         self._render_thread = RenderThread(self._scheduler, EditedScene(file, loaded, folder), provider,
-                                           self._deliver, self._on_thread_error)
+                                           self._deliver, self._on_thread_error, target_fps)
         self._tracer = ReferenceTracer(file, loaded, folder / "reference", self._on_reference, self._on_error)
         self._errors = LiveErrors(lambda errors: self._broadcast({"type": "errors", "errors": errors}), self._on_error)
         self._saver = Saver(file, loaded, folder / "saved", provider)

@@ -37,9 +37,8 @@ vec4 nearest_motion(ivec2 t, ivec2 outward)
     return vec4(best.xy * vec2(1.0, -1.0), best.z > 0.0 ? best.w / best.z : 0.0, best.w);
 }
 
-// Whether a surface of the given inverse depth was visible one frame ago in or around the quad at texel t: between the
-// nearest and the farthest there, so that jitter across an edge counts as seen.
-bool was_visible(ivec2 t, ivec2 outward, float expected)
+// Smallest and largest inverse depth one frame ago in and around the quad at texel t.
+vec2 depths_before(ivec2 t, ivec2 outward)
 {
     ivec2 last = ivec2(image.xy) - 1;
     float here = inverse_depth(texelFetch(depth_prev, clamp(t, ivec2(0), last), 0).r, near);
@@ -49,6 +48,19 @@ bool was_visible(ivec2 t, ivec2 outward, float expected)
     low = min(low, quad_swap_y(low));
     high = max(high, quad_swap_x(high));
     high = max(high, quad_swap_y(high));
-    return expected >= low * (1.0 - DEPTH_TOLERANCE) && expected <= high * (1.0 + DEPTH_TOLERANCE)
-        && all(greaterThanEqual(t, ivec2(0))) && all(lessThanEqual(t, last));
+    return vec2(low, high);
+}
+
+bool is_inside(ivec2 t)
+{
+    return all(greaterThanEqual(t, ivec2(0))) && all(lessThanEqual(t, ivec2(image.xy) - 1));
+}
+
+// Whether a surface of the given inverse depth was visible one frame ago in or around the quad at texel t: between the
+// nearest and the farthest there, so that jitter across an edge counts as seen.
+bool was_visible(ivec2 t, ivec2 outward, float expected)
+{
+    vec2 depths = depths_before(t, outward);
+    return expected >= depths.x * (1.0 - DEPTH_TOLERANCE) && expected <= depths.y * (1.0 + DEPTH_TOLERANCE)
+        && is_inside(t);
 }

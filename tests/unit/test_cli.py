@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from app.cli import cli
 from app.cli.options import parse_names
 from app.errors import DeviceError, ProcessError, SettingsError
-from app.graph import BoundPass, Pass, Plan
+from app.graph import BoundPass, Pass, Plan, Tex
 from app.io.aov_preview import preview
 from app.io.child_process import run_module
 from app.io.image import read_exr, read_png
@@ -44,7 +44,7 @@ class FakeRenderer:
         self.shadow_methods = {"RectLight by rays": 2, "SpotLight by shadow map": 1}
         names = ("gbuffer", "direct", *(["taa"] if settings.taa else []))
         self.plan = Plan(tuple(BoundPass(Pass(n), (), ()) for n in names), {"cube_gbuffer": "no network asks for it"},
-                         frozenset(), {})
+                         frozenset(), {n: Tex("f2", 4) for n in names})
         self.made.append(self)
 
     def __enter__(self) -> FakeRenderer:

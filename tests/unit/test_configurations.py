@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from app.cli import cli as app_cli
-from app.errors import ModelError
+from app.errors import ModelError, SettingsError
 from app.evaluation.configurations import expand, select_applicable
 from app.golden.catalogue import PROBE_ENVIRONMENT
 from app.golden.scenes import dusk
@@ -176,3 +176,16 @@ def test_unknown_models_and_models_of_the_same_name_are_refused(tmp_path: Path) 
     (tmp_path / "gather.onnx").write_bytes(network.read_bytes())
     with pytest.raises(ModelError, match="two models are called 'gather'"):
         expand(["gather", str(tmp_path / "gather.onnx")], [(64, 48)])
+
+
+def test_a_render_scale_follows_the_name() -> None:
+    configurations, absent = expand(["ember", "ember@0.5"], [(1001, 768)])
+    assert absent == []
+    assert [(c.label, c.render_scale) for c in configurations] == [("ember", 1.0), ("ember@0.5", 0.5)]
+    assert configurations[1].settings("cpu").render_size == (501, 384)
+    assert configurations[0].models == configurations[1].models
+
+
+def test_a_render_scale_that_is_too_small_is_an_error() -> None:
+    with pytest.raises(SettingsError, match="--render-scale"):
+        expand(["ember@0.1"], [(64, 48)])

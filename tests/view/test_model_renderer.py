@@ -78,3 +78,15 @@ def test_models_that_do_not_fit_together_are_rejected_at_once(args: list[str], e
     assert result.exit_code == 2
     line, = [x for x in result.stderr.splitlines() if x.startswith("error: ")]
     assert expected in line
+
+
+def test_images_have_full_size_while_something_moves(tmp_path: Path) -> None:
+    loaded = load_for_editing(BOX)
+    camera = loaded.scene.cameras[loaded.scene.default_camera].at(0.0)
+    model_renderer = ModelRenderer(EditedScene(BOX, loaded, tmp_path), "cpu")
+    for aov, render_scale, upscaled in (("final", 0.5, True), ("final", 1.0, False), ("albedo", 0.5, False)):
+        state = State((64, 48), camera, loaded.scene.lights, "none", aov=aov)
+        assert model_renderer.draw(state, "none", always, render_scale)
+        assert model_renderer.read_display(state).shape[:2] == (48, 64)
+        assert ("upscale" in model_renderer.collect_stats()["passes"]) == upscaled
+    model_renderer.close()
