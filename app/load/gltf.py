@@ -255,7 +255,7 @@ class _Reader:
         power = color(np.asarray(spec.get("color", (1, 1, 1)), np.float64) * spec.get("intensity", 1.0))
         position, direction = vector(_translation(world)), vector(_direction(world, (0, 0, -1)))
         if "range" in spec:
-            self._builder.notice("the range of lights is ignored: their light falls off with squared distance only")
+            self._builder.approximation("KHR_lights_punctual: lights reach beyond their range, with squared distance")
         if spec["type"] == "directional":
             return DirectionalLight(direction, power)
         if spec["type"] == "spot":

@@ -216,6 +216,8 @@ def _fetch(uri: str, beside: Path) -> bytes:
             raise ValueError("a data URI is not base64") from error
     file = beside.parent / urllib.parse.unquote(uri)
     try:
+        if not file.exists() and (beside.parent / uri).exists():
+            file = beside.parent / uri  # some exporters leave the percent signs of names as they are
         return file.read_bytes()
     except OSError as error:
         raise SceneError(f"can't read this file, which {beside.name} refers to", file,

@@ -128,7 +128,8 @@ def test_cameras_and_lights_have_the_transform_of_their_node(tmp_path):
     assert isinstance(spot, SpotLight) and spot.outer_deg == pytest.approx(np.degrees(0.2))
     assert isinstance(sun, DirectionalLight) and sun.irradiance == (3, 3, 3)
     np.testing.assert_allclose([spot.direction, sun.direction], [[-1, 0, 0]] * 2, atol=1e-12)
-    assert any("range" in n for n in scene.notices)
+    assert not any("range" in n for n in scene.notices)
+    assert any("range" in text for text in scene.approximations)
 
 
 @pytest.mark.parametrize(("kind", "intensity", "factor"), [
@@ -148,6 +149,15 @@ def test_lights_of_real_luminous_intensity_are_converted(tmp_path, kind, intensi
     assert getattr(first, quantity)[0] == pytest.approx(intensity / factor)
     assert second.intensity[0] == pytest.approx(1 / factor)
     assert any("candela" in n for n in scene.notices) == (factor > 1)
+
+
+@pytest.mark.parametrize(("name", "uri"), [("my mesh ü.bin", "my%20mesh%20%C3%BC.bin"), ("50%25.bin", "50%25.bin"),
+                                           ("50%.bin", "50%25.bin"), ("my mesh.bin", "my mesh.bin")])
+def test_names_of_buffers_are_percent_encoded_or_plain(tmp_path, name, uri):
+    file = Gltf()
+    (tmp_path / name).write_bytes(TRIANGLE.tobytes())
+    file.json["buffers"][0]["uri"] = uri
+    assert len(load_scene(file.save(tmp_path)).meshes[0].triangles) == 1
 
 
 def test_points_and_lines_are_omitted_with_a_notice(tmp_path):
