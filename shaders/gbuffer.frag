@@ -19,6 +19,7 @@
 
 in vec3 position;
 in vec3 normal;
+flat in float scale;          // of the instance; negative if its transform is mirrored
 #ifdef TANGENT
 in vec4 tangent;
 #endif
@@ -29,7 +30,7 @@ in vec4 color;
 uniform vec3 albedo;
 uniform vec4 specular_roughness;           // F0, perceptual roughness
 uniform vec3 emission;
-uniform vec3 emission_flags;  // shines from both sides; may light other surfaces; -1 for a mirrored transform
+uniform vec2 emission_flags;  // shines from both sides; may light other surfaces
 #ifdef ACCUMULATES
 uniform float lod_bias;  // levels of detail; averaged frames resolve finer texels than one (Karis 2014)
 #define lookup(map, at) texture(map, at, lod_bias)
@@ -94,13 +95,13 @@ uniform mat3 sheen_roughness_uv;
 #endif
 #ifdef LABELS
 const float MIN_LABELLED_COVERAGE = 0.5;
-uniform vec2 labels;                       // numbers of the instance and the material
+flat in vec2 labels;                       // numbers of the instance and the material
 #endif
 #if defined(ALPHA_MASK) || defined(BLENDED)
 uniform vec2 alpha;           // factor, cutoff
 #endif
 #ifdef TRANSMISSION
-uniform vec3 transmission;                 // share, index of refraction, thickness in world space
+uniform vec3 transmission;                 // share, index of refraction, thickness in object space
 uniform vec3 extinction;                   // of the volume
 #endif
 #ifdef TRANSMISSION_MAP
@@ -264,7 +265,7 @@ void main()
     transmitted *= 1.0 - metal;
 #endif
     base.rgb *= 1.0 - transmitted;
-    float thickness = transmission.z;
+    float thickness = transmission.z * abs(scale);
 #ifdef THICKNESS_MAP
     thickness *= lookup(thickness_map, map_at(thickness_uv)).g;
 #endif
@@ -292,12 +293,12 @@ void main()
 #endif
 #ifdef CLEARCOAT_NORMAL_MAP
     coat_normal = bend_above_face(mapped_normal(lookup(clearcoat_normal_map, map_at(clearcoat_normal_uv)).xyz,
-                                                clearcoat_normal_scale, normal, tangent, emission_flags.z, face), face, v);
+                                                clearcoat_normal_scale, normal, tangent, sign(scale), face), face, v);
 #endif
 #endif
 #ifdef NORMAL_MAP
     n = bend_above_face(mapped_normal(lookup(normal_map, map_at(normal_uv)).xyz, normal_scale, normal, tangent,
-                                      emission_flags.z, face), face, v);
+                                      sign(scale), face), face, v);
 #endif
 #if defined(SPECULAR) && defined(WRITE_ALBEDO)
     // A surface reflects no more light than arrives.
@@ -322,7 +323,7 @@ void main()
 #endif
 #ifdef TRANSMISSION
     // The back of a volume only lets light out, which the front stands for.
-    if (transmission.z > 0.0 && gl_FrontFacing != (emission_flags.z > 0.0)) discard;
+    if (transmission.z > 0.0 && gl_FrontFacing != (scale > 0.0)) discard;
     vec3 to_viewer = -normalize(along_view(position)), refracted = refract(-to_viewer, n, 1.0 / transmission.y);
     vec3 reflected = reflectance.rgb + (1.0 - reflectance.rgb) * pow(1.0 - clamp(dot(n, to_viewer), 0.0, 1.0), 5.0);
     bool is_glossy = max(max(reflectance.r, reflectance.g), reflectance.b) > 0.0;
@@ -364,7 +365,7 @@ void main()
 #endif
 #endif
 #ifdef WRITE_EMISSION
-    bool front = gl_FrontFacing == (emission_flags.z > 0.0);
+    bool front = gl_FrontFacing == (scale > 0.0);
     out_emission = front || emission_flags.x > 0.5 ? vec4(sanitize_radiance(light), emission_flags.y) : vec4(0.0);
 #endif
 #ifdef WRITE_SPECULAR_ROUGHNESS

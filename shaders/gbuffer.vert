@@ -1,4 +1,6 @@
 // Object to clip space; everything the surface shader needs, in relative space.
+#include "instance.glsl"
+
 in vec3 in_position;
 in vec3 in_normal;
 #ifdef UV
@@ -18,13 +20,18 @@ in vec4 in_color;
 out vec4 color;
 #endif
 
-uniform mat4 relative_from_object;
-uniform mat3 normal_from_object;
+// Rows of the matrix for normals; a: numbers of the instance and the material, and the instance's scale, which is
+// negative if it is mirrored.
+in vec4 in_normal_x, in_normal_y, in_normal_z;
 uniform mat4 clip_from_relative;
 uniform vec2 jitter;  // clip units
 
 out vec3 position;
 out vec3 normal;
+flat out float scale;
+#ifdef LABELS
+flat out vec2 labels;
+#endif
 
 #ifdef WRITE_MOTION
 #ifdef DEFORMED
@@ -32,7 +39,7 @@ in vec3 in_previous_position;
 #else
 #define in_previous_position in_position
 #endif
-uniform mat4 previous_from_object;
+in vec4 in_previous_x, in_previous_y, in_previous_z;
 uniform mat4 previous_clip;  // unjittered
 out vec3 clip_now;           // x, y, depth; unjittered
 out vec3 clip_before;
@@ -43,6 +50,12 @@ uniform vec2 far;            // now and one frame ago: z = 1 - depth / far
 
 void main()
 {
+    mat4 relative_from_object = affine_matrix(in_relative_x, in_relative_y, in_relative_z);
+    mat3 normal_from_object = transpose(mat3(in_normal_x.xyz, in_normal_y.xyz, in_normal_z.xyz));
+    scale = in_normal_z.w;
+#ifdef LABELS
+    labels = vec2(in_normal_x.w, in_normal_y.w);
+#endif
     vec4 p = relative_from_object * vec4(in_position, 1.0);
     position = p.xyz;
     normal = normal_from_object * in_normal;
@@ -53,6 +66,7 @@ void main()
 #endif
     gl_Position = clip_from_relative * p;
 #ifdef WRITE_MOTION
+    mat4 previous_from_object = affine_matrix(in_previous_x, in_previous_y, in_previous_z);
     clip_now = vec3(gl_Position.xy - jitter * gl_Position.w, gl_Position.w);
 #ifdef ORTHOGRAPHIC
     clip_now.z = (1.0 - gl_Position.z) * far.x;

@@ -1,4 +1,6 @@
 // Casters as seen from a light; positions are relative to the point that distances are measured from.
+#include "instance.glsl"
+
 in vec3 in_position;
 #ifdef UV
 in vec2 in_uv;
@@ -13,13 +15,12 @@ in vec4 in_color;
 out vec4 color;
 #endif
 
-uniform mat4 relative_from_object;
 uniform mat4 clip_from_relative;
 out vec3 position;
 
 void main()
 {
-    vec4 p = relative_from_object * vec4(in_position, 1.0);
+    vec4 p = affine_matrix(in_relative_x, in_relative_y, in_relative_z) * vec4(in_position, 1.0);
     position = p.xyz;
     gl_Position = clip_from_relative * p;
 #ifdef UV

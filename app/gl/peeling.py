@@ -53,10 +53,10 @@ class PeeledLayer:
 def see_through_rect(frame: FrameState) -> Rect:
     """The part of the image around all blended and transmissive surfaces."""
     clip, eye = frame.view.clip_from_relative(frame.jitter), frame.view.eye
-    drawables = frame.geometry.visible(clip, eye, lambda d: d.material.is_see_through)
-    if not drawables:
+    visible = frame.geometry.visible(clip, eye) & frame.geometry.is_see_through
+    if not visible.any():
         return 0, 0, 0, 0
-    boxes = frame.geometry.boxes[[d.instance for d in drawables]] - eye
+    boxes = frame.geometry.boxes[visible] - eye
     corners = np.stack([boxes[:, choice, range(3)] for choice in np.ndindex(2, 2, 2)], axis=1).reshape(-1, 3)
     projected: F64 = np.concatenate([corners, np.ones_like(corners[:, :1])], axis=1) @ clip.T
     size = np.array(frame.size)

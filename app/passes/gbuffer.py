@@ -12,10 +12,10 @@ from app.arrays import F64
 from app.gl.context import Device
 from app.gl.frame_state import Execute, FrameState
 from app.gl.fullscreen import write_defines
-from app.gl.geometry import MAP_UNITS, Drawable
 from app.gl.peeling import PeeledLayer
 from app.gl.pool import Resources
 from app.gl.shader import Program
+from app.gl.surface import MAP_UNITS
 from app.graph import BoundPass, Pass, Resource, Tex
 from app.math3d import affine_matrix, cube_rotations, perspective_reversed
 from app.scene import Scene
@@ -140,9 +140,9 @@ def draw_surfaces(device: Device, frame: FrameState, clip: F64, defines: dict[st
         defines = {**defines, "ACCUMULATES": 1}
     lod_bias = LOD_BIAS + math.log2(frame.size[1] / frame.output_size[1])
 
-    def program_of(d: Drawable) -> Program:
-        features = {f: 1 for f in d.features if f in FEATURES or (moving and f == "DEFORMED")}
-        program = device.program("gbuffer.vert", "gbuffer.frag", defines={**defines, **features})
+    def program_of(features: tuple[str, ...]) -> Program:
+        used = {f: 1 for f in features if f in FEATURES or (moving and f == "DEFORMED")}
+        program = device.program("gbuffer.vert", "gbuffer.frag", defines={**defines, **used})
         program.set(clip_from_relative=clip, **(samplers or {}))
         if averages:
             program.set(lod_bias=lod_bias)
@@ -152,8 +152,7 @@ def draw_surfaces(device: Device, frame: FrameState, clip: F64, defines: dict[st
                 program.set(near=frame.view.near, far=(frame.view.far, frame.previous.far))
         return program
 
-    def include(d: Drawable) -> bool:
-        return is_see_through is None or d.material.is_see_through == is_see_through
-
-    visible = frame.geometry.visible(clip, frame.view.eye, include)
+    visible = frame.geometry.visible(clip, frame.view.eye)
+    if is_see_through is not None:
+        visible &= frame.geometry.is_see_through == is_see_through
     frame.geometry.draw(visible, program_of, frame.view.eye, frame.previous.eye if moving else None)

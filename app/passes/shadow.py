@@ -4,7 +4,6 @@ import moderngl
 
 from app.gl.context import Device
 from app.gl.frame_state import Execute, FrameState
-from app.gl.geometry import Drawable
 from app.gl.lights import TRANSMITTANCE_MAPS, LightSet, ShadowFace
 from app.gl.pool import Resources
 from app.gl.shader import Program
@@ -86,15 +85,15 @@ def _draw_face(device: Device, frame: FrameState, face: ShadowFace, writes: dict
     is_see_through = "SEE_THROUGH" in writes
     features = TRANSMITTANCE_FEATURES if "WRITE_SHADOW_TRANSMITTANCE" in writes else MASK_FEATURES
 
-    def program_of(d: Drawable) -> Program:
-        used = features if d.masked or is_see_through else ()
-        defines = {**writes, **{f: 1 for f in d.features if f in used}}
+    def program_of(of_surface: tuple[str, ...]) -> Program:
+        used = features if "ALPHA_MASK" in of_surface or is_see_through else ()
+        defines = {**writes, **{f: 1 for f in of_surface if f in used}}
         if face.axis is not None:
             defines["PARALLEL"] = 1
         program = device.program("shadow.vert", "shadow.frag", defines=defines)
         program.set(clip_from_relative=face.clip, frame=face.frame)
         return program
 
-    casters = frame.geometry.visible(face.clip, face.origin, lambda d: (
-        not d.material.is_light_proxy and d.material.is_see_through == is_see_through))
-    frame.geometry.draw(casters, program_of, face.origin)
+    geometry = frame.geometry
+    casters = ~geometry.is_light_proxy & (geometry.is_see_through == is_see_through)
+    geometry.draw(casters & geometry.visible(face.clip, face.origin), program_of, face.origin)

@@ -183,9 +183,9 @@ def test_a_scene_without_deformation_has_no_attribute_for_it() -> None:
     deforming = deforming_scene("skin", [], [LAMP])
     scene = deforming.still(deforming.positions)
     with Renderer(scene, Settings(size=(16, 12), outputs=("motion",), taa=False, provider="cpu")) as renderer:
-        names = {name for attributes, _ in renderer._geometry._buffers for name in attributes}
-        assert names == {"in_position", "in_normal"}
-        assert not any("DEFORMED" in d.features for d in renderer._geometry.drawables)
+        for batch in renderer._geometry.batches:
+            assert set(batch.buffers.attributes) == {"in_position", "in_normal"}
+            assert "DEFORMED" not in batch.surface.features
 
 
 def test_a_still_at_a_time_is_the_frame_of_a_film(tmp_path: Path) -> None:
