@@ -135,9 +135,9 @@ class Renderer:
     def _pool(self) -> Pool:
         return self._pipeline.pool
 
-    def render(self, camera: Camera, time: float = 0.0,
-               following: tuple[Camera, float] | None = None) -> dict[str, Pixels]:
-        """Draw one frame and read back the outputs of the settings.
+    def render(self, camera: Camera, time: float = 0.0, following: tuple[Camera, float] | None = None,
+               names: Sequence[str] = ()) -> dict[str, Pixels]:
+        """Draw one frame and read back outputs of the settings.
 
         Parameters
         ----------
@@ -145,11 +145,13 @@ class Renderer:
             Seconds; places moving objects.
         following : tuple of Camera and float, optional
             Camera and time of the next frame, for ``flow``; default is that nothing moves.
+        names : sequence of str, optional
+            What to read: outputs and, with ``final`` among these, ``display``; default all.
 
         Returns
         -------
         dict of str to ndarray
-            Top row first. By output name float32 [H, W, C]; with ``final`` also ``display``, uint8 [H, W, 3].
+            Top row first. By output name float32 [H, W, C]; ``display`` is uint8 [H, W, 3].
             An output that the scene can't have (``emission`` without emitters) is zeros.
         """
         with self._gl.ctx:
@@ -157,9 +159,11 @@ class Renderer:
             if self._yardstick is not None:
                 with self._timer.measure("copy"):
                     self._yardstick.run()
-            images = {name: self.read(name) for name in self.settings.outputs}
-            if "final" in images:
-                images["display"] = self._display(images["final"])
+            outputs = self.settings.outputs
+            names = names or (*outputs, *(["display"] if "final" in outputs else []))
+            images = {name: self.read(name) for name in names if name != "display"}
+            if "display" in names:
+                images["display"] = self._display(images.get("final"))
         return images
 
     def advance(self, camera: Camera, time: float = 0.0, wanted: Callable[[], bool] = always,
@@ -197,7 +201,7 @@ class Renderer:
             elif self._ocio_view is None:
                 image = self._pool.read(output, newest=True)
             else:
-                image = self._display(self._read("final"))
+                image = self._display()
         for name in ("tonemap", "frame"):
             self._timer.extend(name, (perf_counter() - start) * 1e3)
         return image
@@ -372,14 +376,14 @@ class Renderer:
         w, h = self.settings.render_size
         return (2 * halton(i, 2) - 1) / w, (2 * halton(i, 3) - 1) / h
 
-    def _display(self, final: Pixels) -> Pixels:
-        """The display image of the newest frame, whose final image is given."""
+    def _display(self, final: Pixels | None = None) -> Pixels:
+        """The display image of the newest frame, whose final image may be given."""
         if self._ocio_view is None:
             return self.read("display")[..., :3]
         exposure = self.settings.exposure
         if self.settings.auto_exposure:
             exposure *= float(self.resource("auto_exposure")[0, 0, 0]) * self._radiance_scale
-        return display_view(final, exposure, self._ocio_view)
+        return display_view(self._read("final") if final is None else final, exposure, self._ocio_view)
 
     def _read(self, name: str) -> Pixels:
         w, h = self.settings.size

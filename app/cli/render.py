@@ -105,7 +105,7 @@ def render(
     provider: Provider = AUTO,
     strict_device: StrictDevice = False,
     timing: Annotated[Path | None, typer.Option(
-        help="Write milliseconds per pass (median, p95), the device and what was culled.", metavar="FILE.json",
+        help="Time each pass; write milliseconds (median, p95), the device and what was culled.", metavar="FILE.json",
         show_default=False, rich_help_panel=DIAGNOSTICS)] = None,
     check: Annotated[bool, typer.Option(
         "--check", help="Count non-finite texels per pass.", rich_help_panel=DIAGNOSTICS)] = False,
@@ -138,7 +138,7 @@ def render(
         size=parse_size(size), render_scale=parse_scale(render_scale, "--render-scale"),
         outputs=parse_names(aov, AOVS, "--aov"), taa=taa, reflections=reflections,
         exposure=exposure, tonemap=tonemap, auto_exposure=auto_exposure, bounces=bounces, seed=seed, provider=provider,
-        strict_device=strict_device, timing=True, check=check,
+        strict_device=strict_device, timing=timing is not None, check=check,
         scale=None if scale is None else parse_scale(scale, "--scale"))
     if provider != AUTO:
         from app.network.providers import check_provider  # imports onnxruntime
@@ -220,6 +220,7 @@ def _draw(renderer: Renderer, path: CameraPath, settings: Settings, start: float
     total = settle + frames
     files = [out / f"video.{kind}" for kind in kinds if kind in CODECS]
     stills = tuple(kind for kind in kinds if kind not in CODECS)
+    names = () if "exr" in kinds else (_shown(settings),)  # reading all outputs back takes long
     with ExitStack() as stack:
         videos = [stack.enter_context(open_video(file, settings.size)) for file in files]
         bar = stack.enter_context(transient_progress(disable=total == 1))
@@ -230,7 +231,7 @@ def _draw(renderer: Renderer, path: CameraPath, settings: Settings, start: float
         for index in range(frames):
             time = start + index * FRAME_SECONDS
             following = time + FRAME_SECONDS
-            images = renderer.render(path.at(time), time, (path.at(following), following))
+            images = renderer.render(path.at(time), time, (path.at(following), following), names)
             header = picture_header(renderer.scene, path.at(time), settings.size, settings.outputs)
             files += _write(images, settings, out / f"{index:04d}", stills, header)
             for write in videos:
@@ -252,9 +253,14 @@ def _write(images: dict[str, Any], settings: Settings, stem: Path, kinds: tuple[
 
 
 def _display_image(images: dict[str, Any], settings: Settings) -> Bytes:
-    """The image of a PNG or video frame: the final picture, or the first AOV if there is none."""
-    first = settings.outputs[0]
-    return images["display"] if "final" in settings.outputs else preview(first, images[first], settings.exposure)
+    """The image of a PNG or video frame."""
+    name = _shown(settings)
+    return images[name] if name == "display" else preview(name, images[name], settings.exposure)
+
+
+def _shown(settings: Settings) -> str:
+    """What a PNG or a video shows: the final picture as displayed, or the first AOV if there is none."""
+    return "display" if "final" in settings.outputs else settings.outputs[0]
 
 
 def _describe(renderer: Renderer) -> None:

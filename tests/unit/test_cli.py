@@ -55,14 +55,15 @@ class FakeRenderer:
     def advance(self, camera: Camera, time: float = 0.0) -> None:
         self.calls.append(("advance", camera, time))
 
-    def render(self, camera: Camera, time: float = 0.0, following: object = None) -> dict[str, np.ndarray]:
+    def render(self, camera: Camera, time: float = 0.0, following: object = None,
+               names: tuple[str, ...] = ()) -> dict[str, np.ndarray]:
         number = sum(kind == "render" for kind, *_ in self.calls)
         self.calls.append(("render", camera, time))
         width, height = self.settings.size
         images = {n: np.full((height, width, COMPONENTS[n]), number, np.float32) for n in self.settings.outputs}
         if "final" in images:
             images["display"] = np.full((height, width, 3), number, np.uint8)
-        return images
+        return {name: images[name] for name in names or images}
 
     def timing(self) -> dict[str, object]:
         clocks = {"cpu_ms": {"median": 1.5, "p95": 2.0}, "gpu_ms": {"median": 0.25, "p95": 0.5}}
@@ -100,8 +101,18 @@ def test_a_still_settles_and_is_written(invoke, tmp_path: Path, args: list[str])
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["0000.exr", "0000.png"]
     assert read_exr(tmp_path / "out" / "0000.exr").keys() == {""}
     assert read_png(tmp_path / "out" / "0000.png").shape == (6, 8, 3)
-    assert "gbuffer" in result.stdout
-    assert "1.50" in result.stdout
+    assert not FakeRenderer.made[0].settings.timing
+    assert "gbuffer" not in result.stdout
+    assert "1.50 ms per frame" in result.stdout
+
+
+def test_passes_are_timed_only_on_request(invoke) -> None:
+    result = invoke("--size", "8x6", "--timing", "timing.json")
+    assert FakeRenderer.made[0].settings.timing
+    assert re.search("gbuffer.*1.50.*0.25", result.stdout)
+    result = invoke("--size", "8x6", "--check")
+    assert not FakeRenderer.made[1].settings.timing
+    assert re.search("gbuffer.* 0 ", result.stdout) and "1.50" not in result.stdout
 
 
 def test_no_settling_without_taa_or_with_several_frames(invoke) -> None:
@@ -138,12 +149,20 @@ def test_aovs_are_layers_and_the_first_one_is_the_picture(invoke, tmp_path: Path
     assert read_png(tmp_path / "out" / "0000.png").max() == 128
 
 
+@pytest.mark.parametrize(("formats", "read"), [("png", ("display",)), ("png,exr", ()), ("exr", ())])
+def test_final_is_read_only_for_exr(invoke, monkeypatch: pytest.MonkeyPatch, formats: str, read: object) -> None:
+    names = []
+    render = FakeRenderer.render
+    monkeypatch.setattr(FakeRenderer, "render", lambda *args: names.append(args[-1]) or render(*args))
+    assert invoke("--size", "8x6", "--format", formats).exit_code == 0
+    assert names == [read]
+
+
 def test_options_reach_the_settings(invoke) -> None:
     assert invoke("--size", "4x2", "--no-taa", "--exposure", "2", "--bounces", "3", "--seed", "5",
                   "--provider", "cpu", "--strict-device", "--check").exit_code == 0
     assert FakeRenderer.made[0].settings == Settings(
-        size=(4, 2), taa=False, exposure=2.0, bounces=3, seed=5, provider="cpu", strict_device=True, check=True,
-        timing=True)
+        size=(4, 2), taa=False, exposure=2.0, bounces=3, seed=5, provider="cpu", strict_device=True, check=True)
     assert FakeRenderer.made[0].model == []
 
 
