@@ -13,8 +13,6 @@ EXTRAS = {
     "matplotlib": "evaluation", "psutil": "evaluation", "pyoidn": "evaluation", "skimage": "evaluation",
     "distributed": "cluster", "torch": "export", "mitsuba": "export",
 }
-GPU_PROVIDER = "pip uninstall onnxruntime; pip install 'onnxruntime-gpu[cuda,cudnn]'"
-
 SOFTWARE_RENDERER = "not a GPU; for one install the EGL library of its driver, and be allowed to open the device"
 
 
@@ -63,11 +61,11 @@ def _providers() -> Finding:
     try:
         import onnxruntime
 
-        from app.network.providers import list_providers
+        from app.network.providers import CUDA, CUDA_REMEDY, list_providers
     except ImportError as error:
         return Finding("infers", f"nothing: {_first_line(error)}", "pip install onnxruntime", is_error=True)
     text = f"onnxruntime {onnxruntime.__version__} on {', '.join(list_providers())}"
-    return Finding("infers", text, "" if "cuda" in list_providers() else f"for NVIDIA GPUs: {GPU_PROVIDER}")
+    return Finding("infers", text, "" if CUDA in list_providers() else f"for NVIDIA GPUs: {CUDA_REMEDY}")
 
 
 def _caster() -> Finding:

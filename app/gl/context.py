@@ -47,7 +47,7 @@ class Device:
             options: dict[str, Any] = {"backend": "egl", "libgl": ctypes.util.find_library("EGL")}
             self.ctx = moderngl.create_context(require=REQUIRED, standalone=True, **options)
         except Exception as error:  # glcontext raises bare Exceptions
-            if isinstance(error, ValueError) or "device index" in str(error):
+            if DEVICE_INDEX in os.environ and (isinstance(error, ValueError) or "device index" in str(error)):
                 raise DeviceError(f"no OpenGL device {os.environ.get(DEVICE_INDEX)!r} ({error})", DEVICE_INDEX,
                                   "expected the number of an EGL device, counted from 0") from None
             raise DeviceError(f"no OpenGL context ({error})", "EGL",

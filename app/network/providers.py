@@ -7,7 +7,8 @@ import onnxruntime as ort
 
 from app.errors import ModelError, SettingsError, did_you_mean
 
-AUTO = "auto"
+AUTO, CUDA = "auto", "cuda"
+CUDA_REMEDY = "pip uninstall onnxruntime; pip install 'onnxruntime-gpu[cuda,cudnn]'"  # both fill the same folder
 MAX_REASON_LENGTH = 200
 _REMOTE = ("AzureExecutionProvider",)  # sends data to a server: never a choice here
 # Products of matrices with 10 bits of mantissa (TF32) would err by 2 % of the light on the mean, 30 % at worst.
@@ -29,8 +30,9 @@ def check_provider(provider: str) -> None:
     """
     known = (AUTO, *list_providers())
     if provider not in known:
+        expected = did_you_mean(provider, known)
         raise SettingsError(f"this onnxruntime has no provider {provider!r}", "--provider",
-                            did_you_mean(provider, known))
+                            f"{expected}, or for NVIDIA GPUs: {CUDA_REMEDY}" if provider == CUDA else expected)
 
 
 def open_session(path: Path, provider: str) -> ort.InferenceSession:
@@ -45,7 +47,7 @@ def open_session(path: Path, provider: str) -> ort.InferenceSession:
     """
     check_provider(provider)
     known = list_providers()
-    chosen = provider if provider != AUTO else "cuda" if "cuda" in known else "cpu"
+    chosen = provider if provider != AUTO else CUDA if CUDA in known else "cpu"
     wanted = [(name, _OPTIONS.get(name, {})) for name in ort.get_available_providers()
               if short_name(name) in (chosen, "cpu")]
     options = ort.SessionOptions()

@@ -39,6 +39,18 @@ def test_no_egl_is_one_line() -> None:
 
 
 @pytest.mark.gl
+def test_a_missing_provider_is_one_line() -> None:
+    code = ("import onnxruntime; onnxruntime.get_available_providers = lambda: ['CPUExecutionProvider']; "
+            "from app.cli import main; main()")
+    process = subprocess.run([sys.executable, "-c", code, "doctor", "--provider", "cuda", "--size", "64x48"], cwd=ROOT,
+                             capture_output=True, text=True, check=False)
+    assert process.returncode == 2
+    assert [line for line in process.stdout.splitlines() if line.startswith("infers: ") and "onnxruntime-gpu" in line]
+    (line,) = process.stderr.splitlines()
+    assert line.startswith("error: --provider: this onnxruntime has no provider 'cuda'") and "onnxruntime-gpu" in line
+
+
+@pytest.mark.gl
 def test_all_is_well_here(tmp_path: Path) -> None:
     file = tmp_path / "doctor.json"
     status, lines = run("from app.cli import main; main()", "--size", "64x48", "--json", str(file))
