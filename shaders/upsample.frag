@@ -5,6 +5,10 @@
 #include "numbers.glsl"
 #include "joint_bilateral.glsl"
 #include "history.glsl"
+#include "inverse_depth.glsl"
+#ifdef FAST_PATH
+#include "quad_taps.glsl"
+#endif
 
 const float SKY = 1e-30;         // so that filled-in light counts where no texel shows a surface
 
@@ -14,9 +18,10 @@ uniform sampler2D normal;
 uniform sampler2D depth;
 uniform vec2 ratio;  // full-resolution texels per low-resolution texel
 #ifdef HAS_INDIRECT_PREV
-uniform sampler2D motion;         // w: inverse depth
+uniform sampler2D motion;
 uniform sampler2D indirect_prev;  // a: inverse depth
 uniform sampler2D normal_prev;
+uniform float near;        // distance of the near plane in scene units
 uniform float max_frames;  // of history
 uniform bool history_valid;
 const float LEAST_FOUND = 0.1;  // so that light which is out of date fades
@@ -63,12 +68,13 @@ vec4 missed(ivec2 texel, BilateralReceiver r)
 #ifdef HAS_INDIRECT_PREV
 // Blended with the surface's previous light: more of it the less the texels around show (shown), and for longer where no
 // pixel around has light of its own (found).
-vec3 with_history(vec3 light, float shown, float found, vec4 moved, float d, BilateralReceiver r)
+vec3 with_history(vec3 light, float shown, float found, float d, BilateralReceiver r)
 {
+    vec3 moved = texelFetch(motion, ivec2(gl_FragCoord.xy), 0).xyz;
     ivec2 at = ivec2(floor(gl_FragCoord.xy - moved.xy * vec2(1.0, -1.0)));
     vec4 old = texelFetch(indirect_prev, at, 0);
     bool keep = history_valid && all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, textureSize(depth, 0)))
-        && same_surface(old.a, moved.w / moved.z, plane_slope(r.normal, gl_FragCoord.xy, d),
+        && same_surface(old.a, inverse_depth(d, near) / moved.z, plane_slope(r.normal, gl_FragCoord.xy, d),
                         texelFetch(normal_prev, at, 0).xyz, r.normal)
         && is_finite(dot(old.rgb, vec3(1.0)));
     float share = 1.0 - max(found, LEAST_FOUND) / max_frames;
@@ -76,6 +82,30 @@ vec3 with_history(vec3 light, float shown, float found, vec4 moved, float d, Bil
 }
 #endif
 
+void write(vec3 light, float d)
+{
+#ifdef HAS_INDIRECT_PREV
+    out_light = vec4(light, inverse_depth(d, near));
+#else
+    out_light = vec4(light, 1.0);
+#endif
+}
+
+#ifdef FAST_PATH
+// Stands where all texels of a quad show one plane that the low-resolution texels show too, and where all show none.
+void main()
+{
+    ivec2 texel = ivec2(gl_FragCoord.xy);
+    float d = texelFetch(depth, texel, 0).r;
+    BilateralReceiver r = bilateral_receiver(gl_FragCoord.xy, texelFetch(normal, texel, 0).xyz, d);
+    QuadTap t = quad_tap(textureSize(lowres_gbuffer, 0), ratio);
+    vec2 along = along_normal(t.low, ratio, r);
+    vec4 sum = interpolate_taps(tap(t.low, along.x + along.y, 1.0, r), t.closeness);
+    bool is_seen = is_surface(d), stands = t.is_inside && shows_plane_of_quad(r) && sum.a >= SHOWN;
+    write(is_seen ? sanitize_radiance(sum.rgb / sum.a) : vec3(0.0), d);
+    gl_FragDepth = quad_all(stands) || !quad_any(is_seen) ? 1.0 : 0.0;
+}
+#else
 void main()
 {
     ivec2 texel = ivec2(gl_FragCoord.xy);
@@ -98,10 +128,8 @@ void main()
     // NaN in the light of any tap ends as 0 here.
     vec3 light = is_surface(d) && sum.a > 0.0 ? sanitize_radiance(sum.rgb / sum.a) : vec3(0.0);
 #ifdef HAS_INDIRECT_PREV
-    vec4 moved = texelFetch(motion, texel, 0);
-    if (is_surface(d) && shown < 1.0) light = with_history(light, shown, found, moved, d, r);
-    out_light = vec4(light, moved.w);
-#else
-    out_light = vec4(light, 1.0);
+    if (is_surface(d) && shown < 1.0) light = with_history(light, shown, found, d, r);
 #endif
+    write(light, d);
 }
+#endif

@@ -10,8 +10,10 @@ from app.gl.context import Device
 from app.gl.frame_state import Execute, FrameState
 from app.gl.peeling import PeeledLayer
 from app.gl.pool import Resources
+from app.gl.shader import Program
 from app.graph import PREVIOUS, BoundPass
 
+ALWAYS = "1"           # moderngl's depth function that passes always
 CUBE_PREFIX = "cube_"  # of the names of what is drawn on the cube around the camera
 
 
@@ -45,8 +47,8 @@ def cube_defines(face: int, camera_axes: bool) -> dict[str, object]:
 
 def make_fullscreen(fragment: str, uniforms: Callable[[FrameState], Mapping[str, object]] = lambda frame: {},
                     defines: Mapping[str, object] | None = None, strip: str = "",
-                    samplers: Mapping[str, str] | None = None,
-                    layer: PeeledLayer | None = None) -> Callable[[Device, BoundPass], Execute]:
+                    samplers: Mapping[str, str] | None = None, layer: PeeledLayer | None = None,
+                    fast_path: Callable[[FrameState], bool] | None = None) -> Callable[[Device, BoundPass], Execute]:
     """``Pass.make`` of a pass that draws shader ``fragment``.
 
     Parameters
@@ -57,18 +59,34 @@ def make_fullscreen(fragment: str, uniforms: Callable[[FrameState], Mapping[str,
         See ``Resources.bind``.
     layer : PeeledLayer, optional
         Draw only where it is.
+    fast_path : callable, optional
+        Whether a frame is drawn in two steps, the first by the shader's variant ``FAST_PATH``. It writes a depth of 1
+        where its result stands, else 0; there the shader itself draws. A depth test spares even a software rasteriser
+        the rest, which a branch would not.
     """
     def make(device: Device, bound: BoundPass) -> Execute:
-        program = device.fullscreen(fragment, {**read_defines(bound), **write_defines(bound.writes, strip),
-                                               **(defines or {})})
+        variant = {**read_defines(bound), **write_defines(bound.writes, strip), **(defines or {})}
+        program = device.fullscreen(fragment, variant)
+        fast_program = device.fullscreen(fragment, {**variant, "FAST_PATH": 1}) if fast_path is not None else None
 
         def execute(frame: FrameState, resources: Resources) -> None:
-            target = resources.target()
-            device.ctx.enable_only(moderngl.NOTHING)
-            resources.bind(program, strip, samplers=samplers)
-            program.set(**uniforms(frame))
-            with nullcontext() if layer is None else layer.within(target, frame):
-                device.draw_fullscreen(program)
+            target = resources.target(with_depth=fast_program is not None)
+            values = uniforms(frame)
+
+            def draw(program: Program) -> None:
+                resources.bind(program, strip, samplers=samplers)
+                program.set(**values)
+                with nullcontext() if layer is None else layer.within(target, frame):
+                    device.draw_fullscreen(program)
+
+            if fast_program is not None and fast_path is not None and fast_path(frame):
+                device.ctx.enable_only(moderngl.DEPTH_TEST)
+                device.ctx.depth_func, target.depth_mask = ALWAYS, True
+                draw(fast_program)
+                device.ctx.depth_func, target.depth_mask = ">", False
+            else:
+                device.ctx.enable_only(moderngl.NOTHING)
+            draw(program)
 
         return execute
 

@@ -31,7 +31,7 @@ class Pool:
         self._arrays: dict[str, F32] = {}
         self._stamps: dict[str, int] = {}
         self._targets: dict[tuple[tuple[str, ...], int], moderngl.Framebuffer] = {}
-        self._depths: dict[str, moderngl.Texture] = {}
+        self._depths: dict[tuple[int, int], moderngl.Texture] = {}
         for name, resource in plan.resources.items():
             if isinstance(resource, Tex):
                 copies = 2 if name in plan.history else 1
@@ -84,17 +84,18 @@ class Pool:
     def holds_texture(self, name: str) -> bool:
         return name.removesuffix(PREVIOUS) in self._textures
 
-    def target(self, bound: BoundPass, names: tuple[str, ...], with_depth: bool) -> moderngl.Framebuffer:
-        """The framebuffer of textures ``names``; the depth buffer belongs to the pass."""
+    def target(self, names: tuple[str, ...], with_depth: bool) -> moderngl.Framebuffer:
+        """The framebuffer of textures ``names``; passes share depth buffers, which hold nothing for the next one."""
         key = (names, self.parity)
         if key not in self._targets:
             colors = [self.texture(w) for w in names]
             depth = None
             if with_depth:
-                if bound.name not in self._depths:
-                    self._depths[bound.name] = self._device.depth_texture(colors[0].size)
+                size = colors[0].size
+                if size not in self._depths:
+                    self._depths[size] = self._device.depth_texture(size)
                     self._check_memory()
-                depth = self._depths[bound.name]
+                depth = self._depths[size]
             self._targets[key] = self._device.ctx.framebuffer(colors, depth)
         return self._targets[key]
 
@@ -205,7 +206,7 @@ class Resources:
         """The framebuffer of ``names``, or of everything the pass writes, bound for drawing."""
         for name in names:
             self._check(name, self._bound.writes)
-        target = self._pool.target(self._bound, names or self._bound.writes, with_depth)
+        target = self._pool.target(names or self._bound.writes, with_depth)
         target.use()
         return target
 

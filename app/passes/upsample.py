@@ -8,6 +8,7 @@ HISTORY_READS = ("motion", "indirect@prev", "normal@prev")
 MISSED_READS = ("missed_surface", "missed_light")
 # The history's age is not stored, so it must not outlive a change of light.
 MAX_FRAMES = MAX_HISTORY[MotionKind.CAMERA]
+MIN_SHARED_RATIO = 3.0  # of full to low resolution, from which on quads mostly lie between four low-resolution texels
 
 
 def declare(name: str, grid: tuple[int, int], light: str, surface: str, target: str, has_history: bool = False,
@@ -25,10 +26,12 @@ def declare(name: str, grid: tuple[int, int], light: str, surface: str, target: 
         ratio: dict[str, object] = {"ratio": ratio_to(grid, frame)}
         if not has_history:
             return ratio
-        return {**ratio, "max_frames": min(MAX_HISTORY[frame.motion], MAX_FRAMES), "history_valid": frame.history_valid}
+        return {**ratio, "max_frames": min(MAX_HISTORY[frame.motion], MAX_FRAMES), "history_valid": frame.history_valid,
+                "near": frame.view.near}
 
     reads = (*(HISTORY_READS if has_history else ()), *(MISSED_READS if missed_tile else ()))
     samplers = {light: "light_filled", surface: "lowres_gbuffer"}
     return Pass(name, reads=(*samplers, "normal", "depth", *reads), writes={target: Tex("f2", 4)},
                 make=make_fullscreen("upsample.frag", uniforms, {"TILE": missed_tile} if missed_tile else {},
-                                     samplers=samplers))
+                                     samplers=samplers, fast_path=lambda frame: (
+                                         min(ratio_to(grid, frame)) >= MIN_SHARED_RATIO)))
