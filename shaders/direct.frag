@@ -66,6 +66,15 @@ void main()
     vec3 layered = vec3(0.0), traced_layered = vec3(0.0);
 #endif
 #ifdef HAS_SHADOW
+#if defined(FAST_PATH) && !defined(HAS_SHADOW_RATIO)
+    // Done where no light arrives, so that no shadow is looked up there.
+    bool is_dark = true;
+    for (int i = 0; i < MAPPED_COUNT; ++i) {
+        vec3 e = irradiance(lights[i], p, n);
+        is_dark = is_dark && max(max(e.r, e.g), e.b) <= 0.0;
+    }
+    gl_FragDepth = quad_all(is_dark || !is_surface(d)) ? 1.0 : 0.0;
+#else
     vec3 face = octahedral_decode(vec2(surface.a, base.a));
     QuadNoise noise = quad_noise();
     for (int i = 0; i < MAPPED_COUNT; ++i) {
@@ -94,20 +103,13 @@ void main()
 #endif
     }
 #endif
-#if defined(HAS_SHADOW_RATIO) || defined(HAS_SKY_IRRADIANCE)
-#ifdef HAS_SHADOW_RATIO
-    QuadSurface quad = quad_surface(p, n, d);
-    vec3 v = traced_visibility(n, d, quad.is_flat);
-    v = is_surface(d) ? v : vec3(0.0);
-#else  // layers that are seen through, where a model makes the environment's shadows on opaque surfaces
-    vec3 v = vec3(is_surface(d) ? 1.0 : 0.0);
 #endif
+#if defined(HAS_SHADOW_RATIO) || defined(HAS_SKY_IRRADIANCE)
     vec3 traced = vec3(0.0), traced_specular = vec3(0.0);
-    bool is_lit = max(max(v.r, v.g), v.b) > 0.0;
 #ifdef HAS_TRACED_SPHERE
     // A loop with its test at the end, not a branch: software rasterisers walk through both sides of a branch, and once
     // more than needed through a loop with its test at the beginning.
-    int i = MAPPED_COUNT, spheres_end = is_lit ? RECTS_BEGIN : MAPPED_COUNT;
+    int i = MAPPED_COUNT, spheres_end = is_surface(d) ? RECTS_BEGIN : MAPPED_COUNT;
     do {
         traced += irradiance(lights[i], p, n);
 #ifdef WRITE_SPECULAR
@@ -116,16 +118,17 @@ void main()
     } while (++i < spheres_end);
 #endif
 #ifdef HAS_TRACED_RECT
+    QuadSurface quad = quad_surface(p, n, d);
 #ifdef WRITE_SPECULAR
-    TracedRects rects = rects_light(p, n, lobe, is_lit, is_shiny, quad);
+    TracedRects rects = rects_light(p, n, lobe, is_surface(d), is_shiny, quad);
     traced += rects.irradiance;
     traced_specular += rects.specular;
 #else
-    traced += rects_irradiance(p, n, is_lit, quad);
+    traced += rects_irradiance(p, n, is_surface(d), quad);
 #endif
 #endif
 #ifdef LAYERS
-    for (int m = MAPPED_COUNT; m < (is_lit ? LIGHT_COUNT : MAPPED_COUNT); ++m)
+    for (int m = MAPPED_COUNT; m < (is_surface(d) ? LIGHT_COUNT : MAPPED_COUNT); ++m)
         traced_layered += layered_light(lights[m], p, n, irradiance(lights[m], p, n), layers);
 #endif
 #ifdef HAS_SKY_IRRADIANCE
@@ -139,6 +142,23 @@ void main()
 #if defined(LAYERS) && defined(HAS_SKY_SPECULAR)
     if (is_surface(d)) traced_layered += layered_sky(p, n, layers);
 #endif
+    vec3 arriving = traced + traced_specular;
+#ifdef LAYERS
+    arriving += traced_layered;
+#endif
+    bool is_reached = is_surface(d) && max(max(arriving.r, arriving.g), arriving.b) > 0.0;
+#ifdef HAS_SHADOW_RATIO
+#ifdef FAST_PATH
+    bool is_known;
+    vec3 v = traced_visibility(n, d, is_reached, is_known);
+    gl_FragDepth = quad_all(is_known || !is_reached) ? 1.0 : 0.0;
+#else
+    vec3 v = traced_visibility(n, d, is_reached);
+#endif
+#else  // layers that are seen through, where a model makes the environment's shadows on opaque surfaces
+    vec3 v = vec3(1.0);
+#endif
+    v = is_reached ? v : vec3(0.0);
     diffuse += v * traced;
     specular += v * traced_specular;
 #ifdef LAYERS

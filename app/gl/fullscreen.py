@@ -14,6 +14,7 @@ from app.gl.shader import Program
 from app.graph import PREVIOUS, BoundPass
 
 ALWAYS = "1"           # moderngl's depth function that passes always
+MIN_SHARED_RATIO = 2.9  # of full to low resolution; images are not always a multiple of their grid
 CUBE_PREFIX = "cube_"  # of the names of what is drawn on the cube around the camera
 
 
@@ -28,6 +29,11 @@ def reduced_grid(size: tuple[int, int], max_texels: int) -> tuple[int, int]:
 def ratio_to(grid: tuple[int, int], frame: FrameState) -> tuple[float, float]:
     """Full-resolution texels per texel of a low-resolution ``grid`` of width and height."""
     return frame.size[0] / grid[0], frame.size[1] / grid[1]
+
+
+def quads_share_taps(grid: tuple[int, int], frame: FrameState) -> bool:
+    """Whether most quads of the image lie between four texels of a low-resolution ``grid`` (quad_taps.glsl)."""
+    return all(ratio == 1.0 or ratio >= MIN_SHARED_RATIO for ratio in ratio_to(grid, frame))
 
 
 def read_defines(bound: BoundPass) -> dict[str, object]:

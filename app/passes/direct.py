@@ -1,13 +1,14 @@
 """Direct light: diffuse radiance of lights with shadows, and specular light where a material has any."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 
 import moderngl
 import numpy as np
 
 from app.gl.context import Device
 from app.gl.frame_state import Execute, FrameState
-from app.gl.fullscreen import CUBE_PREFIX, cube_defines, make_fullscreen, ratio_to
+from app.gl.fullscreen import CUBE_PREFIX, cube_defines, make_fullscreen, quads_share_taps, ratio_to
 from app.gl.lights import LightSet
 from app.gl.peeling import PeeledLayer
 from app.gl.pool import Resources
@@ -15,6 +16,7 @@ from app.graph import BoundPass, Pass, Resource, Tex
 from app.math3d import R2
 from app.paths import data_dir
 
+MAX_SPLIT_LIGHTS = 2  # with shadow maps, whose unlit sides are left out in a step of their own; more leave little unlit
 LTC_UNIT = 15  # texture unit of the table of specular lobes, beyond those of what the pass reads
 
 
@@ -90,7 +92,8 @@ def _make(device: Device, bound: BoundPass, defines: Mapping[str, object], shado
             values["ltc"] = LTC_UNIT
         return values
 
-    draw = make_fullscreen("direct.frag", uniforms, defines, prefix, layer=layer)(device, bound)
+    fast_path = None if layer is not None or has_layers else _fast_path(defines, shadow_grid)
+    draw = make_fullscreen("direct.frag", uniforms, defines, prefix, layer=layer, fast_path=fast_path)(device, bound)
     if layer is None:
         return draw
 
@@ -99,6 +102,15 @@ def _make(device: Device, bound: BoundPass, defines: Mapping[str, object], shado
         draw(frame, resources)
 
     return execute
+
+
+def _fast_path(defines: Mapping[str, object],
+               shadow_grid: tuple[int, int] | None) -> Callable[[FrameState], bool] | None:
+    """When a first step does quads whose traced visibility four texels know, or without any light of mapped lights."""
+    if shadow_grid is None:
+        return (lambda frame: True) if 1 <= int(str(defines["LIGHT_COUNT"])) <= MAX_SPLIT_LIGHTS else None
+    # Rectangles cost so much that it does not pay to light the rest twice.
+    return None if "HAS_TRACED_RECT" in defines else partial(quads_share_taps, shadow_grid)
 
 
 def _upload_lobes(device: Device) -> moderngl.TextureArray:

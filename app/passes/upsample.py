@@ -1,14 +1,15 @@
 """Joint bilateral upsampling of low-resolution light to full resolution."""
 
+from functools import partial
+
 from app.gl.frame_state import MAX_HISTORY, FrameState, MotionKind
-from app.gl.fullscreen import make_fullscreen, ratio_to
+from app.gl.fullscreen import make_fullscreen, quads_share_taps, ratio_to
 from app.graph import Pass, Tex
 
 HISTORY_READS = ("motion", "indirect@prev", "normal@prev")
 MISSED_READS = ("missed_surface", "missed_light")
 # The history's age is not stored, so it must not outlive a change of light.
 MAX_FRAMES = MAX_HISTORY[MotionKind.CAMERA]
-MIN_SHARED_RATIO = 3.0  # of full to low resolution, from which on quads mostly lie between four low-resolution texels
 
 
 def declare(name: str, grid: tuple[int, int], light: str, surface: str, target: str, has_history: bool = False,
@@ -33,5 +34,4 @@ def declare(name: str, grid: tuple[int, int], light: str, surface: str, target: 
     samplers = {light: "light_filled", surface: "lowres_gbuffer"}
     return Pass(name, reads=(*samplers, "normal", "depth", *reads), writes={target: Tex("f2", 4)},
                 make=make_fullscreen("upsample.frag", uniforms, {"TILE": missed_tile} if missed_tile else {},
-                                     samplers=samplers, fast_path=lambda frame: (
-                                         min(ratio_to(grid, frame)) >= MIN_SHARED_RATIO)))
+                                     samplers=samplers, fast_path=partial(quads_share_taps, grid)))

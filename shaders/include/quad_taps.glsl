@@ -23,7 +23,8 @@ QuadTap quad_tap(ivec2 size, vec2 ratio)
 // Whether the texel shows the same plane as those beside it.
 bool shows_plane_of_quad(BilateralReceiver r)
 {
-    vec4 plane = vec4(r.normal, r.here * r.inverse_sigma), dx = dFdxFine(plane), dy = dFdyFine(plane);
+    vec4 plane = vec4(r.normal, r.here), scale = vec4(vec3(1.0), r.inverse_sigma);
+    vec4 dx = dFdxFine(plane) * scale, dy = dFdyFine(plane) * scale;
     return dot(dx, dx) + dot(dy, dy) < MAX_DIFFERENCE * MAX_DIFFERENCE;
 }
 

@@ -1,7 +1,9 @@
 // The share of traced light that reaches a receiver, from the grid that shadow rays were traced on.
 #include "numbers.glsl"
 #include "joint_bilateral.glsl"
-#include "quad.glsl"
+#ifdef FAST_PATH
+#include "quad_taps.glsl"
+#endif
 
 uniform sampler2D shadow_ratio;  // rgb: share, a: 0 where no unshadowed light arrives
 #ifdef HAS_SHADOW_GBUFFER
@@ -14,7 +16,7 @@ const float WIDE_RADIUS = 12.0;  // texels of shadow_ratio
 
 // For receivers that no ray was traced from: the mean around, since the share at the receiver's own texel is that of
 // what is behind it, whose outline would show. Where nothing is behind, all light counts as visible.
-vec3 traced_visibility(vec3 n, float depth, bool is_flat)
+vec3 traced_visibility(vec3 n, float depth, bool is_reached)
 {
     vec3 sum = vec3(0.0);
     for (int i = 0; i < WIDE_TAPS; ++i) {
@@ -40,34 +42,38 @@ vec4 shadow_tap(ivec2 low, BilateralReceiver r)
     return vec4(share.rgb, 1.0) * weight;
 }
 
-// Interpolates four texels. Those of a quad that shows one surface and lies between the same four fetch one each.
-vec3 traced_visibility(vec3 n, float depth, bool is_flat)
+#ifdef FAST_PATH
+// Interpolates the four texels around a quad that shows one plane, where these show it too and know.
+vec3 traced_visibility(vec3 n, float depth, bool is_reached, out bool is_known)
+{
+    BilateralReceiver r = bilateral_receiver(gl_FragCoord.xy, n, depth);
+    QuadTap t = quad_tap(textureSize(shadow_gbuffer, 0), shadow_grid_ratio);
+    vec4 sum = interpolate_taps(shadow_tap(t.low, r), t.closeness);
+    is_known = t.is_inside && shows_plane_of_quad(r) && sum.a > 0.0;
+    return clamp(sanitize_radiance(sum.rgb / sum.a), 0.0, 1.0);
+}
+#else
+// Interpolates four texels. Where none of them shows a surface that gets light, as at a wire before the sky, those around
+// them may.
+vec3 traced_visibility(vec3 n, float depth, bool is_reached)
 {
     BilateralReceiver r = bilateral_receiver(gl_FragCoord.xy, n, depth);
     vec2 at = gl_FragCoord.xy / shadow_grid_ratio - 0.5, base = floor(at), f = at - base;
-    vec2 middle = floor(at + 0.5 * quad_side() / shadow_grid_ratio);
-    bool is_shared = quad_all(is_flat && base == middle);
-    int lane = int(quad_lane()), i = 0, least = is_shared ? 1 : 4, most = is_surface(depth) ? TAPS_AROUND : 1;
-    vec4 sum = vec4(0.0), shared_tap = vec4(0.0);
-    // Where none of them shows a surface that gets light, as at a wire before the sky, those around them may.
+    vec4 sum = vec4(0.0);
+    int i = 0, most = is_reached ? TAPS_AROUND : 1;
     do {
-        int index = is_shared && i == 0 ? lane : i, wider = max(index - 4, 0);
-        vec2 corner = index < 4 ? vec2(index & 1, index >> 1) : vec2(wider & 3, wider >> 2) - 1.0;
-        vec2 closeness = index < 4 ? mix(1.0 - f, f, corner) : vec2(1.0);
-        vec4 tap = shadow_tap(ivec2(base + corner), r);
-        shared_tap = i == 0 ? tap : shared_tap;
-        sum += tap * (closeness.x * closeness.y);
-    } while (++i < least || (i < most && (i > 4 || sum.a <= 0.0)));
-    vec2 own = mix(f, 1.0 - f, 0.5 + 0.5 * quad_side());  // closeness of the tap of the texel's own lane
-    vec4 row = mix(quad_swap_x(shared_tap), shared_tap, own.x);
-    row = mix(quad_swap_y(row), row, own.y);
-    sum = is_shared && row.a > 0.0 ? row : sum;
+        int wider = max(i - 4, 0);
+        vec2 corner = i < 4 ? vec2(i & 1, i >> 1) : vec2(wider & 3, wider >> 2) - 1.0;
+        vec2 closeness = i < 4 ? mix(1.0 - f, f, corner) : vec2(1.0);
+        sum += shadow_tap(ivec2(base + corner), r) * (closeness.x * closeness.y);
+    } while (++i < min(most, 4) || (i < most && (i > 4 || sum.a <= 0.0)));
     return sum.a > 0.0 ? clamp(sanitize_radiance(sum.rgb / sum.a), 0.0, 1.0) : vec3(1.0);
 }
 #endif
+#endif
 #else
 // The grid is that of the receivers.
-vec3 traced_visibility(vec3 n, float depth, bool is_flat)
+vec3 traced_visibility(vec3 n, float depth, bool is_reached)
 {
     return clamp(sanitize_radiance(texelFetch(shadow_ratio, ivec2(gl_FragCoord.xy), 0).rgb), 0.0, 1.0);
 }
