@@ -42,6 +42,11 @@ vec4 shadow_tap(ivec2 low, BilateralReceiver r)
     return vec4(share.rgb, 1.0) * weight;
 }
 
+vec3 share_of(vec4 sum)
+{
+    return clamp(sanitize_radiance(sum.rgb / sum.a), 0.0, 1.0);
+}
+
 #ifdef FAST_PATH
 // Interpolates the four texels around a quad that shows one plane, where these show it too and know.
 vec3 traced_visibility(vec3 n, float depth, bool is_reached, out bool is_known)
@@ -50,7 +55,7 @@ vec3 traced_visibility(vec3 n, float depth, bool is_reached, out bool is_known)
     QuadTap t = quad_tap(textureSize(shadow_gbuffer, 0), shadow_grid_ratio);
     vec4 sum = interpolate_taps(shadow_tap(t.low, r), t.closeness);
     is_known = t.is_inside && shows_plane_of_quad(r) && sum.a > 0.0;
-    return clamp(sanitize_radiance(sum.rgb / sum.a), 0.0, 1.0);
+    return share_of(sum);
 }
 #else
 // Interpolates four texels. Where none of them shows a surface that gets light, as at a wire before the sky, those around
@@ -67,7 +72,7 @@ vec3 traced_visibility(vec3 n, float depth, bool is_reached)
         vec2 closeness = i < 4 ? mix(1.0 - f, f, corner) : vec2(1.0);
         sum += shadow_tap(ivec2(base + corner), r) * (closeness.x * closeness.y);
     } while (++i < min(most, 4) || (i < most && (i > 4 || sum.a <= 0.0)));
-    return sum.a > 0.0 ? clamp(sanitize_radiance(sum.rgb / sum.a), 0.0, 1.0) : vec3(1.0);
+    return sum.a > 0.0 ? share_of(sum) : vec3(1.0);
 }
 #endif
 #endif
