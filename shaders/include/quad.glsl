@@ -55,6 +55,12 @@ float quad_sum(float x)
     return quad_sum(vec3(x)).x;
 }
 
+vec3 quad_max(vec3 x)
+{
+    x = max(x, quad_swap_x(x));
+    return max(x, quad_swap_y(x));
+}
+
 // Whether it is true in all four texels.
 bool quad_all(bool x)
 {

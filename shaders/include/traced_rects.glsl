@@ -25,40 +25,41 @@ vec3 gather_rects(vec3 p, vec3 n, Cosine cosine, bool is_lit)
     return sum;
 }
 
-// The rectangles as seen from a receiver.
+// The rectangles as seen from a quad.
 struct Outlook {
-    float nearest;   // square of the distance of the nearest
+    float nearness;  // inverse square of the distance of the nearest
     float outline;   // smallest angle, about, between the mirrored view and the outline of one
     vec3 brightest;  // largest radiance in each channel
 };
 
+// Each texel looks at every fourth rectangle. Squares are inverted, since a quad can't hand on a small number beside a huge one.
 Outlook rects_outlook(vec3 p, vec3 mirrored)
 {
-    Outlook o = Outlook(1e30, 1.0, vec3(0.0));
-    int i = RECTS_BEGIN;
+    Outlook o = Outlook(0.0, 1.0, vec3(0.0));
+    int i = RECTS_BEGIN + int(quad_lane());
     do {
-        Light light = lights[i];
+        Light light = lights[min(i, LIGHT_COUNT - 1)];
         vec3 to = light.position.xyz - p;
         vec3 at = vec3(dot(to, light.frame_x.xyz), dot(to, light.frame_y.xyz), dot(to, light.frame_z.xyz));
         vec3 along = vec3(dot(mirrored, light.frame_x.xyz), dot(mirrored, light.frame_y.xyz), dot(mirrored, light.frame_z.xyz));
         vec2 size = vec2(light.frame_x.w, light.frame_y.w), gap = max(abs(at.xy) - size, 0.0);
         bool is_in_plane = abs(at.z) <= light.u.w;  // where it gives nothing
-        o.nearest = is_in_plane ? o.nearest : min(o.nearest, dot(gap, gap) + at.z * at.z);
+        o.nearness = is_in_plane ? o.nearness : max(o.nearness, 1.0 / max(dot(gap, gap) + at.z * at.z, MIN_SQUARE));
         // Where the mirrored view meets the plane; if it does not, the angle to the plane is as large as that.
         float inverse_t = along.z / (at.z == 0.0 ? 1e-30 : at.z);
         vec2 beyond = abs(along.xy - at.xy * inverse_t) - size * inverse_t;
         float miss = inverse_t > 0.0 ? min(abs(max(beyond.x, beyond.y)), 1.0) : 1.0;
         o.outline = min(o.outline, miss * abs(along.z));
         o.brightest = max(o.brightest, light.color.rgb);
-    } while (++i < LIGHT_COUNT);
-    return o;
+    } while ((i += 4) < LIGHT_COUNT);
+    return Outlook(quad_max(vec3(o.nearness)).x, 1.0 - quad_max(vec3(1.0 - o.outline)).x, quad_max(o.brightest));
 }
 
 // How much the directions of lights at point p with normal n may differ from those at the quad's centre, in radians.
 float parallax(vec3 p, vec3 n, Outlook o, QuadSurface quad)
 {
     vec3 to = p - quad.p;
-    return sqrt(dot(to, to) / max(o.nearest, 1e-30)) + distance(n, quad.n);
+    return sqrt(dot(to, to) * o.nearness) + distance(n, quad.n);
 }
 
 // Whether all four texels get the irradiance of the quad's centre; this must not depend on their lobes, which may be unknown.
