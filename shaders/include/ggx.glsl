@@ -47,7 +47,7 @@ vec3 ggx_specular(Light light, vec3 p, vec3 n, Lobe lobe)
     int kind = int(light.color.w);
     vec3 l = light.position.xyz;
     vec3 arriving = light.color.rgb;  // irradiance on a facing surface
-    float widened = lobe.alpha;
+    float widened = lobe.alpha, most = 1e30;  // most: share of it that may be reflected
     if (kind != DIRECTIONAL) {
         vec3 to_light = light.position.xyz - p;
 #ifdef HAS_RECT_LIGHT
@@ -66,6 +66,7 @@ vec3 ggx_specular(Light light, vec3 p, vec3 n, Lobe lobe)
         l = to_light * inversesqrt(square);
         arriving /= square;
         widened = clamp(lobe.alpha + 0.5 * size * inversesqrt(square), lobe.alpha, 1.0);
+        if (size > 0.0) most = lobe.albedo * square / (PI * size * size);  // as of the sphere's radiance from everywhere
 #ifdef HAS_SPOT_LIGHT
         if (kind == SPOT) arriving *= spot_falloff(light, normalize(light.position.xyz - p));
 #endif
@@ -75,5 +76,6 @@ vec3 ggx_specular(Light light, vec3 p, vec3 n, Lobe lobe)
     vec3 h = normalize(l + lobe.v);
     float energy = (lobe.alpha / widened) * (lobe.alpha / widened);
     vec3 fresnel = lobe.f0 + (1.0 - lobe.f0) * pow(1.0 - clamp(dot(h, lobe.v), 0.0, 1.0), 5.0);
-    return arriving * n_l * energy * lobe.compensation * fresnel * ggx_lobe(clamp(dot(n, h), 0.0, 1.0), n_v, n_l, lobe.alpha);
+    float share = n_l * energy * ggx_lobe(clamp(dot(n, h), 0.0, 1.0), n_v, n_l, lobe.alpha);
+    return arriving * min(share, most) * lobe.compensation * fresnel;
 }

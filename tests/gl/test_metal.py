@@ -12,7 +12,7 @@ from app.math3d import translation
 from app.network.selection import find_model
 from app.scene import Camera, Environment, Instance, Material, PointLight, Scene, bounds_of
 from app.simple_meshes import ball
-from tests.gl.scenes import box, draw, floor, make_scene
+from tests.gl.scenes import box, draw, floor, make_scene, without_shadows
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
@@ -61,6 +61,20 @@ def test_a_surface_that_is_not_white_keeps_its_colour() -> None:
     scene = make_scene([floor(2.0, material=painted)], [PointLight((0.0, 1.0, 0.0), (1.0,) * 3)])
     albedo = draw(scene, (32, 24), ("albedo",), Camera((0.0, 2.0, 0.1), (0.0, 0.0, 0.0), fov_y_deg=20.0))["albedo"]
     np.testing.assert_allclose(albedo, np.broadcast_to((0.7, 0.4, 0.1), albedo.shape), rtol=2e-3)
+
+
+@pytest.mark.parametrize("roughness", [0.05, 0.6])
+@pytest.mark.parametrize("height", [0.02, 0.35, 1.0])
+def test_a_highlight_is_no_brighter_than_its_sphere(height: float, roughness: float) -> None:
+    """Also on surfaces close to the sphere and inside of it."""
+    radius, intensity = 0.3, 2.0
+    metal = Material(albedo=(1.0,) * 3, metallic=1.0, roughness=roughness)
+    scene = without_shadows(make_scene([floor(2.0, material=metal)],
+                                       [PointLight((0.0, height, 0.0), (intensity,) * 3, radius)]))
+    camera = Camera((0.0, 0.6, 2.0), (0.0, 0.0, 0.0), fov_y_deg=50.0)
+    specular = draw(scene, (96, 72), ("specular",), camera)["specular"]
+    radiance = intensity / (np.pi * radius**2)
+    assert 0.01 * radiance < specular.max() <= 1.02 * radiance
 
 
 @pytest.mark.parametrize("roughness", [0.4, 1.0])
