@@ -15,7 +15,7 @@ from app.surfels import kernel
 
 # Nine of ten points have a surfel whose exponent is at most this much below its maximum, and nearly all one within 8.
 BOUNDS = (1.0, 8.0, np.inf)
-MIN_GROUP, MAX_GROUP = 16, 64  # points
+MIN_GROUP, MAX_GROUP = 32, 64  # points
 BLOCK = 64                     # groups for which surfels are selected at once
 AXIS_BITS = 16                 # of a position on the curve
 
