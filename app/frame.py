@@ -408,7 +408,7 @@ def _gathered_light(inputs: FrameInputs, source: Network, grid: Size) -> Iterato
     yield pack_surfels.declare(inputs.surfels, contract, tensors, inputs.scene.longest_edge)
     yield _pack_globals("surfel_pack_globals", contract, tensors, inputs.scene.environment, None)
     yield surfel_indirect.declare(source, tensors)
-    yield from final_gather.declare(inputs.surfels, grid, settings.taa)
+    yield from final_gather.declare(inputs.surfels, inputs.lights, grid, settings.taa)
     if not settings.taa:
         yield Absent("gather_history", "switched off by --no-taa")
 

@@ -1,6 +1,7 @@
 """Light that is gathered along rays from a low-resolution grid, few of them in a frame, and accumulated over frames.
 
-Embree traces the rays on the CPU; they end at the light of world surfels. Networks read the result, and clean it.
+Embree traces the rays on the CPU. Where they end, direct light is drawn as in the picture, and indirect light is that
+of the world surfels around. Networks read the result, and clean it.
 """
 
 import math
@@ -10,17 +11,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.arrays import F32, Ints
+from app.gl.context import Device
+from app.gl.direct_light import DirectLight
 from app.gl.frame_state import Execute, FrameState, MotionKind
-from app.gl.fullscreen import make_fullscreen, ratio_to
+from app.gl.fullscreen import make_fullscreen, ratio_to, read_defines
+from app.gl.lights import LightSet
 from app.gl.pool import Resources
 from app.gl.ray_budget import RayBudget
 from app.graph import BoundPass, Pass, Resource, Tex
 from app.math3d import unit_rows
-from app.surfels.final_gather import gather, sequence
+from app.surfels.final_gather import LightAt, gather, sequence
 from app.surfels.tracked import TrackedSurfels
 
 RAYS = RayBudget(first_rays=2**17, max_first_samples=16, changed_rays=2**15, rays=2**14, max_samples=4)
 MAX_SAMPLES = {MotionKind.NONE: 4096.0, MotionKind.CAMERA: 64.0, MotionKind.OBJECTS: 16.0}  # of its history
+LIT_AT_ONCE = 128, 128  # ends of rays that direct light is drawn at together, as a grid
 SIZES = {"gathered_light": 4, "gathered_distance": 1}  # components of what is accumulated
 
 
@@ -42,13 +47,13 @@ class Receivers:
     direction: F32
 
 
-def declare(surfels: TrackedSurfels, grid: tuple[int, int], has_history: bool) -> Iterator[Pass]:
+def declare(surfels: TrackedSurfels, lights: LightSet, grid: tuple[int, int], has_history: bool) -> Iterator[Pass]:
     """The passes over a ``grid`` of width and height; ``has_history`` says whether frames are accumulated."""
     means: dict[str, Resource] = {name: Tex("f4", size, size=grid) for name, size in SIZES.items()}
     now = {f"{name}_now": tex for name, tex in means.items()} if has_history else means
-    yield Pass("gather_rays", reads=("lowres_gbuffer", "surfel_light", "surfel_indirect"),
+    yield Pass("gather_rays", reads=("lowres_gbuffer", "surfel_indirect", *lights.shadow_maps),
                writes={**now, "interpolated_light": Tex("f4", 4, size=grid)},
-               make=lambda device, bound: make(bound, surfels, grid, has_history))
+               make=lambda device, bound: make(device, bound, surfels, lights, grid, has_history))
     if has_history:
         yield Pass("gather_history",
                    reads=(*now, "interpolated_light", "lowres_gbuffer", "motion", *(f"{name}@prev" for name in means),
@@ -58,8 +63,10 @@ def declare(surfels: TrackedSurfels, grid: tuple[int, int], has_history: bool) -
                        "history_valid": frame.history_valid and not frame.relit}))
 
 
-def make(bound: BoundPass, surfels: TrackedSurfels, grid: tuple[int, int], has_history: bool) -> Execute:
+def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: LightSet, grid: tuple[int, int],
+         has_history: bool) -> Execute:
     suffix = "_now" if has_history else ""
+    direct = DirectLight(device, lights, read_defines(bound), LIT_AT_ONCE, surfels.caster)
 
     def execute(frame: FrameState, resources: Resources) -> None:
         key = frame.view_and_lighting
@@ -68,13 +75,16 @@ def make(bound: BoundPass, surfels: TrackedSurfels, grid: tuple[int, int], has_h
         chosen = RAYS.samples(frame, math.prod(grid), has_history)
         receivers = _receivers(resources, frame, grid)
         world, caster, lookup = surfels.world, surfels.caster, surfels.lookup
-        direct, indirect = resources.rows("surfel_light"), resources.rows("surfel_indirect")
+        indirect = resources.rows("surfel_indirect")
+        light_at = LightAt(
+            lambda at, facing: (draw_direct(direct, frame, resources, at, facing)
+                                + lookup.approximate(world.sky_irradiance, at, facing)),
+            lambda at, facing: lookup.approximate(indirect, at, facing))
         position = receivers.position + (frame.view.eye - world.origin).astype(np.float32)
         off = receivers.normal - receivers.direction  # the surface, towards the eye, where nothing is in the way
         origin = position + off * caster.ray_epsilon
         numbers = sequence(*grid, chosen.start, len(chosen), frame.noise_phase)[receivers.texel]
-        reach = float(world.median_radius)
-        rays = gather(caster, lookup, direct + indirect, reach, origin, receivers.normal, numbers)
+        rays = gather(caster, light_at, float(world.median_radius), origin, receivers.normal, numbers)
         interpolated = lookup.interpolate(indirect, position, receivers.normal)
         samples = np.full((len(position), 1), len(chosen), np.float32)
         for name, values in (("gathered_light" + suffix, np.concatenate([rays.light.mean(axis=1), samples], axis=1)),
@@ -87,6 +97,24 @@ def make(bound: BoundPass, surfels: TrackedSurfels, grid: tuple[int, int], has_h
         resources.set_current(key)
 
     return execute
+
+
+def draw_direct(direct: DirectLight, frame: FrameState, resources: Resources, position: F32, normal: F32) -> F32:
+    """Irradiance / π at points, shape (N, 3); of lights whose shadows are traced, one ray's estimate.
+
+    Of these a ratio of visible to unshadowed light would be biased, for a single ray sees one light only.
+    """
+    at_once = math.prod(LIT_AT_ONCE)
+    light = np.zeros_like(position)
+    for number, first in enumerate(range(0, len(position), at_once)):
+        rows = slice(first, first + at_once)
+        count = len(position[rows])
+        direct.place(position[rows], normal[rows])
+        light[rows] = direct.draw(frame, resources, None)[:count]
+        index = frame.index + number
+        if (traced := direct.trace(frame, range(index, index + 1))) is not None:
+            light[rows] += traced[0].reshape(-1, 4)[:count, :3] / np.float32(math.pi)
+    return light
 
 
 def _receivers(resources: Resources, frame: FrameState, grid: tuple[int, int]) -> Receivers:

@@ -1,16 +1,16 @@
-"""Final gathering: light at points from a few rays each, which end at the light that surfels send out.
+"""Final gathering: light at points from a few rays each, and the light that they meet.
 
 Reichert 1992, "A Two-Pass Radiosity Method Driven by Lights and Viewer Position".
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from app.arrays import F32, F64
 from app.math3d import R2
-from app.raycast.caster import Caster
-from app.surfels.lookup import SurfelLookup
+from app.raycast.caster import Caster, Hits
 from app.surfels.random_walks import sample_cosine_hemisphere
 
 TILE = 8       # texels along the edge of a tile whose rays share one sequence (Keller and Heidrich 2001)
@@ -33,20 +33,26 @@ class GatheredRays:
     distance: F32
 
 
-def gather(caster: Caster, lookup: SurfelLookup, sent: F32, reach: float, origin: F32, normal: F32,
-           numbers: F64) -> GatheredRays:
-    """Trace cosine-distributed rays and look up the light that they meet.
+@dataclass(frozen=True, eq=False)
+class LightAt:
+    """Irradiance / π at points with normals, all float32 of shape (M, 3) and in the caster's local space."""
 
-    A ray that ends at a surface gets its albedo there times the light of the surfels around, and the light that the
-    surface emits, without emitters that are analytic lights. One that ends nowhere gets none, since an environment is
-    direct light.
+    direct: Callable[[F32, F32], F32]
+    indirect: Callable[[F32, F32], F32]
+
+
+def gather(caster: Caster, light_at: LightAt, reach: float, origin: F32, normal: F32, numbers: F64) -> GatheredRays:
+    """Trace cosine-distributed rays and find the light that they meet.
+
+    A ray that ends at a surface gets its albedo times the light there, and the light that the surface emits, without
+    emitters that are analytic lights. One that ends nowhere gets none, since an environment is direct light. Where a
+    ray ends within ``reach``, light that is interpolated over such a distance would show, and another ray finds the
+    indirect light (Christensen 1999, "Faster Photon Map Global Illumination").
 
     Parameters
     ----------
-    sent : ndarray, float32, shape (S, 3)
-        Radiance of the surfels if they were white.
     reach : float
-        What distances are relative to, scene units.
+        Scene units; ``GatheredRays.distance`` is relative to it.
     origin, normal : ndarray, float32, shape (N, 3)
         Where the rays start, in the caster's local space, and the normals there.
     numbers : ndarray, shape (N, K, 2)
@@ -55,12 +61,29 @@ def gather(caster: Caster, lookup: SurfelLookup, sent: F32, reach: float, origin
     count, rays = numbers.shape[:2]
     directions = sample_cosine_hemisphere(normal, numbers).reshape(-1, 3)
     hits = caster.cast(np.repeat(origin, rays, axis=0), directions)
-    light = hits.emission
-    met = np.flatnonzero(hits.body >= 0)
-    if len(met):
-        light[met] += hits.albedo[met] * lookup.approximate(sent, hits.position[met], hits.normal[met])
     distance = np.minimum(hits.distance / np.float32(reach), 1)
+    met = np.flatnonzero(hits.body >= 0)
+    ends = hits.select(met)
+    near = distance[met] < 1
+    irradiance = light_at.direct(ends.position, ends.normal)
+    irradiance[~near] += light_at.indirect(ends.position[~near], ends.normal[~near])
+    unused_digits = numbers.reshape(-1, 1, 2)[met[near]] * 2**20 % 1
+    irradiance[near] += _light_of_rays(caster, light_at, ends.select(near), unused_digits)
+    light = hits.emission
+    light[met] += ends.albedo * irradiance
     return GatheredRays(light.reshape(count, rays, 3), distance.reshape(count, rays))
+
+
+def _light_of_rays(caster: Caster, light_at: LightAt, starts: Hits, numbers: F64) -> F32:
+    """The light that one ray from each of N surfaces meets, shape (N, 3), for numbers of shape (N, 1, 2)."""
+    directions = sample_cosine_hemisphere(starts.normal, numbers).reshape(-1, 3)
+    hits = caster.cast(starts.position + caster.ray_epsilon * starts.normal, directions)
+    met = np.flatnonzero(hits.body >= 0)
+    ends = hits.select(met)
+    light = hits.emission
+    light[met] += ends.albedo * (light_at.direct(ends.position, ends.normal)
+                                 + light_at.indirect(ends.position, ends.normal))
+    return light
 
 
 def sequence(width: int, height: int, first: int, count: int, phase: float) -> F64:

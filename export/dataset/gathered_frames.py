@@ -14,22 +14,21 @@ import numpy as np
 from app.arrays import F32
 from app.errors import SettingsError
 from app.io.atomic_files import prepare_folders, replace_file
-from app.math3d import View, unit_rows
 from app.network.channels import SCREEN
 from app.network.contract_json import read_contract
 from app.network.selection import find_model
-from app.renderer import NEAR, Renderer
+from app.renderer import Renderer
 from app.scene import Camera
 from app.settings import Settings
-from app.surfels.final_gather import gather, sequence
 from export.dataset.cameras import MAX_NEAR_SHARE, MIN_DEPTH, MIN_DEPTH_SPREAD, MIN_MEAN_DEPTH, random_camera
 from export.dataset.scenes.generated_scene import FRAME_SECONDS, GeneratedScene
 from export.dataset.scenes.sources import SOURCES
 
-SIZE = (96, 72)  # texels
-RAYS = 96        # of a texel
-SOURCE_NAMES = ("room", "room", "connected_rooms", "room", "hall", "corridor", "room", "courtyard")
-FRAMES_PER_SCENE, CAMERAS = 3, 30  # and cameras that are tried for them
+SIZE = (128, 96)  # texels, so many that a drawn frame traces one ray of each
+RAYS = 64         # of a texel
+SOURCE_NAMES = ("cluttered_room", "cluttered_room", "connected_rooms", "cluttered_room", "room", "corridor",
+                "cluttered_room", "courtyard")
+FRAMES_PER_SCENE, CAMERAS = 2, 30  # and cameras that are tried for them
 MIN_SURFACE_SHARE, MIN_LIT_SHARE = 0.5, 0.6
 STREAM = 3  # second number of every seed; pairs and validation views have others
 MODEL = "final-gather"
@@ -91,7 +90,7 @@ def read_frames(folder: Path) -> list[GatheredFrame]:
 
 def _frames(generated: GeneratedScene, rng: np.random.Generator) -> Iterator[GatheredFrame]:
     """A few frames by cameras that show something."""
-    settings = Settings(SIZE, ("indirect",), taa=False, provider="cpu", scale=1.0)
+    settings = Settings(SIZE, ("indirect",), provider="cpu", scale=1.0)
     with Renderer(generated.scene, settings, find_model(MODEL)) as renderer:
         found = 0
         for _ in range(CAMERAS):
@@ -100,7 +99,7 @@ def _frames(generated: GeneratedScene, rng: np.random.Generator) -> Iterator[Gat
             renderer.advance(camera, FRAME_SECONDS)
             channels = _channels(renderer)
             if _is_suitable(-channels["position.view.xyz"][2], channels["interpolated.rgb"]):
-                yield _trace(renderer, camera, channels)
+                yield _gather(renderer, camera, channels)
                 found += 1
                 if found == FRAMES_PER_SCENE:
                     return
@@ -123,23 +122,13 @@ def _is_suitable(depth: F32, light: F32) -> bool:
                 and (light.max(axis=0)[hit] > 0).mean() >= MIN_LIT_SHARE)
 
 
-def _trace(renderer: Renderer, camera: Camera, channels: dict[str, F32]) -> GatheredFrame:
-    """``RAYS`` rays from each texel."""
-    scene, surfels = renderer.scene, renderer.surfels
-    view = View.of(camera, SIZE, NEAR * scene.longest_edge)
-    scale = scene.longest_edge / read_contract(find_model(MODEL)).scene_extent
-    relative, normal = (channels[name].reshape(3, -1).T @ view.rotation
-                        for name in ("position.view.xyz", "normal.view.xyz"))
-    shown = np.flatnonzero((normal**2).sum(axis=1) > 0.5)
-    off = normal[shown] - unit_rows(relative[shown])
-    shift = view.eye - surfels.caster.origin
-    origin = (relative[shown] * scale + shift + off * surfels.caster.ray_epsilon).astype(np.float32)
-    sent = (renderer.resource("surfel_light") + renderer.resource("surfel_indirect")).T
-    rays = gather(surfels.caster, surfels.lookup, np.ascontiguousarray(sent), float(surfels.world.median_radius),
-                  origin, normal[shown].astype(np.float32), sequence(*SIZE, 0, RAYS, 0.0)[shown])
+def _gather(renderer: Renderer, camera: Camera, channels: dict[str, F32]) -> GatheredFrame:
+    """The rays of ``RAYS`` drawn frames, one of each texel."""
     mean = max(float(channels["interpolated.rgb"].mean()), 1e-20)
-    light, distance = np.zeros((SIZE[0] * SIZE[1], RAYS, 3), np.float16), np.ones((SIZE[0] * SIZE[1], RAYS), np.float16)
-    light[shown], distance[shown] = np.minimum(rays.light / mean, 6e4), rays.distance
-    return GatheredFrame(light.reshape(*SIZE[::-1], RAYS, 3), distance.reshape(*SIZE[::-1], RAYS),
-                         channels["interpolated.rgb"] / np.float32(mean), channels["normal.view.xyz"],
-                         channels["position.view.xyz"])
+    light, distance = np.zeros((*SIZE[::-1], RAYS, 3), np.float16), np.ones((*SIZE[::-1], RAYS), np.float16)
+    for ray in range(RAYS):
+        renderer.advance(camera, FRAME_SECONDS)
+        light[:, :, ray] = np.minimum(renderer.resource("gathered_light_now")[..., :3] / mean, 6e4)
+        distance[:, :, ray] = renderer.resource("gathered_distance_now")[..., 0]
+    return GatheredFrame(light, distance, channels["interpolated.rgb"] / np.float32(mean),
+                         channels["normal.view.xyz"], channels["position.view.xyz"])

@@ -196,6 +196,33 @@ def glossy(
 
 
 @cli.command()
+def detail(
+    models: Models = None, references: References = None, scenes: Scenes = SCENES,
+    only: Annotated[list[str] | None, typer.Option(help="Name of a view.", metavar="NAME")] = None,
+    spp: Annotated[int, typer.Option(help="Paths per pixel of the references, which are denoised.", min=16)] = 64,
+    provider: Provider = "auto",
+    out: Annotated[Path, typer.Option(help="Folder for detail.csv and pictures.",
+                                      metavar="DIR")] = Path("out/detail"),
+) -> None:
+    """Compare indirect light at 1024x768, where light changes within a coarse texel and at edges."""
+    from app.errors import did_you_mean
+    from export.validation.detail import ERRORS, means_of, measure_errors
+    from export.validation.detail_views import NAMES, detail_views
+
+    for name in only or ():
+        if name not in NAMES:
+            raise SettingsError(f"no view {name!r}", "--only", did_you_mean(name, NAMES))
+    prepare_folders(out)
+    rows = measure_errors(detail_views(scenes, only or ()), models or ["ember", "final-gather"], spp, references,
+                          provider, out, say)
+    columns = ("view", "kept aside", "model", *ERRORS)
+    write_text(out / "detail.csv", to_csv([{**dict.fromkeys(columns), **row} for row in rows]))
+    _print(("view", "model", *ERRORS),
+           [(row["view"], row["model"], *(format(row[key], digits) if key in row else ""
+                                          for key, digits in ERRORS.items())) for row in [*rows, *means_of(rows)]])
+
+
+@cli.command()
 def choose(
     scenes: Scenes = SCENES, seed: int = 0,
     drop: Annotated[list[str] | None, typer.Option(help="Name of a view to leave out.", metavar="NAME")] = None,

@@ -35,7 +35,8 @@ class View:
     still: Still
 
 
-def views(scenes: Path, only: Collection[str] = (), lightings: Collection[str] = ()) -> list[View]:
+def views(scenes: Path, only: Collection[str] = (), lightings: Collection[str] = (),
+          names: Collection[str] = ()) -> list[View]:
     """All views; those of one scene and lighting are consecutive and share one ``Scene`` object.
 
     Parameters
@@ -46,6 +47,8 @@ def views(scenes: Path, only: Collection[str] = (), lightings: Collection[str] =
         Names of scenes; all scenes if empty.
     lightings : collection of str
         Names of lightings; all if empty.
+    names : collection of str
+        Names of views; all if empty.
 
     Raises
     ------
@@ -56,7 +59,8 @@ def views(scenes: Path, only: Collection[str] = (), lightings: Collection[str] =
     loaded: dict[str, Scene] = {}
     chosen = []
     for entry in listed["views"]:
-        if (only and entry["scene"] not in only) or (lightings and entry.get("lighting") not in lightings):
+        if (only and entry["scene"] not in only) or (lightings and entry.get("lighting") not in lightings) or (
+                names and entry["name"] not in names):
             continue
         group = json.dumps([entry.get(key) for key in ("scene", "lighting", "seed")])
         if group not in loaded:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from app.arrays import F32
 from app.math3d import View
 from app.raycast.caster import Caster
 from app.scene import Camera, Material, Scene
-from app.surfels.final_gather import TILE, GatheredRays, gather, sequence
+from app.surfels.final_gather import TILE, GatheredRays, LightAt, gather, sequence
 from app.surfels.lookup import SurfelLookup
 from app.surfels.world import WorldSurfels
 from tests.gl.scenes import GREY, Part, Point, box, floor, make_scene, quad
@@ -21,29 +23,42 @@ UP = (0.0, 1.0, 0.0)
 RAYS = 256
 
 
+def constant(value: float) -> Callable[[F32, F32], F32]:
+    return lambda position, normal: np.full_like(position, value)
+
+
+HALF_EACH = LightAt(constant(1.0), constant(1.0))
+
+
 def gather_at(parts: list[Part], point: Point, normal: Point = UP, reach: float = 0.5,
-              count: int = 256) -> GatheredRays:
-    """What rays from one point find where every surfel sends 2."""
+              light_at: LightAt = HALF_EACH) -> GatheredRays:
+    """What rays from one point find."""
     scene: Scene = make_scene(parts)
     caster = Caster(scene)
-    view = View.of(Camera(INSIDE, (2, 1, 0), fov_y_deg=60), (64, 48), 1e-4)
-    world = WorldSurfels(scene, caster, [view], count, 16)
     facing = np.array([normal], np.float32)
     origin = (np.array([point]) - caster.origin).astype(np.float32) + caster.ray_epsilon * facing
-    return gather(caster, SurfelLookup(world), np.full((count, 3), 2, np.float32), reach, origin, facing,
-                  sequence(1, 1, 0, RAYS, 0.0))
+    return gather(caster, light_at, reach, origin, facing, sequence(1, 1, 0, RAYS, 0.0))
 
 
 @pytest.mark.parametrize(("point", "normal"), [((2.0, 0.0, 2.0), UP), ((0.0, 0.01, 0.01), (1.0, 0.0, 0.0))],
                          ids=["floor", "corner"])
 def test_in_a_closed_room_every_ray_finds_what_the_walls_reflect(point: Point, normal: Point) -> None:
-    found = gather_at([ROOM], point, normal)
+    found = gather_at([ROOM], point, normal, reach=1e-3)
     np.testing.assert_allclose(found.light, 2 * 0.5, rtol=1e-5)  # GREY reflects half
+
+
+def test_near_ends_get_their_indirect_light_from_another_ray() -> None:
+    """Direct light 1 and indirect light 0.5 in a room that reflects half: every ray finds half of the sum of the
+    direct light there and half of the sum at the end of the other ray, also half of 1.5."""
+    far = gather_at([ROOM], (2.0, 0.0, 2.0), reach=0.1, light_at=LightAt(constant(1.0), constant(0.5)))
+    near = gather_at([ROOM], (2.0, 0.0, 2.0), reach=100.0, light_at=LightAt(constant(1.0), constant(0.5)))
+    np.testing.assert_allclose(far.light, 0.5 * (1 + 0.5), rtol=1e-5)
+    np.testing.assert_allclose(near.light, 0.5 * (1 + 0.5 * (1 + 0.5)), rtol=1e-5)
 
 
 def test_rays_that_end_nowhere_find_nothing() -> None:
     """A wall that fills half of the hemisphere's cosine-weighted directions, and the sky."""
-    found = gather_at([floor(2.0), quad((-50, 0, -0.001), (100, 0, 0), (0, 1000, 0))], (0.0, 0.0, 0.0))
+    found = gather_at([floor(2.0), quad((-50, 0, -0.001), (100, 0, 0), (0, 1000, 0))], (0.0, 0.0, 0.0), reach=1e-3)
     np.testing.assert_allclose(found.light.mean(axis=1), 0.5, atol=0.02)
 
 

@@ -1,0 +1,84 @@
+"""Direct light at any points: irradiance / π, with shadows by maps or rays as in the picture."""
+
+from collections.abc import Mapping
+
+import moderngl
+import numpy as np
+
+from app.arrays import F32
+from app.gl.context import Device
+from app.gl.frame_state import FrameState
+from app.gl.lights import LightSet
+from app.gl.pool import Resources
+from app.gl.shader import Program
+from app.gl.shadow_rays import RayScene, ShadowRays
+
+
+class DirectLight:
+    """Draws direct light at up to as many points as ``layout`` has texels.
+
+    A point takes the four texels of a quad, which search its shadows together.
+
+    Parameters
+    ----------
+    defines : mapping
+        ``HAS_X`` for what the pass reads, among it all shadow maps.
+    layout : tuple of int
+        Width and height of the textures that hold the points.
+    """
+
+    def __init__(self, device: Device, lights: LightSet, defines: Mapping[str, object], layout: tuple[int, int],
+                 scene: RayScene) -> None:
+        self._device, self._layout, self._origin, self._maps = device, layout, scene.origin, lights.shadow_maps
+        self._program = device.fullscreen("surfel_light.frag", {**lights.defines, **defines})
+        self._texels = device.ctx.texture((2 * layout[0], 2 * layout[1]), 4, dtype="f2")
+        self._target = device.ctx.framebuffer([self._texels])
+        names = "light_sample_position", "light_sample_normal", "light_sample_visibility"
+        self._textures = {name: device.ctx.texture(layout, 4, dtype="f4") for name in names}
+        self._rays = (ShadowRays(device, layout, {**lights.defines, "GRID_SURFELS": 1}, scene)
+                      if lights.has_traced else None)
+
+    def place(self, position: F32, normal: F32) -> None:
+        """Take other points, shape (N, 3) in local space: world axes, relative to the origin of the traced scene."""
+        for name, rows in (("light_sample_position", position), ("light_sample_normal", normal)):
+            self._textures[name].write(self._as_texels(rows).tobytes())
+
+    def trace(self, frame: FrameState, samples: range) -> tuple[F32, F32] | None:
+        """Irradiance of the lights whose shadows are traced, as ``ShadowRays.trace``; None without such lights."""
+        if self._rays is None:
+            return None
+        self._bind(self._rays.program, tuple(self._textures)[:2], 0)
+        self._rays.program.set(local_eye=tuple(frame.view.eye - self._origin))
+        return self._rays.trace(frame, samples)
+
+    def draw(self, frame: FrameState, resources: Resources, visibility: F32 | None) -> F32:
+        """Irradiance / π at every texel of ``layout``, shape (w · h, 3), in the order of the points.
+
+        Parameters
+        ----------
+        visibility : ndarray, float32, shape (h, w, 4), or None
+            Share of the light with traced shadows that reaches each point; None leaves this light out.
+        """
+        shares = np.zeros((*self._layout[::-1], 4), np.float32) if visibility is None else visibility
+        self._textures["light_sample_visibility"].write(shares.tobytes())
+        self._target.use()
+        self._device.ctx.enable_only(moderngl.NOTHING)
+        resources.bind(self._program, reads=self._maps)
+        self._bind(self._program, tuple(self._textures), len(self._maps))
+        self._program.set(noise_phase=frame.noise_phase, local_eye=tuple(frame.view.eye - self._origin))
+        self._device.draw_fullscreen(self._program)
+        drawn = np.frombuffer(self._texels.read(alignment=1), np.float16).astype(np.float32)
+        quads = drawn.reshape(self._layout[1], 2, self._layout[0], 2, 4)
+        return np.asarray(quads.mean(axis=(1, 3)).reshape(-1, 4)[:, :3])
+
+    def _bind(self, program: Program, names: tuple[str, ...], first_unit: int) -> None:
+        """Bind textures to the samplers of their names, in the units from the first one on."""
+        for unit, name in enumerate(names, first_unit):
+            self._textures[name].use(unit)
+            program.set(**{name: unit})
+
+    def _as_texels(self, rows: F32) -> F32:
+        """Rows of three as texels of four, [h, w, 4], the first at the bottom left; 0 beyond the last."""
+        texels = np.zeros((self._layout[0] * self._layout[1], 4), np.float32)
+        texels[:len(rows), :3] = rows
+        return texels.reshape(self._layout[1], self._layout[0], 4)
