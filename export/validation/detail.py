@@ -86,7 +86,8 @@ class _Judge:
         self.exposure, self.own_psnr = exposure_of(self.picture), psnr(half, self.picture)
         depth = reference.depth[0, ..., 0]
         counted = (depth > 0) & (self._albedo.max(axis=-1) >= MIN_ALBEDO)
-        self._detail = DetailMetrics(*reference.indirect, reference.normal[0], depth, counted)
+        first, second = reference.indirect
+        self._detail = DetailMetrics(first, second, reference.normal[0], depth, counted)
 
     def lit_by(self, indirect: F32) -> F32:
         """The diffuse picture, radiance."""

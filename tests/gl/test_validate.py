@@ -17,7 +17,8 @@ from app.evaluation.tables import markdown_table
 from app.load import embedded_scene
 from export.__main__ import cli
 from export.reference.still import Still
-from export.validation.errors import ORACLE, by_scene, measure_errors
+from export.validation import detail
+from export.validation.errors import ORACLE, Row, by_scene, measure_errors
 from export.validation.scenes.glossy import (
     GLOSSY_SOURCES,
     ROUGHNESSES,
@@ -143,3 +144,25 @@ def test_means_of_rows_and_of_none() -> None:
     assert by_scene([]) == by_scene([], ["psnr"]) == []
     assert [(m["scene"], m["views"], m["psnr"]) for m in by_scene(rows, ["psnr"])] == [
         ("x", 2, 1.5), ("y", 1, 6.0), ("mean", 3, 3.0)]
+
+
+def test_detail_of_indirect_light_is_compared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No light lacks all detail, surfels have some; references are traced once."""
+    scene = embedded_scene()
+    view = View("box", "box", Still(scene, scene.cameras[scene.default_camera].at(0.0), (64, 48)))
+
+    def rows() -> dict[str, Row]:
+        found = detail.measure_errors([view], ["none", "radiosity"], 32, tmp_path / "references", "cpu", tmp_path,
+                                      lambda line: None)
+        return {row["model"]: row for row in found}
+
+    first = rows()
+    assert first["none"]["edge gradient"] == first["none"]["texel variation"] == pytest.approx(1)
+    assert first["radiosity"]["texel variation"] < 0.9
+    assert first["none"]["psnr"] < first["radiosity"]["psnr"] < first[detail.REFERENCE]["psnr"]
+    assert {path.name for path in tmp_path.glob("*.png")} == {
+        f"box-{model}.png" for model in ("none", "radiosity", detail.REFERENCE)}
+    monkeypatch.setattr("export.validation.detail_references.PathTracer", None)
+    assert rows() == first
+    means = {row["model"]: row for row in detail.means_of(list(first.values()))}
+    assert means["radiosity"]["flip"] == first["radiosity"]["flip"]
