@@ -90,7 +90,7 @@ def test_the_floor_below_a_board_is_as_dark_as_many_rays_say(table: Renderer) ->
     expected = many_rays(table, images["position"].reshape(-1, 3)[rows])
     found = images["indirect"].reshape(-1, 3)[rows, 0]
     assert below.sum() > 20 and (~below).sum() > 20
-    assert expected[below].mean() < 0.6 * expected[~below].mean()
+    assert expected[below].mean() < 0.5 * expected[~below].mean()
     np.testing.assert_allclose(found[below].mean(), expected[below].mean(), rtol=0.2)
     np.testing.assert_allclose(found[~below].mean(), expected[~below].mean(), rtol=0.05)
 
@@ -109,14 +109,16 @@ def many_rays(renderer: Renderer, points: NDArray[np.float32], rays: int = 1024)
 
 
 def lamp_light(caster: Caster, position: NDArray[np.float32], normal: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Irradiance / π by ``LAMP``, from one random point of it."""
-    across = np.random.default_rng(0).uniform(-0.5, 0.5, (len(position), 2))
-    at = np.asarray(LAMP.center) + across[:, :1] * LAMP.edge_u + across[:, 1:] * LAMP.edge_v
-    vector = (at - caster.origin - position).astype(np.float32)
-    square = (vector**2).sum(axis=1)
-    cosines = np.maximum((vector * normal).sum(axis=1), 0) * np.maximum(vector[:, 1], 0) / square
-    seen = ~caster.is_occluded(position + 1e-3 * normal, 0.999 * vector, False)
-    return np.outer(seen * cosines / square * 8.0 / np.pi, np.ones(3)).astype(np.float32)
+    """Irradiance / π by ``LAMP``, which faces up, from eight random points of it."""
+    light = np.zeros(len(position), np.float32)
+    for across in np.random.default_rng(0).uniform(-0.5, 0.5, (8, len(position), 2)):
+        at = np.asarray(LAMP.center) + across[:, :1] * LAMP.edge_u + across[:, 1:] * LAMP.edge_v
+        vector = (at - caster.origin - position).astype(np.float32)
+        square = (vector**2).sum(axis=1)
+        cosines = np.maximum((vector * normal).sum(axis=1), 0) * np.maximum(-vector[:, 1], 0) / square
+        seen = ~caster.is_occluded(position + 1e-3 * normal, 0.999 * vector, False)
+        light += seen * cosines / square / 8
+    return np.outer(light * np.float32(LAMP.radiance[0] / np.pi), np.ones(3, np.float32))
 
 
 def test_rays_of_many_frames_bring_the_light_nearer_to_where_it_settles(table: Renderer) -> None:
