@@ -21,6 +21,7 @@ from app.renderer import Renderer
 from app.scene import Camera
 from app.settings import Settings
 from export.dataset.cameras import MAX_NEAR_SHARE, MIN_DEPTH, MIN_DEPTH_SPREAD, MIN_MEAN_DEPTH, random_camera
+from export.dataset.scenes.found_emitters import with_found_emitters
 from export.dataset.scenes.generated_scene import FRAME_SECONDS, GeneratedScene
 from export.dataset.scenes.sources import SOURCES
 
@@ -91,7 +92,8 @@ def read_frames(folder: Path) -> list[GatheredFrame]:
 def _frames(generated: GeneratedScene, rng: np.random.Generator) -> Iterator[GatheredFrame]:
     """A few frames by cameras that show something."""
     settings = Settings(SIZE, ("indirect",), provider="cpu", scale=1.0)
-    with Renderer(generated.scene, settings, find_model(MODEL)) as renderer:
+    # Rays that seldom meet a small emitter would find so much light there that a network learned little but noise.
+    with Renderer(with_found_emitters(generated.scene), settings, find_model(MODEL)) as renderer:
         found = 0
         for _ in range(CAMERAS):
             camera = random_camera(generated, rng)

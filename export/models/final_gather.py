@@ -6,14 +6,11 @@ et al. 2017, "Kernel-Predicting Convolutional Networks for Denoising Monte Carlo
 """
 
 import math
-import pickle
-from pathlib import Path
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from app.errors import ModelError
 from app.network.contract import ModelContract, TensorSpec
 from export.models.network import EXTENT, NEGATIVE_SLOPE, Network, sanitize
 
@@ -92,23 +89,6 @@ class FinalGather(Network):
             x = torch.cat([functional.interpolate(x, scale_factor=2.0), skip], 1)
             x = functional.leaky_relu(convolution(x), NEGATIVE_SLOPE)
         return self.last(x)
-
-
-def read_weights(path: Path) -> FinalGather:
-    """The network with the weights of ``python -m export gather train``.
-
-    Raises
-    ------
-    ModelError
-        When the weights are those of another network.
-    """
-    network = FinalGather()
-    try:
-        network.load_state_dict(torch.load(path, weights_only=True))
-    except (OSError, RuntimeError, pickle.UnpicklingError) as error:
-        raise ModelError(f"can't read the weights ({type(error).__name__})", path,
-                         "expected a file of python -m export gather train") from None
-    return network
 
 
 def filter_light(light: Tensor, normal: Tensor, position: Tensor, weight: Tensor, logits: Tensor,

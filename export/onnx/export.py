@@ -1,6 +1,7 @@
 """Exports torch modules with their contracts to ``.onnx`` files, which are written only if they agree with torch."""
 
 import copy
+import pickle
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +18,7 @@ from app.network.contract_json import contract_to_json
 from app.network.selection import HALF_SUFFIX
 from app.network.static_cache import StaticCache
 from export.models import UNTRAINED, Network, bcnn, make_network
-from export.models.final_gather import read_weights
+from export.models.final_gather import FinalGather
 from export.models.network import outputs_of
 from export.models.radiosity import Radiosity
 from export.onnx.card import card, summary
@@ -75,7 +76,12 @@ def export_final_gather(weights: Path, trained_on: str, folder: Path) -> Path:
     ModelError
         When the weights are those of another network, or onnxruntime disagrees with torch.
     """
-    network = read_weights(weights)
+    network = FinalGather()
+    try:
+        network.load_state_dict(torch.load(weights, weights_only=True))
+    except (OSError, RuntimeError, pickle.UnpicklingError) as error:
+        raise ModelError(f"can't read the weights ({type(error).__name__})", weights,
+                         "expected a file of python -m export gather train") from None
     network.contract = replace(network.contract, trained_on=trained_on)
     inputs = list(sample_inputs(network.contract))
     tolerance = {label: TRAINED_TOLERANCE["float32"] for label, _ in inputs}

@@ -26,20 +26,17 @@ def make(out: Annotated[Path, typer.Option(help="Folder of the frames; those tha
 @cli.command()
 def train(frames: Annotated[Path, typer.Argument(help="Folder of frames.", metavar="DIR")],
           out: Annotated[Path, typer.Option(help="File of the weights.", metavar="FILE.pt")] = Path("final-gather.pt"),
-          start: Annotated[Path | None, typer.Option(help="Weights to begin with.", metavar="FILE.pt",
-                                                     show_default="random ones")] = None,
           minutes: Annotated[float, typer.Option(help="How long to train.", min=0.01)] = 30.0,
           seed: Annotated[int, typer.Option(help="Seed of all random numbers.", min=0)] = 0) -> None:
     """Train the network, and write its weights."""
     import torch
 
     from export.dataset.gathered_frames import read_frames
-    from export.models.final_gather import read_weights
     from export.training.final_gather import train as train_network
 
     prepare_folders(out.parent)
     network = train_network(read_frames(frames), 60 * minutes, seed, lambda step, seconds, loss: say(
-        f"step {step}, {seconds:.0f} s, loss {loss:.4f}"), start=None if start is None else read_weights(start))
+        f"step {step}, {seconds:.0f} s, loss {loss:.4f}"))
     with replace_file(out) as temporary:
         torch.save(network.state_dict(), temporary)
 

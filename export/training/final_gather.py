@@ -32,16 +32,16 @@ MAX_SQUARE = 50.0               # of a relative error
 Report = Callable[[int, float, float], object]  # completed steps, seconds, mean loss since the last report
 
 
-def train(frames: Sequence[GatheredFrame], seconds: float, seed: int, report: Report, report_steps: int = 50,
-          start: FinalGather | None = None) -> FinalGather:
-    """Train for a time, a new network or ``start``; returns the network with the moving average of its weights."""
+def train(frames: Sequence[GatheredFrame], seconds: float, seed: int, report: Report,
+          report_steps: int = 50) -> FinalGather:
+    """Train for a time; returns the network with the moving average of its weights."""
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
-    network = copy.deepcopy(start) if start is not None else FinalGather()
+    network = FinalGather()
     average = copy.deepcopy(network)
     optimizer = torch.optim.Adam(network.parameters(), LEARNING_RATE, betas=(0.9, 0.99))
-    began, step, losses = time.perf_counter(), 0, []
-    while (passed := time.perf_counter() - began) < seconds:
+    start, step, losses = time.perf_counter(), 0, []
+    while (passed := time.perf_counter() - start) < seconds:
         for group in optimizer.param_groups:
             fall = 0.5 * (1 + math.cos(math.pi * passed / seconds))
             group["lr"] = MIN_LEARNING_RATE + LEARNING_RATE * fall * min(1.0, (step + 1) / WARM_UP)
@@ -59,7 +59,7 @@ def train(frames: Sequence[GatheredFrame], seconds: float, seed: int, report: Re
                 mean.lerp_(weight, 1 - decay)
         losses.append(float(loss.detach()))
         if step % report_steps == 0:
-            report(step, time.perf_counter() - began, float(np.mean(losses[-report_steps:])))
+            report(step, time.perf_counter() - start, float(np.mean(losses[-report_steps:])))
     return average.eval()
 
 

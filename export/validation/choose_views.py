@@ -20,9 +20,9 @@ from export.dataset.contact_sheet import picture_of, tile
 from export.dataset.held_out import LIST, digest
 from export.dataset.scene_key import scene_key
 from export.dataset.scenes.files import find_camera_volumes
+from export.dataset.scenes.found_emitters import with_found_emitters
 from export.dataset.scenes.generated_scene import GeneratedScene
 from export.reference.path_tracer import PathTracer, Samples
-from export.validation.scenes.sources import with_found_emitters
 from export.validation.views import VALIDATION, generated
 
 Files = dict[str, tuple[str, tuple[str, ...], int]]

@@ -18,10 +18,11 @@ from app.load import load_scene
 from app.scene import Camera, Scene
 from export.dataset.held_out import LIST, read_list
 from export.dataset.scene_key import scene_key
+from export.dataset.scenes.found_emitters import with_found_emitters
 from export.dataset.scenes.generated_scene import GeneratedScene
 from export.dataset.scenes.sources import SOURCES
 from export.reference.still import Still
-from export.validation.scenes.sources import EMISSIVE_SOURCES, with_found_emitters
+from export.validation.scenes.sources import EMISSIVE_SOURCES
 
 VALIDATION = 1  # first number of every seed; see ``export.dataset.plan``
 

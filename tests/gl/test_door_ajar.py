@@ -18,9 +18,9 @@ NARROW = pytest.mark.xfail(reason=(
 @pytest.mark.parametrize("degrees", [pytest.param(1.0, marks=NARROW), pytest.param(2.0, marks=NARROW),
                                      pytest.param(4.0, marks=NARROW), 6.0, 8.0, 12.0, 25.0, 60.0])
 def test_the_dark_room_has_its_light(degrees: float) -> None:
+    from export.dataset.scenes.found_emitters import with_found_emitters
     from export.reference.still import Still
     from export.reference.trace import trace_reference
-    from export.validation.scenes.sources import with_found_emitters
     from export.validation.views import generated
 
     made = generated("door_ajar", 0, {"angle_deg": degrees})
@@ -33,7 +33,7 @@ def test_the_dark_room_has_its_light(degrees: float) -> None:
 
 def test_nothing_passes_a_door_that_is_shut() -> None:
     """Direct light only: the panel behind the door lights nothing in the room."""
-    from export.validation.scenes.sources import with_found_emitters
+    from export.dataset.scenes.found_emitters import with_found_emitters
     from export.validation.views import generated
 
     scene = with_found_emitters(generated("door_ajar", 0, {"angle_deg": 1.0}).scene)

@@ -14,12 +14,12 @@ from app.load.light_clusters import MAX_LIGHTS
 from app.raycast.caster import Caster, Hits
 from app.scene import Scene
 from export.dataset.scene_key import scene_key
+from export.dataset.scenes.found_emitters import with_found_emitters
 from export.dataset.scenes.generated_scene import GeneratedScene
 from export.validation.scenes.archway_stair import archway_stair
 from export.validation.scenes.barred_window import barred_window
 from export.validation.scenes.chandelier import chandelier
 from export.validation.scenes.door_ajar import door_ajar
-from export.validation.scenes.sources import with_found_emitters
 
 F64 = np.ndarray
 Make = Callable[[np.random.Generator], GeneratedScene]
