@@ -139,7 +139,9 @@ def test_training_lowers_the_loss_and_counts_its_steps() -> None:
 
 @pytest.mark.gl
 @pytest.mark.usefixtures("egl")
-def test_frames_have_rays_whose_mean_is_near_the_interpolated_light(tmp_path: Path) -> None:
+def test_frames_have_rays_whose_mean_is_near_the_interpolated_light(tmp_path: Path,
+                                                                     monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("export.dataset.gathered_frames.RAYS", 8)
     done: list[int] = []
     make_frames(tmp_path, 1, 0, done.append)
     frames = read_frames(tmp_path)
