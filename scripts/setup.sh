@@ -94,6 +94,7 @@ set_up() {
         if [[ "$mode" != run ]]; then
             install_for libllvm19 "the path tracer's"
             install_for chromium "the viewer's"
+            install_for glslang-tools "the reference compiler's"
         fi
         install_python_packages "$@"
         echo "$hash" | tee "$VENV/.installed-run" >"$VENV/.installed-$mode"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import shutil
+import subprocess
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,9 +20,13 @@ from app.golden.copy_case import CopyCase
 from app.network.channels import CHANNELS
 from app.network.contract_json import read_contract
 from app.network.selection import find_model
-from app.paths import shader_dir
+from app.paths import SHADERS, shader_dir
+from tests.coarse_shadows import coarse_shadow_maps
 
 Line = tuple[str, int]
+Defines = tuple[tuple[str, object], ...]
+ProgramKey = tuple[tuple[str, ...], Defines]
+GLSLANG = "glslangValidator"
 LINE = re.compile(r"#line (\d+) (\d+)")
 
 
@@ -62,27 +68,67 @@ def compiled(stage: str, defines: Mapping[str, object]) -> Iterator[Line]:
             yield files[place].name, number
 
 
-@pytest.mark.gl
-@pytest.mark.usefixtures("coarse_shadows")
-def test_every_line_of_every_shader_is_compiled(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    compiled_lines: set[Line] = set()
+@pytest.fixture(scope="module")
+def programs(tmp_path_factory: pytest.TempPathFactory) -> list[ProgramKey]:
+    """Stages and defines of every program that the catalogue compiles."""
+    found: dict[ProgramKey, None] = {}
 
     def spy(ctx: Any, stages: Sequence[str], defines: Mapping[str, object]) -> Program:
-        for stage in stages:
-            compiled_lines.update(compiled(stage, defines))
+        found[tuple(stages), tuple(defines.items())] = None
         return compile_program(ctx, stages, defines)
 
-    monkeypatch.setattr(app.gl.context, "compile_program", spy)
-    CopyCase().draw(tmp_path)
-    for case in catalogue().values():
-        if isinstance(case, SceneCase):
-            frames = min(2, case.shots[0].frames)
-            shots = (Shot(case.shots[0].camera, frames),)
-            replace(case, size=(24, 18), shots=shots, golden_frames=(frames,)).draw(tmp_path)
+    folder = tmp_path_factory.mktemp("catalogue")
+    with pytest.MonkeyPatch.context() as patch, coarse_shadow_maps():
+        patch.setattr(app.gl.context, "compile_program", spy)
+        CopyCase().draw(folder)
+        for case in catalogue().values():
+            if isinstance(case, SceneCase):
+                frames = min(2, case.shots[0].frames)
+                shots = (Shot(case.shots[0].camera, frames),)
+                replace(case, size=(24, 18), shots=shots, golden_frames=(frames,)).draw(folder)
+    return [*found]
+
+
+@pytest.mark.gl
+@pytest.mark.usefixtures("egl")
+def test_every_line_of_every_shader_is_compiled(programs: list[ProgramKey]) -> None:
+    compiled_lines = {line for stages, defines in programs for stage in stages
+                      for line in compiled(stage, dict(defines))}
     files = [f for f in shader_dir().rglob("*.*") if f.is_file()]
     missing = [f"{f.name}:{n}: {code}" for f in files for n, code in lines(f.read_text())
                if (f.name, n) not in compiled_lines]
     assert not missing, "\n".join(missing)
+
+
+@pytest.mark.gl
+@pytest.mark.usefixtures("egl")
+def test_the_reference_compiler_accepts_every_program(programs: list[ProgramKey], tmp_path: Path) -> None:
+    """Khronos' glslang, without warnings: a driver may accept what the language does not allow."""
+    if shutil.which(GLSLANG) is None:
+        pytest.skip(f"no {GLSLANG}: install Debian's glslang-tools")
+    assert not glslang(programs, tmp_path)
+
+
+def test_the_reference_compiler_finds_mistakes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if shutil.which(GLSLANG) is None:
+        pytest.skip(f"no {GLSLANG}: install Debian's glslang-tools")
+    monkeypatch.setenv(SHADERS, str(tmp_path))
+    (tmp_path / "whole.frag").write_text("out vec4 color;\nvoid main() { color = vec4(SIZE); }\n")
+    good, bad = ((("whole.frag",), defines) for defines in ((("SIZE", 1.0),), ()))
+    assert not glslang([good], tmp_path)
+    assert "'SIZE' : undeclared identifier" in glslang([good, bad], tmp_path)
+
+
+def glslang(programs: Sequence[ProgramKey], folder: Path) -> str:
+    """What the reference compiler says about the stages of programs; empty if nothing."""
+    stages = dict.fromkeys((name, defines) for names, defines in programs for name in names)
+    files = []
+    for number, (name, defines) in enumerate(stages):
+        files.append(str(folder / f"{number}-{name}"))
+        Path(files[-1]).write_text(resolve(shader_dir() / name, dict(defines), []))
+    result = subprocess.run([GLSLANG, *files], capture_output=True, text=True, check=False)
+    said = [line for line in result.stdout.splitlines() if line not in files]
+    return "\n".join(said) or ("failed without a message" if result.returncode else "")
 
 
 def test_the_probes_and_the_model_of_gathered_light_read_every_channel() -> None:

@@ -101,7 +101,8 @@ def test_root_installs_missing_packages(machine: Machine) -> None:
                      "apt-get install -y -qq --no-install-recommends libegl1 libgl1-mesa-dri"]
 
 
-@pytest.mark.parametrize(("package", "tests"), [("libllvm", "the path tracer's"), ("chromium", "the viewer's")])
+@pytest.mark.parametrize(("package", "tests"), [("libllvm", "the path tracer's"), ("chromium", "the viewer's"),
+                                                ("glslang", "the reference compiler's")])
 def test_only_the_tests_get_what_they_alone_need(machine: Machine, package: str, tests: str) -> None:
     machine.stand_in(machine.bin / "dpkg-query", f'[[ "$*" == *{package}* ]] || echo installed')
     machine.stand_in(machine.bin / "id", "echo 0")
