@@ -253,10 +253,9 @@ class GpuScene:
         is_mirrored = self._is_mirrored & one_sided[self._batch_of]
         key = 2 * self._batch_of + is_mirrored
         order = np.argsort(key, kind="stable")
-        values, begin = np.unique(key[order], return_index=True)
-        ends = [*begin[1:].tolist(), len(order)]
-        return order, [(self.batches[value // 2], bool(value % 2), first, end)
-                       for value, first, end in zip(values.tolist(), begin.tolist(), ends, strict=True)]
+        values, begin, counts = np.unique(key[order], return_index=True, return_counts=True)
+        runs = np.stack([values, begin, begin + counts], axis=1).tolist()
+        return order, [(self.batches[value // 2], bool(value % 2), first, end) for value, first, end in runs]
 
     def _texture(self, texture: Texture) -> moderngl.Texture:
         key = id(texture.pixels), texture.is_color, texture.repeat, texture.magnified
