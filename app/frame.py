@@ -114,7 +114,7 @@ class Frame:
             When there is no output of that name.
         """
         if output not in AOVS:
-            raise SettingsError(f"unknown output {output!r}", "--aov", f"expected some of: {', '.join(AOVS)}")
+            raise SettingsError(f"unknown output {output!r}", "outputs", f"expected some of: {', '.join(AOVS)}")
         name = self.finished if output == "final" else output
         return name if any(isinstance(step, Pass) and name in step.writes for step in self.steps) else None
 

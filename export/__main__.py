@@ -5,6 +5,7 @@ import sys
 import typer
 
 from app.errors import AfterglowError
+from app.settings import command_line_error
 from export.dataset.cli import cli as dataset
 from export.onnx.cli import cli as onnx
 from export.onnx.gather_cli import cli as gather
@@ -27,7 +28,7 @@ def main() -> None:
     try:
         sys.exit(cli(standalone_mode=False))
     except AfterglowError as error:
-        message = str(error)
+        message = command_line_error(error)
     except typer.TyperException as error:
         text = error.format_message()
         message = text and f"command line: {text[:1].lower()}{text[1:].rstrip('. ')} (--help lists the options)"

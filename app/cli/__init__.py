@@ -16,6 +16,7 @@ from app.cli.models import models
 from app.cli.render import render
 from app.cli.view import view
 from app.errors import AfterglowError
+from app.settings import command_line_error
 
 DEFAULT = "render"
 USER_ERROR = 2
@@ -33,7 +34,7 @@ class DefaultGroup(TyperGroup):
         try:
             status = super().main(*args, **{**options, "standalone_mode": False})
         except AfterglowError as error:
-            _print_error(str(error))
+            _print_error(command_line_error(error))
             status = USER_ERROR
         except typer.TyperException as error:
             if message := error.format_message():  # empty when a group without a command has printed its help

@@ -61,7 +61,7 @@ class Device:
         if strict and self.software:
             renderer = self.renderer
             self.ctx.release()
-            raise DeviceError(f"software renderer {renderer!r}", "--strict-device", "expected a GPU with an EGL driver")
+            raise DeviceError(f"software renderer {renderer!r}", "strict_device", "expected a GPU with an EGL driver")
         # The driver's memory would outlive a device that nobody closes.
         self._destroy = weakref.finalize(self, self.ctx.release)
         self._destroy.atexit = False

@@ -47,7 +47,7 @@ class Pool:
         error = self._device.ctx.error
         if error == "GL_OUT_OF_MEMORY":
             raise DeviceError(f"not enough graphics memory for {self._size[0]}x{self._size[1]}", self._device.renderer,
-                              "expected a smaller --size")
+                              "expected a smaller size")
         if error != "GL_NO_ERROR":
             raise DeviceError(f"can't allocate textures ({error})", self._device.renderer,
                               "expected an OpenGL 4.5 driver that accepts what the specification allows")
@@ -55,7 +55,7 @@ class Pool:
     def _texture(self, tex: Tex, size: tuple[int, int]) -> moderngl.Texture:
         width, height = tex.resolve(size)
         if max(width, height) > self._device.max_size:
-            raise SettingsError(f"{width}x{height} is too large for {self._device.renderer}", "--size",
+            raise SettingsError(f"{width}x{height} is too large for {self._device.renderer}", "size",
                                 f"expected at most {self._device.max_size} pixels a side")
         texture = self._device.ctx.texture((width, height), tex.components, dtype=tex.dtype)
         texture.filter = (moderngl.LINEAR, moderngl.LINEAR)

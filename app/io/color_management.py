@@ -15,7 +15,7 @@ SEPARATOR = "/"              # between a display and its view
 LINEAR = "lin_rec709_scene"  # the renderer's colours
 
 
-def find_view(text: str, where: str = "--tonemap") -> tuple[str, str]:
+def find_view(text: str) -> tuple[str, str]:
     """The display and the view of ``DISPLAY/VIEW``.
 
     Raises
@@ -28,7 +28,7 @@ def find_view(text: str, where: str = "--tonemap") -> tuple[str, str]:
     if text not in views:
         known = did_you_mean(text, views) if SEPARATOR in text else (
             f"{did_you_mean(text, TONE_MAPS)}, or a view of OpenColorIO, such as {next(iter(views), 'DISPLAY/VIEW')!r}")
-        raise SettingsError(f"unknown tone map or view {text!r}", where, known)
+        raise SettingsError(f"unknown tone map or view {text!r}", "tonemap", known)
     return views[text]
 
 

@@ -54,10 +54,10 @@ def check_video(formats: Iterable[str], size: tuple[int, int]) -> None:
         try:
             av.codec.Codec(codec.name, "w")
         except ValueError:
-            raise SettingsError(f"this build of PyAV has no encoder {codec.name} for {name}", "--format",
+            raise SettingsError(f"this build of PyAV has no encoder {codec.name}", name,
                                 f"expected the build of pip install 'afterglow[{EXTRA}]'") from None
         if any(side % codec.multiple_of for side in size):
-            raise SettingsError(f"{name} does not support {size[0]}x{size[1]}", "--size",
+            raise SettingsError(f"{name} does not support {size[0]}x{size[1]}", "size",
                                 f"expected sides divisible by {codec.multiple_of}")
 
 

@@ -72,7 +72,7 @@ class _Reader:
         if are_photometric(builder.lights, bounds_of(tuple(builder.meshes), tuple(builder.instances))):
             builder.lights = [to_radiometric(light) for light in builder.lights]
             builder.notice(f"the file's lights are in candela and lux: {LUMENS_PER_WATT:g} of them count as 1 W/sr or "
-                           "W/m² (see --exposure)")
+                           "W/m² (exposure brightens the picture)")
 
     def _nodes(self) -> Iterator[tuple[int, F64, tuple[str, ...]]]:
         """Every node of the scene with its world matrix, and its own name and those of its ancestors."""

@@ -86,7 +86,7 @@ def describe(builder: SceneBuilder) -> str:
     """A notice why the studio lights a scene."""
     emits = any(m.emits for m in builder.materials)
     cause = "the scene's emission lights next to nothing" if emits else "the scene has no light"
-    return f"{cause}, so it is shown in a neutral studio (not with --no-studio)"
+    return f"{cause}, so it is shown in a neutral studio (not with --no-studio, or studio=False)"
 
 
 def _emitted_power(builder: SceneBuilder, instance: Instance) -> float:

@@ -80,7 +80,7 @@ def with_bounces(model: Network | Literal["ssgi"] | None,
         When the model has no such input and can't be applied repeatedly, or there is no model.
     """
     if model is None:
-        raise SettingsError("needs an indirect-light model", "--bounces", "expected a --model for indirect light")
+        raise SettingsError("needs an indirect-light model", "bounces", "expected a model for indirect light")
     if isinstance(model, str):
         if bounces > 1:
             raise _single_bounce(model)
@@ -90,7 +90,7 @@ def with_bounces(model: Network | Literal["ssgi"] | None,
     if any(name == BOUNCES for name, _ in read):
         return model
     if contract.bounces == "multi":
-        raise SettingsError(f"{contract.name} always computes all bounces", "--bounces", f"expected none, {_ADVICE}")
+        raise SettingsError(f"{contract.name} always computes all bounces", "bounces", f"expected none, {_ADVICE}")
     light = {(name, grid) for name, grid in read if CHANNELS[name].radiance}
     if bounces > 1 and light not in [{(name, SCREEN)} for name in SENT]:
         raise _single_bounce(contract.name)
@@ -99,7 +99,7 @@ def with_bounces(model: Network | Literal["ssgi"] | None,
 
 def _single_bounce(name: str) -> SettingsError:
     """The error for a single-bounce model that can't be applied repeatedly."""
-    return SettingsError(f"{name} computes a single bounce", "--bounces", f"expected 1, {_ADVICE}")
+    return SettingsError(f"{name} computes a single bounce", "bounces", f"expected 1, {_ADVICE}")
 
 
 def _energy_limit(sent: F32, arriving: F32) -> F32:

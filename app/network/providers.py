@@ -31,7 +31,7 @@ def check_provider(provider: str) -> None:
     known = (AUTO, *list_providers())
     if provider not in known:
         expected = did_you_mean(provider, known)
-        raise SettingsError(f"this onnxruntime has no provider {provider!r}", "--provider",
+        raise SettingsError(f"this onnxruntime has no provider {provider!r}", "provider",
                             f"{expected}, or for NVIDIA GPUs: {CUDA_REMEDY}" if provider == CUDA else expected)
 
 

@@ -57,7 +57,7 @@ class Network:
         self._session = open_session(self.path, provider)
         self.provider = short_name(self._session.get_providers()[0])
         if strict and provider not in (AUTO, self.provider):
-            raise DeviceError(f"the network runs on {self.provider!r}", "--strict-device", f"expected {provider!r}")
+            raise DeviceError(f"the network runs on {self.provider!r}", "strict_device", f"expected {provider!r}")
         self._check_graph("input", self.contract.inputs, self._session.get_inputs())
         self._check_graph("output", self.contract.outputs, self._session.get_outputs())
         static_input = self.contract.static_input

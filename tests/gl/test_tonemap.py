@@ -105,7 +105,7 @@ def test_views_of_opencolorio_are_its_own() -> None:
 
 
 def test_an_unknown_tone_map_is_refused() -> None:
-    with pytest.raises(SettingsError, match="--tonemap: unknown tone map or view 'agxx'"):
+    with pytest.raises(SettingsError, match="tonemap: unknown tone map or view 'agxx'"):
         shown("agxx")
 
 

@@ -184,10 +184,10 @@ def test_a_poisoned_texel_stays_what_it_is(resource: str, value: float) -> None:
 
 @pytest.mark.parametrize(("settings", "expected"), [
     ({"render_scale": 0.4}, "bad scale 0.4"), ({"render_scale": float("nan")}, "bad scale nan"),
-    ({"render_scale": 0.5, "taa": False}, "expected 1 with --no-taa"),
+    ({"render_scale": 0.5, "taa": False}, "expected 1 without it"),
     ({"render_scale": 0.5, "outputs": ("final", "normal")}, "can't draw normal"),
 ])
 def test_what_does_not_fit_a_render_scale_is_an_error(settings: dict[str, object], expected: str) -> None:
-    with pytest.raises(SettingsError, match="--render-scale") as error:
+    with pytest.raises(SettingsError, match="render_scale") as error:
         Settings(**settings)  # type: ignore[arg-type]
     assert expected in str(error.value)

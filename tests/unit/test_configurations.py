@@ -187,5 +187,5 @@ def test_a_render_scale_follows_the_name() -> None:
 
 
 def test_a_render_scale_that_is_too_small_is_an_error() -> None:
-    with pytest.raises(SettingsError, match="--render-scale"):
+    with pytest.raises(SettingsError, match="render_scale"):
         expand(["ember@0.1"], [(64, 48)])

@@ -79,7 +79,7 @@ def test_a_missing_folder_is_a_user_error(tmp_path: Path) -> None:
 
 
 def test_odd_sides_are_refused_before_anything_is_drawn() -> None:
-    with pytest.raises(SettingsError, match="--size: mp4 does not support 63x48"):
+    with pytest.raises(SettingsError, match="size: mp4 does not support 63x48"):
         check_video(["mp4"], (63, 48))
     check_video(["webm", "gif"], (63, 47))
 
@@ -101,5 +101,5 @@ def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_missing_encoder_is_named_before_anything_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(CODECS, "mp4", replace(CODECS["mp4"], name="libnone"))
-    with pytest.raises(AfterglowError, match=r"--format: .*no encoder libnone for mp4 \(expected"):
+    with pytest.raises(AfterglowError, match=r"mp4: .*no encoder libnone \(expected"):
         check_video(["mp4"], SIZE)
