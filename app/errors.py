@@ -73,11 +73,11 @@ class ProcessError(AfterglowError):
     """A command of this program that failed in a process of its own, such as the path tracer."""
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
+def did_you_mean(word: object, known: Iterable[str]) -> str:
     """What is expected in place of an unknown word: ``did you mean 'b'? expected one of: a, b``."""
     names = list(known)
     if not names:
         return "expected none, since there are none"
-    nearest = difflib.get_close_matches(word, names, 1, MIN_SIMILARITY)
+    nearest = difflib.get_close_matches(str(word), names, 1, MIN_SIMILARITY)
     hint = f"did you mean {nearest[0]!r}? " if nearest else ""
     return f"{hint}expected one of: {', '.join(names)}"

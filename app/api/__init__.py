@@ -1,7 +1,7 @@
 """Afterglow from Python: scenes from files, numpy arrays and trimesh objects, and pictures of them as arrays.
 
 Axes are right-handed with y up, colours are linear Rec. 709, radiance is in W/(sr m²). An error in what is passed
-raises an ``AfterglowError`` whose text is the line that the command line prints.
+raises an ``AfterglowError`` whose text is one line: where, what is wrong, and what was expected.
 """
 
 from importlib import import_module

@@ -78,7 +78,7 @@ def intrinsic_matrix(camera: Camera, size: tuple[int, int]) -> F64:
 
 
 def _flip(convention: str) -> F64:
-    if convention not in _FLIPS:
+    if convention not in tuple(_FLIPS):
         raise SceneError(f"unknown convention {convention!r}", _WHERE, f"expected one of: {', '.join(_FLIPS)}")
     return _FLIPS[convention]
 

@@ -77,6 +77,8 @@ def check_cameras(cameras: dict[str, Any]) -> dict[str, CameraPath]:
     SceneError
         When something else is among them.
     """
+    if not isinstance(cameras, dict):
+        raise SceneError(f"bad cameras {_shown(cameras)}", "cameras", "expected a dict of cameras by name")
     for name, camera in cameras.items():
         if not isinstance(camera, Camera | CameraPath) or (isinstance(camera, CameraPath) and not camera.keys):
             raise SceneError(f"bad camera {_shown(camera)}", f"cameras[{name!r}]",
@@ -142,8 +144,8 @@ def check_path(path: Any, what: str) -> Path:
     SettingsError
         When it is no path.
     """
-    if not isinstance(path, str | Path):
-        raise SettingsError(f"bad path {_shown(path)}", what, "expected a str or a Path")
+    if not isinstance(path, str | Path) or "\0" in str(path):
+        raise SettingsError(f"bad path {_shown(path)}", what, "expected a str or a Path, without null characters")
     return Path(path)
 
 
@@ -156,6 +158,32 @@ def check_number(value: Any, where: str, span: Range = _FINITE) -> float:
         When it is none, or is out of its range, which includes both ends.
     """
     return float(_numbers(value, (), where, span))
+
+
+def check_count(value: Any, where: str, least: int = 0) -> int:
+    """A whole number from ``least``.
+
+    Raises
+    ------
+    SettingsError
+        When it is none.
+    """
+    if not isinstance(value, int | np.integer) or value < least:
+        raise SettingsError(f"bad number {_shown(value)}", where, f"expected a whole number from {least}")
+    return int(value)
+
+
+def check_iterable(values: Any, where: str) -> Iterable[Any]:
+    """A sequence or another iterable, but no text.
+
+    Raises
+    ------
+    SettingsError
+        When it is none.
+    """
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise SettingsError(f"can't go through a {type(values).__name__}", where, "expected a sequence")
+    return values
 
 
 def read_array(values: Any, where: str, expected: str) -> F64:

@@ -1,5 +1,6 @@
 """Errors of a picture against another one."""
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from app.api.checked import read_array
@@ -7,7 +8,7 @@ from app.api.frame import Frame
 from app.arrays import F32
 from app.errors import MetricError
 
-EXPECTED = "expected a frame or an array of the shape (H, W, 3)"
+EXPECTED = "expected a frame, or linear radiance of the shape (H, W, 3)"
 
 
 def compare(frame: Frame | ArrayLike, reference: Frame | ArrayLike) -> dict[str, float]:
@@ -35,7 +36,11 @@ def compare(frame: Frame | ArrayLike, reference: Frame | ArrayLike) -> dict[str,
 
 
 def _radiance(picture: Frame | ArrayLike) -> F32:
-    image = read_array(picture["final"] if isinstance(picture, Frame) else picture, "compare", EXPECTED)
+    values = picture["final"] if isinstance(picture, Frame) else picture
+    if getattr(values, "dtype", None) == np.uint8:
+        raise MetricError("8-bit pixels are no radiance", "compare", EXPECTED)
+    image = read_array(values, "compare", EXPECTED)
     if image.ndim != 3 or image.shape[2] != 3:
         raise MetricError(f"bad shape {image.shape}", "compare", EXPECTED)
-    return image.astype("float32")
+    with np.errstate(over="ignore"):  # what becomes infinite is refused as such
+        return image.astype(np.float32)

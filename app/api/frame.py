@@ -55,6 +55,9 @@ class Frame(Mapping[str, NDArray[Any]]):
             raise SettingsError(f"the frame has no image {name!r}", "frame", did_you_mean(name, self.images))
         return self.images[name]
 
+    __eq__ = object.__eq__      # that of mappings would compare arrays
+    __hash__ = object.__hash__
+
     def __contains__(self, name: object) -> bool:
         return name in self.images
 

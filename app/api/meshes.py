@@ -70,7 +70,7 @@ def _from_trimesh(mesh: Any, name: str, smooth: bool) -> SceneBuilder:
     with TemporaryDirectory() as folder:
         file = Path(folder) / "mesh.glb"
         try:
-            _without_metal(mesh).export(str(file), include_normals=smooth)
+            _prepare_for_gltf(mesh).export(str(file), include_normals=smooth)
             read_gltf(file, builder)
         except (ValueError, TypeError, KeyError, AttributeError, IndexError) as error:
             raise SceneError(f"can't read the mesh ({error})", name, "expected a trimesh object with triangles"
@@ -79,11 +79,20 @@ def _from_trimesh(mesh: Any, name: str, smooth: bool) -> SceneBuilder:
     return builder
 
 
-def _without_metal(mesh: Any) -> Any:
-    """``mesh`` with dielectric materials in place of those of OBJ files, which glTF would take for metals."""
+def _prepare_for_gltf(mesh: Any) -> Any:
+    """A copy of ``mesh`` that glTF does not change.
+
+    Its colours of faces belong to vertices of their own, else they would be averaged at shared ones; and it has
+    dielectric materials in place of those of OBJ files, which would become metals.
+    """
     mesh = mesh.copy()
     for part in getattr(mesh, "geometry", {"": mesh}).values():
-        material: Any = getattr(getattr(part, "visual", None), "material", None)
+        visual: Any = getattr(part, "visual", None)
+        if getattr(visual, "kind", None) == "face":
+            normals = part.vertex_normals[part.faces.reshape(-1)]
+            part.unmerge_vertices()
+            part.vertex_normals = normals
+        material: Any = getattr(visual, "material", None)
         if isinstance(material, trimesh.visual.material.SimpleMaterial):
             part.visual.material = material.to_pbr()  # type: ignore[no-untyped-call]
             part.visual.material.metallicFactor = 0.0
@@ -162,4 +171,6 @@ def _rows(values: ArrayLike, widths: tuple[int, ...], where: str, count: int | N
     rows = read_array(values, where, f"expected numbers of the shape {shapes}")
     if rows.ndim != 2 or rows.shape[1] not in widths or (count is not None and len(rows) != count):
         raise SceneError(f"bad shape {rows.shape}", where, f"expected {shapes}")
+    if not np.isfinite(rows).all():
+        raise SceneError("a value is not finite", where, "expected finite numbers")
     return rows

@@ -7,11 +7,19 @@ from dataclasses import replace
 from operator import itemgetter
 from pathlib import Path
 from threading import RLock
-from typing import Any, SupportsIndex
+from typing import Any
 
 import numpy as np
 
-from app.api.checked import check_camera, check_cameras, check_lights, check_number, check_size
+from app.api.checked import (
+    check_camera,
+    check_cameras,
+    check_count,
+    check_iterable,
+    check_lights,
+    check_number,
+    check_size,
+)
 from app.api.frame import Frame, make_frame
 from app.api.scene import Scene
 from app.errors import SettingsError, did_you_mean
@@ -84,8 +92,9 @@ class Renderer:
     @property
     def notices(self) -> tuple[str, ...]:
         """What was guessed, skipped or replaced in the scene."""
-        self._follow()
-        return self._assembled.loaded.scene.notices
+        with self._lock:
+            self._follow()
+            return self._assembled.loaded.scene.notices
 
     def render(self, camera: AnyCamera = None, time: float = 0.0, *, settle: int | None = None,
                following: tuple[AnyCamera, float] | None = None) -> Frame:
@@ -105,8 +114,7 @@ class Renderer:
             Camera and time of the next picture, for ``flow``. Objects moved by ``transform`` count as at rest.
         """
         time = check_number(time, "time")
-        if settle is not None and not (isinstance(settle, SupportsIndex) and int(settle) >= 0):
-            raise SettingsError(f"bad number of frames {settle!r}", "settle", "expected a whole number from 0")
+        settle = None if settle is None else check_count(settle, "settle")
         with self._lock:
             engine = self._follow()
             view = self._camera(camera, time)
@@ -115,7 +123,7 @@ class Renderer:
             if settle is None:
                 return self._still(engine, view, time, [view], after)
             engine.place_surfels(())
-            return self._draw(engine, view, time, int(settle), after)
+            return self._draw(engine, view, time, settle, after)
 
     def render_batch(self, cameras: Sequence[AnyCamera], time: float = 0.0) -> list[Frame]:
         """Draw stills of many cameras at one time, much faster than one by one.
@@ -142,10 +150,10 @@ class Renderer:
         time = check_number(time, "time")
         with self._lock:
             engine = self._follow()
-            views = [self._camera(camera, time) for camera in _listed(cameras, "cameras")]
+            views = [self._camera(camera, time) for camera in check_iterable(cameras, "cameras")]
         # In an order of their own, so that whatever a pass keeps was made for the same camera.
         order = sorted(range(len(views)), key=lambda index: repr(views[index]))
-        together = [views[index] for index in order]
+        together = list(dict.fromkeys(views[index] for index in order))
         for index in order:
             with self._lock:
                 if engine is not self._engine:
@@ -175,8 +183,8 @@ class Renderer:
         ------
         Frame
         """
-        listed = _listed(cameras, "cameras")
-        moments = [check_number(time, f"times[{index}]") for index, time in enumerate(_listed(times, "times"))]
+        listed, lead_in = list(check_iterable(cameras, "cameras")), check_count(lead_in, "lead_in")
+        moments = [check_number(time, f"times[{index}]") for index, time in enumerate(check_iterable(times, "times"))]
         if len(listed) != len(moments):
             raise SettingsError(f"{len(listed)} cameras and {len(moments)} times", "times",
                                 "expected one of each for every frame")
@@ -290,19 +298,13 @@ class Renderer:
         return self._engine
 
 
-def _listed(values: Any, what: str) -> list[Any]:
-    if isinstance(values, str) or not isinstance(values, Iterable):
-        raise SettingsError(f"can't go through a {type(values).__name__}", what, "expected a sequence")
-    return list(values)
-
-
 def _names(outputs: Any) -> tuple[str, ...]:
-    if isinstance(outputs, str) or not isinstance(outputs, Iterable):
+    if isinstance(outputs, str) or not isinstance(outputs, Iterable) or not all(isinstance(o, str) for o in outputs):
         raise SettingsError(f"bad outputs {outputs!r}", "outputs", 'expected a sequence of names, such as ["final"]')
     return tuple(outputs)
 
 
 def _find(model: Models) -> tuple[Model, ...]:
-    names = [] if model is None else [model] if isinstance(model, str | Path) else _listed(model, "model")
+    names = [] if model is None else [model] if isinstance(model, str | Path) else check_iterable(model, "model")
     found = [part for name in names for part in find_models(str(name), "model")]
     return tuple(by_role(found, "model").values())

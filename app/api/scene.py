@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -31,6 +32,9 @@ class SceneObject:
 
     def __init__(self, name: str, transform: F64) -> None:
         self.name, self.transform = name, transform
+
+    def __reduce__(self) -> tuple[type[SceneObject], tuple[str, F64]]:
+        return type(self), (self.name, self.transform)  # copies of arrays can be written to, unlike those it makes
 
     def __repr__(self) -> str:
         return f"SceneObject({self.name!r})"
@@ -86,8 +90,6 @@ class Scene:
     environment : Environment or None
     cameras : dict of str to CameraPath
         A ``Camera`` may be put into it too.
-    objects : mapping of str to SceneObject
-        Read-only: ``add`` and ``remove`` change it.
     """
 
     def __init__(self, name: str = "scene", *, studio: bool = True) -> None:
@@ -99,7 +101,11 @@ class Scene:
         self.environment: Environment | None = None
         self.cameras: dict[str, CameraPath] = {}
         self._objects: dict[str, SceneObject] = {}
-        self.objects = MappingProxyType(self._objects)
+
+    @property
+    def objects(self) -> Mapping[str, SceneObject]:
+        """The objects by name, read-only: ``add`` and ``remove`` change them."""
+        return MappingProxyType(self._objects)
 
     @classmethod
     def _of(cls, path: Path, builder: SceneBuilder, camera: str, lighting: str | None, studio: bool) -> Scene:
@@ -216,7 +222,8 @@ def load(path: str | Path | None = None, *, lighting: str | None = None, scene_j
         When a file is missing, corrupt or of an unknown kind.
     """
     file = data_dir() / "cornell-box.obj" if path is None else check_path(path, "scene")
-    builder, sidecar = read_scene(file, scene_json=scene_json, variant=variant, animation=animation)
+    beside = None if scene_json is None else check_path(scene_json, "scene_json")
+    builder, sidecar = read_scene(file, scene_json=beside, variant=variant, animation=animation)
     camera = choose_camera(builder, file, sidecar)
     _, name = apply_lighting(builder, file, sidecar, lighting, builder.cameras[camera].at(0.0))
     return Scene._of(file, builder, camera, name, studio)

@@ -1,13 +1,13 @@
 """Videos of frames."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from app.api.checked import check_path
+from app.api.checked import check_iterable, check_path
 from app.api.frame import Frame
-from app.errors import SettingsError
+from app.errors import OutputError, SettingsError
 from app.io.video import CODECS, check_video, open_video
 
 
@@ -26,18 +26,35 @@ def write_video(path: str | Path, frames: Iterable[Frame]) -> None:
     AfterglowError
         When the suffix or the size does not suit, there is no frame, or the extra ``video`` is not installed.
     """
-    file, pending = check_path(path, "video"), iter(frames)
+    file = check_path(path, "video")
     kind = file.suffix.removeprefix(".")
     if kind not in CODECS:
         raise SettingsError(f"unknown kind of video {file.suffix!r}", file, f"expected one of: {', '.join(CODECS)}")
+    failed: list[OSError] = []
+    pending = _drawn(check_iterable(frames, "frames"), failed)
     first = next(pending, None)
     if first is None:
         raise SettingsError("no frame given", file, "expected at least one")
     size = _checked(first, file).size
     check_video([kind], size)
-    with open_video(file, size) as write:
-        for frame in chain([first], pending):
-            write(_checked(frame, file, size).display)
+    try:
+        with open_video(file, size) as write:
+            for frame in chain([first], pending):
+                write(_checked(frame, file, size).display)
+    except OutputError:
+        if not failed:
+            raise
+    if failed:
+        raise failed[0]
+
+
+def _drawn(frames: Iterable[Any], failed: list[OSError]) -> Iterator[Any]:
+    """The frames; puts an error of drawing them into ``failed``, which would look like one of writing the video."""
+    try:
+        yield from frames
+    except OSError as error:
+        failed.append(error)
+        raise
 
 
 def _checked(frame: Any, file: Path, size: tuple[int, int] | None = None) -> Frame:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import pickle
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -131,7 +132,7 @@ def test_added_and_removed_objects_follow() -> None:
         assert np.array_equal(renderer.render(CAMERA)["final"], before)
 
 
-def test_a_batch_does_not_depend_on_the_order_of_its_cameras(small_ember: Path) -> None:
+def test_a_batch_depends_on_the_set_of_its_cameras_alone(small_ember: Path) -> None:
     scene = afterglow.load()
     camera = scene.cameras[next(iter(scene.cameras))].at(0.0)
     cameras = [replace(camera, fov_y_deg=camera.fov_y_deg + 5 * i) for i in range(3)]
@@ -139,8 +140,11 @@ def test_a_batch_does_not_depend_on_the_order_of_its_cameras(small_ember: Path) 
         forward = renderer.render_batch(cameras)
         renderer.render(cameras[1])
         backward = renderer.render_batch(cameras[::-1])
-    for a, b in zip(forward, backward[::-1], strict=True):
-        assert a.camera == b.camera and np.array_equal(a["final"], b["final"])
+        twice = renderer.render_batch([*cameras, cameras[0]])
+    for a, b, c in zip(forward, backward[::-1], twice[:3], strict=True):
+        assert a.camera == b.camera == c.camera and np.array_equal(a["final"], b["final"])
+        assert np.array_equal(a["final"], c["final"])
+    assert np.array_equal(twice[3]["final"], twice[0]["final"])
 
 
 def test_a_trimesh_scene_keeps_its_parts_and_materials() -> None:
@@ -166,6 +170,27 @@ def test_colours_of_a_trimesh_are_srgb() -> None:
         assert renderer.render(CAMERA)["albedo"][18, 24] == pytest.approx([0.5, 0.0, 0.0], abs=0.01)
 
 
+@pytest.mark.parametrize("smooth", [False, True])
+def test_colours_of_faces_are_not_blended(smooth: bool) -> None:
+    scene, mesh = afterglow.Scene(), trimesh.Trimesh(*QUAD, process=False)
+    mesh.visual.face_colors = [[255, 0, 0, 255], [0, 0, 255, 255]]
+    scene.add(mesh, smooth=smooth)
+    albedo = draw_aov(scene, "albedo")
+    assert albedo[28, 32] == pytest.approx([1.0, 0.0, 0.0], abs=0.01)
+    assert albedo[8, 16] == pytest.approx([0.0, 0.0, 1.0], abs=0.01)
+
+
+def test_colours_of_faces_leave_a_smooth_mesh_smooth() -> None:
+    normals = []
+    for has_colours in (False, True):
+        scene, ball = afterglow.Scene(), trimesh.creation.icosphere(1)
+        if has_colours:
+            ball.visual.face_colors = [(255, 0, 0, 255)] * len(ball.faces)
+        scene.add(ball, smooth=True)
+        normals.append(draw_aov(scene, "normal"))
+    assert np.abs(normals[0] - normals[1]).max() < 1e-3
+
+
 def test_a_frame_is_shown_saved_and_shared(tmp_path: Path) -> None:
     with afterglow.Renderer(floor_and_box(), SIZE, None, taa=False, outputs=("final", "depth")) as renderer:
         frame = renderer.render(CAMERA)
@@ -178,6 +203,7 @@ def test_a_frame_is_shown_saved_and_shared(tmp_path: Path) -> None:
     shared = np.from_dlpack(frame["depth"])
     frame["depth"][0, 0] = 7.0
     assert shared[0, 0] == 7.0
+    assert frame in [frame] and frame != pickle.loads(pickle.dumps(frame)) and len({frame, frame}) == 1
 
 
 def test_compare_gives_all_metrics() -> None:
@@ -292,7 +318,7 @@ def test_what_would_spoil_a_video_or_a_batch_is_refused() -> None:
             next(batch)
 
 
-@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, FileNotFoundError])
 def test_an_error_between_frames_leaves_no_video(tmp_path: Path, error: type[BaseException]) -> None:
     pytest.importorskip("av")
     with afterglow.Renderer(floor_and_box(), SIZE, None, taa=False) as renderer:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -68,6 +70,7 @@ MISTAKES = [
     ("camera.intrinsics.fx", lambda: camera(intrinsics=replace(LENS, fx=0))),
     ("camera.intrinsics", lambda: camera(intrinsics=np.eye(3))),
     ("cameras", lambda: check_cameras({"a": np.eye(4)})),
+    ("cameras", lambda: check_cameras(None)),
     ("cameras", lambda: check_cameras({"a": afterglow.CameraPath((), ())})),
     ("camera: pose", lambda: afterglow.camera_from_matrix("pose")),
     ("camera: intrinsics", lambda: afterglow.camera_from_matrix(POSE, "K", (100, 100))),
@@ -75,6 +78,7 @@ MISTAKES = [
     ("size", lambda: afterglow.camera_from_matrix(POSE, K, (0, 100))),
     ("camera.fov_y_deg", lambda: afterglow.camera_from_matrix(POSE, fov_y_deg="x")),
     ("convention", lambda: afterglow.camera_matrix(CAMERA, "blender")),
+    ("convention", lambda: afterglow.camera_matrix(CAMERA, ["opencv"])),
     ("camera", lambda: afterglow.camera_matrix(None)),
     ("size", lambda: afterglow.intrinsic_matrix(CAMERA, "4x3")),
     ("size", lambda: afterglow.intrinsic_matrix(CAMERA, (4, 0))),
@@ -112,6 +116,9 @@ MISTAKES = [
     ("vertices", lambda: add(([[0, 0, 0], [1, 1]], [[0, 1, 2]]))),
     ("vertices", lambda: add((np.eye(3) * 1j, [[0, 1, 2]]))),
     ("triangles", lambda: add((np.eye(3), [[0, 1], [2]]))),
+    ("vertices: a value is not finite", lambda: add((np.diag([1, 1, NAN]), [[0, 1, 2]]))),
+    ("normals: a value is not finite", lambda: add(TRIANGLE, normals=np.full((3, 3), NAN))),
+    ("uvs: a value is not finite", lambda: add(TRIANGLE, uvs=np.full((3, 2), INF))),
     ("colors", lambda: add(TRIANGLE, colors="red")),
     ("colors", lambda: add(TRIANGLE, colors=np.full((3, 3), 255))),
     ("material", lambda: add(BOX, "red")),
@@ -121,9 +128,14 @@ MISTAKES = [
     ("no uvs", lambda: add(BOX, TEXTURED)),
     ("no uvs", lambda: add(TRIANGLE, TEXTURED)),
     ("path", lambda: afterglow.load(5)),
+    ("scene_json", lambda: afterglow.load(scene_json=5)),
+    ("no lighting 5", lambda: afterglow.load(lighting=5)),
+    ("no object 5", lambda: afterglow.Scene()[5]),
     ("path", lambda: afterglow.Scene(5)),
     ("path", lambda: afterglow.path_trace(afterglow.Scene())),
     ("size", lambda: afterglow.path_trace(size="8x8")),
+    ("^size", lambda: afterglow.path_trace(size=(40000, 8))),
+    ("^spp", lambda: afterglow.path_trace(size=(8, 8), spp=1.5)),
     ("can't draw", lambda: renderer(BOX)),
     ("size", lambda: renderer(size=48)),
     ("size", lambda: renderer(size=(48, 36, 3))),
@@ -135,16 +147,26 @@ MISTAKES = [
     ("tonemap", lambda: renderer(tonemap=None)),
     ("bounces", lambda: renderer(bounces="2")),
     ("seed", lambda: renderer(seed=1.5)),
-    ("scale", lambda: renderer(scale="1/8")),
+    ("^scale", lambda: renderer(scale="1/8")),
+    ("^render_scale", lambda: renderer(render_scale=0.3)),
+    ("^size", lambda: renderer(size=(20000, 10))),
+    ("^taa", lambda: renderer(taa="no")),
+    ("^outputs", lambda: renderer(outputs=(3,))),
+    ("^outputs", lambda: renderer(outputs=("finl",)).render(CAMERA)),
     ("time", lambda: renderer().render(CAMERA, NAN)),
     ("time", lambda: renderer().render_batch([CAMERA], "now")),
     ("settle", lambda: renderer().render(CAMERA, settle=-1)),
     ("settle", lambda: renderer().render(CAMERA, settle=1.5)),
     ("2 times", lambda: list(renderer().render_video([CAMERA], [0, 1]))),
     ("cameras", lambda: list(renderer().render_video(CAMERA, [0, 1]))),
+    ("lead_in", lambda: list(renderer().render_video([CAMERA], [0], lead_in=-1))),
+    ("lead_in", lambda: list(renderer().render_video([CAMERA], [0], lead_in="x"))),
     ("video", lambda: afterglow.write_video(5, [])),
+    ("null", lambda: afterglow.write_video("a\0.mp4", [])),
+    ("^frames", lambda: afterglow.write_video("a.mp4", None)),
     ("frames", lambda: afterglow.write_video("a.mp4", [np.zeros((4, 4, 3), np.uint8)])),
     ("compare", lambda: afterglow.compare("a", "b")),
+    ("compare: 8-bit", lambda: afterglow.compare(PIXELS[..., :3], PIXELS[..., :3])),
 ]
 
 
@@ -152,7 +174,7 @@ MISTAKES = [
 def test_a_mistake_is_one_line_that_names_its_place(words: str, mistake: Callable[[], object]) -> None:
     with pytest.raises(AfterglowError, match=words) as caught:
         mistake()
-    assert "\n" not in str(caught.value) and len(str(caught.value)) < 250
+    assert "\n" not in str(caught.value) and "--" not in str(caught.value) and len(str(caught.value)) < 250
 
 
 def test_arrays_and_integers_become_tuples_of_floats() -> None:
@@ -186,3 +208,18 @@ def test_transforms_are_read_only_so_that_a_change_in_place_is_not_lost() -> Non
         box.transform[0, 3] = 1.0
     with pytest.raises(TypeError):
         del scene.objects["object"]
+
+
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda scene: pickle.loads(pickle.dumps(scene))])
+def test_a_copy_of_a_scene_is_changed_on_its_own(duplicate: Callable[[afterglow.Scene], afterglow.Scene]) -> None:
+    scene = afterglow.Scene()
+    scene.add(BOX)
+    other = duplicate(scene)
+    other["object"].transform = np.diag([2.0, 2.0, 2.0, 1.0])
+    other.add(BOX, name="second")
+    assert list(scene.objects) == ["object"] and list(other.objects) == ["object", "second"]
+    assert np.array_equal(scene["object"].transform, np.eye(4))
+    with pytest.raises(ValueError, match="read-only"):
+        other["second"].transform[0, 3] = 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        duplicate(scene)["object"].transform[0, 3] = 1.0
