@@ -9,7 +9,7 @@ import pytest
 from app.errors import SettingsError
 from app.golden import scenes
 from app.io.image import srgb_encode, to_8bit
-from app.io.tone_maps import tone_map
+from app.io.tone_maps import automatic_exposure, tone_map
 from app.passes.auto_exposure import ADAPTATION
 from app.renderer import Renderer
 from app.scene import Scene
@@ -17,6 +17,7 @@ from app.settings import TONE_MAPS, Settings
 
 pytestmark = pytest.mark.gl
 SIZE = (64, 48)
+MAX_MEAN_ERROR = 0.01  # of 255 levels: a few values are rounded to the other side
 OCIO = "sRGB - Display/ACES 2.0 - SDR 100 nits (Rec.709)"
 rng = np.random.default_rng(0)
 RADIANCE = np.concatenate([
@@ -25,9 +26,11 @@ RADIANCE = np.concatenate([
     np.zeros((1, 64, 3))]).astype(np.float16).astype(np.float32)
 
 
-def shown(tonemap: str, radiance: np.ndarray = RADIANCE, exposure: float = 1.0) -> np.ndarray:
+def shown(tonemap: str, radiance: np.ndarray = RADIANCE, exposure: float = 1.0, auto_exposure: bool = False
+          ) -> np.ndarray:
     """What the pass makes of given radiance."""
-    with Renderer(scenes.spotlights(), Settings(SIZE, taa=False, tonemap=tonemap, exposure=exposure)) as renderer:
+    settings = Settings(SIZE, taa=False, tonemap=tonemap, exposure=exposure, auto_exposure=auto_exposure)
+    with Renderer(scenes.spotlights(), settings) as renderer:
         renderer.after_pass.append(lambda bound, pool: bound.name == "composite" and pool.write("lit", np.concatenate(
             [radiance, np.ones((*SIZE[::-1], 1))], axis=2)))
         return renderer.render(scenes.spotlights().cameras["main"].at(0.0))["display"]
@@ -84,9 +87,12 @@ def aces(c: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize(("name", "curve"), [("srgb", srgb_encode), ("agx", agx), ("pbr-neutral", pbr_neutral),
                                              ("aces", aces)])
-def test_curves_are_the_published_ones(name: str, curve: object) -> None:
-    expected = to_8bit(curve(RADIANCE.astype(np.float64)))
-    assert np.abs(shown(name).astype(int) - expected).max() <= 1
+@pytest.mark.parametrize("exposure", [1.0, 2.5])
+def test_curves_are_the_published_ones(name: str, curve: object, exposure: float) -> None:
+    expected = to_8bit(curve(RADIANCE.astype(np.float64) * exposure))
+    errors = np.abs(shown(name, exposure=exposure).astype(int) - expected)
+    assert errors.max() <= 1
+    assert errors.mean() < MAX_MEAN_ERROR
 
 
 def test_agx_is_near_its_published_polynomial() -> None:
@@ -107,6 +113,14 @@ def test_views_of_opencolorio_are_its_own() -> None:
 def test_an_unknown_tone_map_is_refused() -> None:
     with pytest.raises(SettingsError, match="tonemap: unknown tone map or view 'agxx'"):
         shown("agxx")
+
+
+def test_automatic_exposure_brings_what_is_lit_to_middle_grey() -> None:
+    columns = 2.0 ** rng.uniform(-6, 4, (1, 64, 1)) * rng.uniform(0.1, 1, (1, 64, 3))
+    columns[:, ::8] = 0.0
+    radiance = columns.repeat(48, axis=0).astype(np.float16).astype(np.float32)
+    expected = tone_map(radiance, automatic_exposure(radiance), "srgb")
+    assert np.abs(shown("srgb", radiance, auto_exposure=True).astype(int) - expected).max() <= 1
 
 
 def brightness(scene: Scene, factor: float, frames: int, renderer: Renderer) -> float:
