@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from app.load.emission_patches import EmissiveTriangles
 from app.load.emission_points import POINTS, place_points
@@ -39,3 +40,31 @@ def test_points_have_the_power_and_area_of_the_surfaces() -> None:
     power = (np.pi * (1 + points.two_sided)[:, None] * points.intensity).sum(axis=0)
     np.testing.assert_allclose(power, emitters.power.sum(axis=0), rtol=0.02)
     assert abs(points.area.sum() - 2.01) < 0.04
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_points_are_spread_over_crowded_triangles_in_proportion_to_their_area(seed: int) -> None:
+    """Of one radiance, on a bent strip with triangles of 0.01 to 100 parts of its area."""
+    rng = np.random.default_rng(seed)
+    edges = np.concatenate([[0.0], np.cumsum(10.0 ** rng.uniform(-2, 2, 40))])
+    edges = np.union1d(edges / edges[-1], 3 / 7)  # where the strip bends
+    path = np.array([(0.0, 0.0, 0.0), (3.0, 0.0, 0.0), (3.0, 4.0, 0.0)])
+    along = np.stack([np.interp(edges, [0.0, 3 / 7, 1.0], path[:, k]) for k in range(3)], -1)
+    near, far = along, along + np.array((0.0, 0.0, 2.0))
+    corners = np.concatenate([np.stack([near[:-1], near[1:], far[1:]], 1), np.stack([near[:-1], far[1:], far[:-1]], 1)])
+    emitters = EmissiveTriangles(corners, np.ones((len(corners), 3)), np.zeros(len(corners), bool),
+                                 np.zeros(len(corners), int))
+    at = place_points(emitters, PointLight((1.0, 2.0, 3.0), (1.0, 1.0, 1.0), 0.5)).offset.astype(np.float64) + CENTER
+
+    def off(triangle: np.ndarray) -> np.ndarray:
+        """Distance of each point from a triangle's plane, infinite where it projects beyond its edges."""
+        a, b, c = triangle
+        normal = np.cross(b - a, c - a)
+        inside = [np.cross(q - p, at - p) @ normal >= -1e-5 * normal @ normal for p, q in ((a, b), (b, c), (c, a))]
+        return np.where(np.all(inside, axis=0), np.abs((at - a) @ normal) / np.linalg.norm(normal), np.inf)
+
+    assert np.min([off(triangle) for triangle in corners], axis=0).max() < 1e-5, "off the pieces"
+    length = np.where(at[:, 0] < 3 - 1e-6, at[:, 0], 3 + at[:, 1])
+    for share in (0.1, 0.3, 3 / 7, 0.6, 0.9):
+        assert abs((length < 7 * share).mean() - share) < 0.02, "along the strip"
+    assert abs((at[:, 2] < 0.5).mean() - 0.25) < 0.05, "across the strip"
