@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from app.renderer import Renderer
-from app.scene import Camera, Environment, Light, PointLight, RectLight, Scene, SpotLight
+from app.scene import Camera, Environment, Light, Material, PointLight, RectLight, Scene, SpotLight
 from app.settings import Settings
+from export.dataset.scenes.found_emitters import with_found_emitters
 from tests.gl.closed_forms import F64
-from tests.gl.scenes import F32, box, draw, floor, make_scene, quad, slide, without_shadows
+from tests.gl.scenes import F32, Part, box, draw, floor, make_scene, quad, slide, sphere, without_shadows
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
@@ -66,6 +67,7 @@ def test_light_behind_bars_is_right_and_hardly_noisy(frames: int, most: float) -
 # Half diagonals or radii of 0.02 to 1.5, from touching a wall to far away, of a box of 2 m.
 SIZES_AND_DISTANCES = [(0.02, 0.05), (0.02, 4.0), (0.1, 0.15), (0.1, 1.0), (0.4, 0.45), (0.4, 2.0), (1.5, 1.6),
                        (1.5, 6.0)]
+EMISSIVE = ("emissive rectangle", "emissive ball", "emissive cube")
 
 
 def lights_outside(size: float, distance: float) -> dict[str, Light]:
@@ -75,12 +77,25 @@ def lights_outside(size: float, distance: float) -> dict[str, Light]:
             "rectangle": RectLight((x, 0.2, 0.3), (0, 0, 1.4 * size), (0, 1.4 * size, 0), WHITE)}
 
 
+def emissive_meshes_outside(size: float, distance: float) -> dict[str, Part]:
+    """A rectangle that faces the box, and a ball and a cube, for which approximate lights stand."""
+    x, white = 1.0 + distance, Material(albedo=(0.0,) * 3, emission=WHITE)
+    half, cube = 0.7 * size, 1.1 * size
+    return {EMISSIVE[0]: quad((x, 0.2 - half, 0.3 - half), (0, 0, 2 * half), (0, 2 * half, 0), white),
+            EMISSIVE[1]: sphere((x, 0.2, 0.3), size, 12, white),
+            EMISSIVE[2]: box((x - cube / 2, 0.2 - cube / 2, 0.3 - cube / 2), (cube,) * 3, white)}
+
+
 @pytest.mark.parametrize(("size", "distance"), SIZES_AND_DISTANCES)
-@pytest.mark.parametrize("kind", ["sphere", "spot", "rectangle"])
+@pytest.mark.parametrize("kind", ["sphere", "spot", "rectangle", *EMISSIVE])
 def test_no_light_comes_into_a_closed_box(kind: str, size: float, distance: float) -> None:
-    light = lights_outside(size, distance)[kind]
-    scene = make_scene([box((-1, -1, -1), (2, 2, 2))], [light])
+    closed = box((-1, -1, -1), (2, 2, 2))
+    if kind in EMISSIVE:
+        scene = with_found_emitters(make_scene([closed, emissive_meshes_outside(size, distance)[kind]]))
+    else:
+        scene = make_scene([closed], [lights_outside(size, distance)[kind]])
     outside = draw(scene, (64, 48), ("direct",), Camera((3.0, 2.5, 2.5), (1.0, 0.2, 0.3), fov_y_deg=60.0))["direct"]
+    assert outside.mean() > 0
     with Renderer(scene, Settings((48, 48), ("direct",), taa=False)) as renderer:
         inside = [renderer.render(Camera((0.0, 0.1, 0.0), target, fov_y_deg=90.0))["direct"].mean() for target in (
             (3.0, 0.1, 0.0), (-3.0, 0.1, 0.0), (0.0, 3.0, 0.01), (0.0, -3.0, 0.01), (0.0, 0.1, 3.0), (0.0, 0.1, -3.0))]
