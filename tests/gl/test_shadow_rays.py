@@ -57,7 +57,7 @@ def error_behind_bars(frames: int) -> F64:
     return images["direct"][::4, ::4, 1].ravel() / free[::4, ::4].ravel() - share_behind_bars(at)
 
 
-@pytest.mark.parametrize(("frames", "most"), [(1, 0.02), (40, 0.01)])
+@pytest.mark.parametrize(("frames", "most"), [(1, 0.005), (40, 0.003)])
 def test_light_behind_bars_is_right_and_hardly_noisy(frames: int, most: float) -> None:
     error = error_behind_bars(frames)
     assert error.std() < most
