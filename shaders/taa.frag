@@ -1,6 +1,7 @@
 // Temporal anti-aliasing (Karis 2014, "High-Quality Temporal Supersampling"): jittered frames accumulated in a
 // history that is reprojected by motion, rejected where a surface was hidden, and clipped to the variance of the
-// neighbourhood in YCoCg (Salvi 2016, "An Excursion in Temporal Supersampling").
+// neighbourhood in YCoCg (Salvi 2016, "An Excursion in Temporal Supersampling"). One frame misses most of what is thinner
+// than a texel, so settled history stays while frames differ from it no more than they did among themselves.
 #include "numbers.glsl"
 #include "camera.glsl"
 #include "inverse_depth.glsl"
@@ -13,17 +14,36 @@
 
 const float CLIP_GAMMA = 1.25;      // standard deviations
 const float SETTLED_GAMMA = 3.0;    // where history shows what is visible now, so only outliers are clipped
+const float EXPECTED_GAMMA = 4.0;   // standard deviations over time: as far as one sample of 17 is from the others' mean
+const float SAME_LUMA = 0.02;       // relative change that counts as none
+const float MAX_FADING = 2.0;       // times the luma now, to which history may have settled around what flashed
+const float MAX_SPECK = 16.0;       // times the luma of its history and of what is around, for one settled sample
 const float MOVING_FRAMES = 8.0;    // history length while something moves through the texel
 const float STILL_FRAMES = 256.0;
 
-uniform sampler2D taa_prev;    // rgb: history, a: frames accumulated
+uniform sampler2D taa_prev;  // rgb: history, a: frames accumulated
+uniform sampler2D taa_deviation_prev;
 uniform bool history_valid;
-uniform bool settled;          // history shows what is visible now, so it is rejected only where motion contradicts it, and only outliers are clipped
 
 layout(location = WRITE_TAA) out vec4 out_taa;
+layout(location = WRITE_TAA_DEVIATION) out float out_deviation;  // of the luma of the settled samples accumulated
 #ifdef WRITE_RESAMPLED
 uniform sampler2D resampled_prev;
 layout(location = WRITE_RESAMPLED) out float out_resampled;  // how often the history was resampled, by its weight
+#endif
+
+#ifdef SETTLED
+float deviation_before(ivec2 t)
+{
+    float deviation = texelFetch(taa_deviation_prev, t, 0).r;
+    return is_finite(deviation) ? max(deviation, 0.0) : 0.0;
+}
+
+// Whether a texel's history is far brighter than all that its samples lead to expect.
+bool has_flashed(float now, float past, float deviation)
+{
+    return past > MAX_FADING * now + EXPECTED_GAMMA * deviation;
+}
 #endif
 
 void main()
@@ -39,16 +59,37 @@ void main()
     bool still = is_still(moved.xy);
     vec2 back = still ? vec2(0.0) : is_finite(moved.x + moved.y) ? -moved.xy : vec2(1e9);
     ivec2 before = t + ivec2(floor(back + 0.5));
-    vec4 accumulated = filter_history(taa_prev, gl_FragCoord.xy + back, image);
+    vec4 accumulated = still ? texelFetch(taa_prev, t, 0) : filter_history(taa_prev, gl_FragCoord.xy + back, image);
     vec3 history = max(accumulated.rgb, 0.0);
     bool healthy = is_finite(dot(accumulated, vec4(1.0))) && accumulated.a >= 1.0;
-    bool unmoved = settled && still && abs(moved.z - moved.w) <= DEPTH_TOLERANCE * moved.w;
-    bool keep = (unmoved || was_visible(before, outward, moved.z)) && healthy && history_valid;
+    bool visible = was_visible(before, outward, moved.z);
+#ifdef SETTLED  // history shows what is visible now, so it is rejected only where motion contradicts it
+    visible = visible || (still && abs(moved.z - moved.w) <= DEPTH_TOLERANCE * moved.w);
+#endif
+    bool keep = visible && healthy && history_valid;
 
     vec3 offset = ycocg(history) - mean;
-    float share = clip_share(offset, (settled ? SETTLED_GAMMA : CLIP_GAMMA) * deviation);
+#ifdef SETTLED
+    float share = clip_share(offset, SETTLED_GAMMA * deviation);
+    ivec2 corner = t + outward;
+    float own = ycocg(now).x, past = ycocg(history).x, spread = deviation_before(t);
+    bool flashed = has_flashed(own, past, spread) || has_flashed(
+        ycocg(current(corner)).x, ycocg(texelFetch(taa_prev, corner, 0).rgb).x, deviation_before(corner));
+    bool expected = abs(own - past) <= EXPECTED_GAMMA * spread + SAME_LUMA * own;
+    if (expected && !quad_any(flashed)) share = 1.0;
+    float most = MAX_SPECK * max(past, (9.0 * mean.x - own) / 8.0);
+    if (keep && most > 0.0) now *= min(most / max(own, 1e-8), 1.0);
+#else
+    float share = clip_share(offset, CLIP_GAMMA * deviation);
+#endif
     history = max(rgb(mean + offset * share), 0.0);
     float frames = keep ? min(accumulated.a * mix(0.25, 1.0, share) + 1.0, still ? STILL_FRAMES : MOVING_FRAMES) : 1.0;
+
+    out_deviation = 0.0;
+#ifdef SETTLED
+    float change = ycocg(now - history).x, variance = share < 1.0 ? 0.0 : spread * spread;
+    if (keep) out_deviation = min(sqrt((1.0 - 1.0 / frames) * (variance + change * change / frames)), HALF_MAX);
+#endif
 #ifdef WRITE_RESAMPLED
     vec2 fraction = fract(back);  // half a texel blurs most, a whole one not at all
     float blur = 2.0 * dot(fraction, 1.0 - fraction);

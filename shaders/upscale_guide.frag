@@ -14,7 +14,6 @@ const float SETTLED_FRAMES = 16.0;  // that mean and deviation span: one frame a
 uniform sampler2D guide_mean_prev;
 uniform sampler2D guide_deviation_prev;
 uniform bool history_valid;
-uniform bool settled;  // see taa.frag
 
 layout(location = WRITE_GUIDE_MEAN) out vec4 out_mean;            // rgb: in YCoCg, a: frames
 layout(location = WRITE_GUIDE_DEVIATION) out vec4 out_deviation;  // rgb: in YCoCg
@@ -38,7 +37,11 @@ void main()
     bool finite = is_finite(moved.x + moved.y);
     vec2 back = finite ? -moved.xy : vec2(1e9);
     ivec2 before = t + ivec2(floor(back + 0.5));
-    bool unmoved = settled && is_still(moved.xy) && abs(moved.z - moved.w) <= DEPTH_TOLERANCE * moved.w;
+#ifdef SETTLED
+    bool unmoved = is_still(moved.xy) && abs(moved.z - moved.w) <= DEPTH_TOLERANCE * moved.w;
+#else
+    const bool unmoved = false;
+#endif
     bool visible = unmoved || was_uncovered(before, outward, moved.z);
 
     vec4 mean_before = texelFetch(guide_mean_prev, t, 0);

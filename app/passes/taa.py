@@ -32,8 +32,7 @@ def declare(has_sky: bool, motion: str, depth: str, is_sharpened: bool, size: tu
         Whether frames are smaller than the image.
     """
     def uniforms(frame: FrameState) -> dict[str, object]:
-        always: dict[str, object] = {"history_valid": frame.history_valid, "near": frame.view.near,
-                                     "settled": frame.settled}
+        always: dict[str, object] = {"history_valid": frame.history_valid, "near": frame.view.near}
         if not has_sky:
             return always
         # The shader has the view axis in the middle of the image, from where the shears move it.
@@ -42,10 +41,19 @@ def declare(has_sky: bool, motion: str, depth: str, is_sharpened: bool, size: tu
                 "previous_from_view": np.linalg.inv(_shear(frame.previous)) @ rotation @ _shear(frame.view)}
 
     def reprojecting(shader: str) -> Callable[[Device, BoundPass], Execute]:
-        return make_fullscreen(shader, uniforms, {"SKY": 1} if has_sky else {},
-                               samplers={motion: "motion", depth + PREVIOUS: "depth_prev"})
+        """In two variants, so that what settled frames need costs nothing while something moves."""
+        def make(device: Device, bound: BoundPass) -> Execute:
+            unsettled, settled = (make_fullscreen(
+                shader, uniforms, {**({"SKY": 1} if has_sky else {}), **variant},
+                samplers={motion: "motion", depth + PREVIOUS: "depth_prev"})(device, bound)
+                for variant in ({}, {"SETTLED": 1}))
+            return lambda frame, resources: (settled if frame.settled else unsettled)(frame, resources)
+
+        return make
 
     writes: dict[str, Resource] = {"taa": Tex("f4", 4, size=size)}
+    if not is_upscaled:
+        writes["taa_deviation"] = Tex("f2", 1, size=size)
     if is_sharpened:
         writes["resampled"] = Tex("f2", 1, size=size)
     history = tuple(name + PREVIOUS for name in writes)

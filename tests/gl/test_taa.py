@@ -64,6 +64,24 @@ def test_a_still_camera_converges(model: str, size: tuple[int, int]) -> None:
     assert similar >= 0.98
 
 
+@pytest.mark.parametrize("behind", [0.02, 0.5])
+@pytest.mark.parametrize("width", [0.1, 0.4, 0.9])
+def test_light_thinner_than_a_texel_is_kept(width: float, behind: float) -> None:
+    """Bright wires before a wall, widths in texels: most frames miss some or all of them, and together none."""
+    glowing, wall = (Material(albedo=(x, x, x), is_unlit=True) for x in (1.0, behind))
+    texel = 2 * 2.0 * np.tan(np.radians(22.5)) / SIZE[1]
+    wires = [quad((x, -2, 0), (width * texel, 0, 0), (0, 4, 0), glowing) for x in np.linspace(-0.9, 0.9, 13)]
+    scene = make_scene([quad((-4, -4, -0.1), (8, 0, 0), (0, 8, 0), wall), *wires],
+                       camera=Camera((0.0, 0.0, 2.0), (0.0, 0.0, 0.0), fov_y_deg=45.0))
+    with renderer(scene) as r:
+        for _ in range(63):
+            r.advance(scene.cameras["main"].at(0.0))
+        final = r.render(scene.cameras["main"].at(0.0))["final"]
+    over = (final[..., 1] - behind).clip(0).sum(axis=1).mean() / (1.0 - behind)
+    print(f"WIRES of {width} texels before {behind}: {over / 13:.4f} texels of light")
+    assert over / 13 == pytest.approx(width, rel=0.05)
+
+
 SOFT = make_scene([floor(2.0), box((-0.3, 0, -0.3), (0.6,) * 3)], [PointLight((-1.2, 1.6, 0.6), (9.0,) * 3, 0.3)],
                   Camera((1.6, 1.8, 1.6), (0.2, 0.1, 0.0)))
 
