@@ -14,7 +14,7 @@ from app.surfels.light_samples import mean_light
 from app.surfels.tracked import TrackedSurfels
 from app.surfels.world import MAX_LIGHT_SAMPLES
 
-SAMPLES = 16  # shadow rays of a light sample
+SAMPLES = 8  # shadow rays of a light sample
 
 
 def declare(surfels: TrackedSurfels, lights: LightSet) -> Pass:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from app.arrays import F32, F64, Ints
 from app.environment import sky_light
 from app.math3d import View
-from app.raycast.caster import STATIC, AttachedPoints, Caster, Hits
+from app.raycast.caster import STATIC, AttachedPoints, Caster, Hits, concatenate
 from app.scene import Scene
 from app.surfels import kernel, neighbours
 from app.surfels.clip_planes import find_clip_planes
@@ -19,7 +19,9 @@ from app.surfels.random_walks import sample_sphere, trace_walks
 from app.surfels.ray_bundle import RayBundle, trace_cosine_rays
 
 CANDIDATES = 8             # hits of random walks for each surfel
-MAX_LIGHT_SAMPLES = 8      # of a surfel, whose mean is its direct light
+MAX_LIGHT_SAMPLES = 16     # of a surfel, whose mean is its direct light;
+MAX_END_SAMPLES = 12       # of these are ends of other surfels' rays, the others candidates
+MIN_SAMPLED_RADII = 2.0    # length of these rays, in radii of the surfel where they start
 NORMAL_SPACING = 4.0       # surfel spacings that a unit of difference between normals counts as in the choice
 RADIUS_NEIGHBOUR = 8       # a surfel's radius is the distance to this neighbour
 COVERAGE_RAYS = 64         # rays from an eye; it is covered when few of them
@@ -131,18 +133,24 @@ class WorldSurfels:
         self.position, self.normal = self._pad(position), self._pad(normal)
 
     def _assign_light_samples(self, candidates: Hits, chosen: Ints) -> None:
-        """Give each candidate to the nearest surfel, at most ``MAX_LIGHT_SAMPLES`` to one.
+        """Give each surfel ends of rays that meet it, at most ``MAX_END_SAMPLES``, and candidates around it.
 
-        Light proxies get none: rounding errors would decide which of their sides the light is on.
+        Ends of long rays are where light leaves for other surfels, so a lit strip beside a gap has samples; those of
+        short ones would crowd in narrow places. Light proxies get none: rounding errors would decide which of their
+        sides the light is on.
         """
+        ends, start = self._rays.static, np.repeat(np.arange(self.used), self.rays)
+        is_long = ends.distance > MIN_SAMPLED_RADII * self.radius[start]
+        met = np.where(is_long & ~ends.is_light_proxy, self._static_index, -1)
+        far = _select_of_each(met, np.full(self.used, MAX_END_SAMPLES))
         surfel = self._nearest(candidates)
         surfel[chosen] = np.arange(self.used)
-        order = np.argsort(surfel, kind="stable")
-        order = order[(surfel[order] >= 0) & ~candidates.is_light_proxy[order]]
-        rank = np.arange(len(order)) - np.searchsorted(surfel[order], surfel[order])
-        samples = order[rank < MAX_LIGHT_SAMPLES]
-        self.light_sample_surfel = surfel[samples]
-        hits = candidates.select(samples)
+        surfel[candidates.is_light_proxy] = -1
+        near = _select_of_each(surfel, MAX_LIGHT_SAMPLES - np.bincount(met[far], minlength=self.used))
+        owner = np.concatenate([met[far], surfel[near]])
+        order = np.argsort(owner, kind="stable")
+        self.light_sample_surfel = owner[order]
+        hits = concatenate([ends.select(far), candidates.select(near)]).select(order)
         self._light_samples = AttachedPoints(self._caster, hits.position, hits.normal, hits.anchors)
         self.light_sample_position, self.light_sample_normal = self._light_samples.current()
 
@@ -207,6 +215,17 @@ class WorldSurfels:
         padded = np.full((self.count, *rows.shape[1:]), fill, np.float32)
         padded[:len(rows)] = rows
         return padded
+
+
+def _select_of_each(owner: Ints, most: Ints) -> Ints:
+    """Indices of rows, spread evenly over those of each owner, at most ``most`` of its own; none where it is -1."""
+    order = np.argsort(owner, kind="stable")
+    order = order[owner[order] >= 0]
+    owner = owner[order]
+    number = np.bincount(owner, minlength=len(most))
+    rank = np.arange(len(order)) - (np.cumsum(number) - number)[owner]
+    number, most = number[owner], most[owner]
+    return np.asarray(order[rank * most // number > (rank - 1) * most // number])
 
 
 def _estimate_spacing(positions: F32, count: int, extent: float) -> float:

@@ -16,7 +16,7 @@ from app.surfels.neighbours import nearest
 from app.surfels.random_walks import sample_cosine_hemisphere, trace_walks
 from app.surfels.ray_bundle import trace_cosine_rays
 from app.surfels.tracked import TrackedSurfels
-from app.surfels.world import MAX_LIGHT_SAMPLES, WorldSurfels
+from app.surfels.world import MAX_END_SAMPLES, MAX_LIGHT_SAMPLES, MIN_SAMPLED_RADII, WorldSurfels
 from tests.deforming import bent, deforming_scene, material_points
 from tests.gl.closed_forms import polygon_irradiance
 from tests.gl.scenes import GREY, Part, Point, box, floor, make_scene, moved, quad, slide
@@ -207,6 +207,20 @@ def test_rays_name_a_surfel_of_the_body_that_they_meet() -> None:
     assert (number[met] >= 0).all() and (number < world.used).all()
     assert (body[number[on_ball]] == 1).all()
     assert (body[number[met & ~on_ball]] == STATIC).all()
+
+
+def test_light_samples_are_ends_of_long_rays_and_candidates() -> None:
+    world = made(crossing(), 200)
+    ends = world._rays.static
+    start = np.repeat(np.arange(world.used), world.rays)
+    number = np.zeros((2, world.count), int)
+    for surfel, at in zip(world.light_sample_surfel, world.light_sample_position, strict=True):
+        ray = np.flatnonzero((ends.position == at).all(axis=1))
+        number[int(len(ray) > 0), surfel] += 1
+        assert (ends.distance[ray] > MIN_SAMPLED_RADII * world.radius[start[ray]]).all()
+        assert (world._static_index[ray] == surfel).all()
+    assert number[1].max() == MAX_END_SAMPLES and number[1].mean() > 3
+    assert (number[0] > 0).mean() > 0.9
 
 
 def test_every_surfel_has_light_samples_nearby_on_its_body() -> None:
