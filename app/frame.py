@@ -51,6 +51,7 @@ from app.settings import TONE_MAPS, Settings
 from app.surfels.tracked import TrackedSurfels
 
 if TYPE_CHECKING:
+    from app.exchange.selection import Exchanges
     from app.network.bounces import RepeatedNetwork
     from app.network.contract import ModelContract
     from app.network.session import Network
@@ -136,6 +137,8 @@ class FrameInputs:
         Gives the caster of ``scene``; only passes that run call it.
     surfels : TrackedSurfels
         Those that the network reads, or others that reflections show; placed by the first pass that runs.
+    exchanges : Exchanges
+        Through which networks run.
     """
 
     scene: Scene
@@ -144,6 +147,7 @@ class FrameInputs:
     caster: Callable[[], Caster]
     models: Models
     surfels: TrackedSurfels
+    exchanges: Exchanges
 
     @property
     def has_specular(self) -> bool:
@@ -321,7 +325,7 @@ def _environment_network(inputs: FrameInputs, environment: Environment, model: N
     yield pack_screen.declare("environment_pack_screen", contract, inputs.settings.render_size,
                               inputs.scene.longest_edge)
     targets = {name: low[kind] for name, kind in ((DIFFUSE, "diffuse"), (SPECULAR, "specular")) if kind in low}
-    yield network.declare("environment_network", model, tensors, grid, targets)
+    yield network.declare("environment_network", model, inputs.exchanges, tensors, grid, targets)
 
 
 def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:
@@ -398,7 +402,7 @@ def _network(inputs: FrameInputs, model: Network | RepeatedNetwork, grid: Size, 
     targets = {INDIRECT: target}
     if contract.lights_surfels:
         targets[SURFEL_INDIRECT] = "surfel_indirect"
-    yield network.declare("network", model, tensors, grid, targets)
+    yield network.declare("network", model, inputs.exchanges, tensors, grid, targets)
 
 
 def _gathered_light(inputs: FrameInputs, source: Network, grid: Size) -> Iterator[Step]:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from app.exchange.selection import Exchanges, OpenExchange, open_exchange
 from app.frame import RADIANCE, REFLECTION_SURFELS, FrameInputs, build_frame
 from app.gl.context import Device
 from app.gl.frame_state import REFRESH_FRAMES, CameraBlock, Execute, FrameState
@@ -70,13 +71,16 @@ class Renderer:
         What makes the indirect light: a network's file, or the classical screen-space method; and what shades
         surfaces by the scene's environment: a network's file, or ``unshadowed_environment``. None draws only the
         scene's lights.
+    open_exchange : callable
+        Chooses how a network's tensors get to onnxruntime and back.
 
     Attributes
     ----------
     missing : tuple of str
         Outputs that are zeros, since the scene can't have them.
     device : dict of str to str
-        ``gl_renderer``, ``gl_version`` and the execution ``provider`` that really run.
+        ``gl_renderer``, ``gl_version`` and the execution ``provider`` that really run, and the ``exchange``, the way
+        of tensors between these: ``cuda``, ``mapped``, ``copy`` or ``none``.
     after_pass : list of callable
         Called after each pass with the pass and the pool of resources, in which they may read and write.
 
@@ -86,19 +90,23 @@ class Renderer:
         When the scene, the settings, the network and the device don't fit together.
     """
 
-    def __init__(self, scene: Scene, settings: Settings, model: Model | Sequence[Model] | None = None) -> None:
+    def __init__(self, scene: Scene, settings: Settings, model: Model | Sequence[Model] | None = None,
+                 open_exchange: OpenExchange = open_exchange) -> None:
         self.scene, self.settings = scene, settings
         chosen = () if model is None else (model,) if isinstance(model, str | Path) else model
         self._ocio_view = None if settings.tonemap in TONE_MAPS else find_view(settings.tonemap)
         self._models = load_models(chosen, settings, scene.environment is not None)
+        self._exchanges = Exchanges(open_exchange)
         self._gl = Device(settings.strict_device)
         try:
             self._set_up()
         except BaseException:
+            with self._gl.ctx:
+                self._exchanges.release()
             self._gl.close()
             raise
         self.device = {"gl_renderer": self._gl.renderer, "gl_version": self._gl.version,
-                       "provider": self._models.provider}
+                       "provider": self._models.provider, "exchange": self._exchanges.names}
 
     def _set_up(self) -> None:
         settings = self.settings
@@ -111,7 +119,8 @@ class Renderer:
         self._lights = LightSet(self._gl, scene, self._traced)
         self._camera = CameraBlock(self._gl)
         surfels = TrackedSurfels(scene, self._get_caster, *(self._models.surfels_read or REFLECTION_SURFELS))
-        self._inputs = FrameInputs(scene, settings, self._lights, self._get_caster, self._models, surfels)
+        self._inputs = FrameInputs(scene, settings, self._lights, self._get_caster, self._models, surfels,
+                                   self._exchanges)
         self._pipeline = _Pipeline(self._gl, self._inputs)
         self._pipelines = {settings.render_scale: self._pipeline}
         self.missing = tuple(o for o, source in self._pipeline.sources.items() if source is None)
@@ -294,6 +303,7 @@ class Renderer:
         with self._gl.ctx:
             for pipeline in self._pipelines.values():
                 pipeline.pool.release()
+            self._exchanges.release()
             self._geometry.release()
             self._lights.release()
             self._camera.buffer.release()

@@ -21,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # app, which need 
 
 import numpy as np
 
+from app.exchange.copy import CopyExchange
 from app.load import load_scene, orbit
 from app.math3d import View, translation
 from app.network.selection import find_models
@@ -76,7 +77,7 @@ def measure_frame(scene: Scene, model: str) -> list[float]:
         return outputs
 
     Network.run = timed_run  # type: ignore[assignment, method-assign]
-    with Renderer(scene, Settings(size=SIZE, provider="cpu"), find_models(model)) as renderer:
+    with Renderer(scene, Settings(size=SIZE, provider="cpu"), find_models(model), CopyExchange) as renderer:
         for camera in cameras[:WARM_UP]:
             renderer.advance(camera)
         times = []

@@ -19,6 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # app and export, 
 from gpu_sections.agreement import goldens, pictures, run_tests
 from gpu_sections.common import Json, Options
 from gpu_sections.device import machine, transfers
+from gpu_sections.exchanges import exchanges
 from gpu_sections.frames import frames
 from gpu_sections.interop import interop
 from gpu_sections.networks import network, onnxruntime_cuda
@@ -28,7 +29,8 @@ Section = Callable[[Options], Json]
 
 SECTIONS: dict[str, Section] = {
     "machine": machine, "transfers": transfers, "shaders": shaders, "frames": frames, "network": network,
-    "interop": interop, "onnxruntime_cuda": onnxruntime_cuda, "pictures": pictures, "goldens": goldens}
+    "interop": interop, "exchanges": exchanges, "onnxruntime_cuda": onnxruntime_cuda,
+    "pictures": pictures, "goldens": goldens}
 MAX_PRINTED = 1500  # characters of a section's result
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from importlib import import_module, metadata, util
 
 from app.errors import DeviceError
+from app.network.cuda_runtime import CUDA_REMEDY, find_cuda
 
 # Import name of each optional package and the extra that installs it.
 EXTRAS = {
@@ -13,6 +14,7 @@ EXTRAS = {
     "matplotlib": "evaluation", "psutil": "evaluation", "pyoidn": "evaluation", "skimage": "evaluation",
     "distributed": "cluster", "torch": "export", "mitsuba": "export",
 }
+NVIDIA = f"for NVIDIA GPUs: {CUDA_REMEDY}"
 SOFTWARE_RENDERER = "not a GPU; for one install the EGL library of its driver, and be allowed to open the device"
 
 
@@ -42,6 +44,7 @@ def look_around() -> Iterator[Finding]:
     """One finding for each part of the installation."""
     yield _opengl()
     yield _providers()
+    yield _cuda()
     yield _caster()
     yield from _extras()
 
@@ -61,11 +64,17 @@ def _providers() -> Finding:
     try:
         import onnxruntime
 
-        from app.network.providers import CUDA, CUDA_REMEDY, list_providers
+        from app.network.providers import CUDA, list_providers
     except ImportError as error:
         return Finding("infers", f"nothing: {_first_line(error)}", "pip install onnxruntime", is_error=True)
     text = f"onnxruntime {onnxruntime.__version__} on {', '.join(list_providers())}"
-    return Finding("infers", text, "" if CUDA in list_providers() else f"for NVIDIA GPUs: {CUDA_REMEDY}")
+    return Finding("infers", text, "" if CUDA in list_providers() else NVIDIA)
+
+
+def _cuda() -> Finding:
+    if find_cuda() is None:
+        return Finding("exchanges", "without CUDA: its runtime library (libcudart) or a GPU for it is missing", NVIDIA)
+    return Finding("exchanges", "tensors on the GPU, with CUDA's runtime library")
 
 
 def _caster() -> Finding:

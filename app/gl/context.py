@@ -14,6 +14,8 @@ from app.errors import DeviceError
 from app.gl.shader import Program, compile_program
 
 GL_LOWER_LEFT, GL_ZERO_TO_ONE = 0x8CA1, 0x935F
+GL_MAP_READ_BIT, GL_MAP_WRITE_BIT, GL_MAP_PERSISTENT_BIT, GL_MAP_COHERENT_BIT = 0x1, 0x2, 0x40, 0x80
+MAPPED = GL_MAP_READ_BIT | GL_MAP_WRITE_BIT | GL_MAP_PERSISTENT_BIT | GL_MAP_COHERENT_BIT
 GL_COLOR_BUFFER_BIT, GL_NEAREST = 0x4000, 0x2600
 GL_TEXTURE_2D, GL_DEPTH_COMPONENT32F, GL_DEPTH_COMPONENT, GL_FLOAT = 0x0DE1, 0x8CAC, 0x1902, 0x1406
 REQUIRED = 450  # clip control, fine derivatives
@@ -116,6 +118,20 @@ class Device:
         self._functions.call("glBlitNamedFramebuffer", source.glo, target.glo, 0, 0, *source.size, 0, 0, *target.size,
                              GL_COLOR_BUFFER_BIT, GL_NEAREST)
 
+    def map_buffer(self, size: int) -> tuple[moderngl.Buffer, int]:
+        """A buffer of ``size`` bytes that stays mapped for reading and writing, and the address of its memory.
+
+        The CPU sees what passes have written when they are finished; what the CPU writes, later passes see.
+        """
+        buffer = self.ctx.buffer(reserve=size)
+        length = ctypes.c_ssize_t(size)
+        self._functions.call("glNamedBufferStorage", buffer.glo, length, None, MAPPED)
+        address = self._functions.call("glMapNamedBufferRange", buffer.glo, ctypes.c_ssize_t(0), length, MAPPED,
+                                       result=ctypes.c_void_p)
+        if address is None:
+            raise DeviceError(f"can't map a buffer of {size} bytes", self.renderer, "expected OpenGL 4.5")
+        return buffer, address
+
     def collect(self) -> None:
         """Release GL objects that nobody refers to any more."""
         gc.collect()  # passes are closures, which may refer to themselves
@@ -141,9 +157,10 @@ class _EglFunctions:
         self._address = library.eglGetProcAddress
         self._address.restype, self._address.argtypes = ctypes.c_void_p, [ctypes.c_char_p]
 
-    def call(self, name: str, *args: int | None) -> None:
+    def call(self, name: str, *args: int | ctypes.c_ssize_t | None, result: Any = None) -> Any:
+        """Call ``name`` with integers, or pointers that are None; returns a ``result`` of that ctypes type."""
         address = self._address(name.encode())
         if not address:
             raise DeviceError(f"no {name}", "EGL", "expected OpenGL 4.5")
-        types = [ctypes.c_void_p if a is None else ctypes.c_int for a in args]
-        ctypes.CFUNCTYPE(None, *types)(address)(*args)
+        types = [ctypes.c_void_p if a is None else ctypes.c_int if isinstance(a, int) else type(a) for a in args]
+        return ctypes.CFUNCTYPE(result, *types)(address)(*args)

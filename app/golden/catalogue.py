@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
+from app.exchange.mapped import MappedExchange
 from app.golden import scenes
 from app.golden.case import Case
 from app.golden.copy_case import CopyCase
@@ -88,9 +89,12 @@ def catalogue() -> dict[str, Case]:
         replace(_settled("gathered", scenes.room(), find_model("final-gather")), size=(96, 72),
                 stages=("gather_history",)),
     ]
+    # Tensors as they are shared with onnxruntime on a GPU; their network has a case of its own already.
+    mapped = replace(_single("mapped", scenes.room(), radiosity), size=(96, 72), stages=("network",),
+                     open_exchange=MappedExchange)
     used = {case.model for case in cases}
     others = [NetworkCase(_alone(name, file), file) for name, file in bundled_models().items() if file not in used]
-    every = (*with_networks(cases), *others, CopyCase())
+    every = (*with_networks(cases), mapped, *others, CopyCase())
     by_name = {case.name: case for case in every}
     assert len(by_name) == len(every), "two cases have the same name"
     return by_name

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from app.arrays import F32
+from app.exchange.selection import OpenExchange, open_exchange
 from app.golden.case import Picture, gl_origin
 from app.golden.scenes import FRAME_SECONDS
 from app.graph import Buf
@@ -48,6 +49,8 @@ class SceneCase:
         What the passes run for.
     tonemap, auto_exposure, render_scale
         As in ``Settings``.
+    open_exchange : callable
+        As for ``Renderer``.
     """
 
     name: str
@@ -64,6 +67,7 @@ class SceneCase:
     tonemap: str = TONE_MAPS[0]
     auto_exposure: bool = False
     render_scale: float = 1.0
+    open_exchange: OpenExchange = open_exchange
 
     def origin(self) -> str:
         """GL renderer and version."""
@@ -74,7 +78,7 @@ class SceneCase:
         settings = Settings(size=self.size, outputs=self.outputs, taa=self.taa, reflections=self.reflections,
                             tonemap=self.tonemap, auto_exposure=self.auto_exposure, provider="cpu", seed=self.seed,
                             render_scale=self.render_scale)
-        return Renderer(self.scene, settings, self.model)
+        return Renderer(self.scene, settings, self.model, self.open_exchange)
 
     def draw(self, saved: Path) -> list[Picture]:
         """Every resource of the stages, large ones subsampled; ``saved`` is not used."""

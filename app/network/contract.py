@@ -177,6 +177,11 @@ class ModelContract:
         width, height = (max(1, math.ceil(n * scale)) for n in output)
         return width, height
 
+    def padded_shapes(self, specs: Mapping[str, TensorSpec], screen: tuple[int, int]) -> dict[str, tuple[int, ...]]:
+        """The shapes of the graph's tensors: with the batch, and with a ``screen`` grid that is padded to multiples."""
+        width, height = (-(-n // self.multiple_of) * self.multiple_of for n in screen)
+        return {tensor: (1, *spec.shape((width, height))) for tensor, spec in specs.items()}
+
     def with_scale(self, scale: float | None) -> ModelContract:
         """The contract with another scale, or itself for None."""
         return self if scale is None else replace(self, scale=scale)

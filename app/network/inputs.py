@@ -81,15 +81,20 @@ def clamp(values: F32, background: F32, low: F32, high: F32, out: F32 | None = N
     return out
 
 
+def surface_guides(contract: ModelContract) -> dict[str, tuple[str, str]]:
+    """For each grid a tensor and a channel of it that are 0 where no surface is visible, if there are any."""
+    guides: dict[str, tuple[str, str]] = {}
+    for tensor, spec in contract.inputs.items():
+        for name in _SURFACE_GUIDES:
+            if name in spec.channels:
+                guides.setdefault(spec.grid, (tensor, name))
+    return guides
+
+
 def _surface_masks(contract: ModelContract, tensors: Mapping[str, F32]) -> dict[str, Bools]:
     """For each grid where a surface is visible, if some tensor shows it."""
-    masks: dict[str, Bools] = {}
-    for t, spec in contract.inputs.items():
-        rows = dict(spec.rows())
-        guide = next((tensors[t][rows[name]] for name in _SURFACE_GUIDES if name in rows), None)
-        if guide is not None:
-            masks.setdefault(spec.grid, (guide != 0).any(axis=0))
-    return masks
+    return {grid: (tensors[tensor][dict(contract.inputs[tensor].rows())[name]] != 0).any(axis=0)
+            for grid, (tensor, name) in surface_guides(contract).items()}
 
 
 def _robust_mean(radiance: list[F32], unclamped_sum: float, texels: int) -> float:

@@ -6,13 +6,12 @@ from pathlib import Path
 import onnxruntime as ort
 
 from app.errors import ModelError, SettingsError, did_you_mean
+from app.network.cuda_runtime import CUDA_REMEDY, find_cuda
 
 AUTO, CUDA = "auto", "cuda"
-CUDA_REMEDY = "pip uninstall onnxruntime; pip install 'onnxruntime-gpu[cuda,cudnn]'"  # both fill the same folder
 MAX_REASON_LENGTH = 200
+LOG_NOTHING = 4  # onnxruntime's severities
 _REMOTE = ("AzureExecutionProvider",)  # sends data to a server: never a choice here
-# Products of matrices with 10 bits of mantissa (TF32) would err by 2 % of the light on the mean, 30 % at worst.
-_OPTIONS = {"CUDAExecutionProvider": {"use_tf32": "0"}}
 
 
 def list_providers() -> list[str]:
@@ -48,7 +47,7 @@ def open_session(path: Path, provider: str) -> ort.InferenceSession:
     check_provider(provider)
     known = list_providers()
     chosen = provider if provider != AUTO else CUDA if CUDA in known else "cpu"
-    wanted = [(name, _OPTIONS.get(name, {})) for name in ort.get_available_providers()
+    wanted = [(name, _cuda_options() if short_name(name) == CUDA else {}) for name in ort.get_available_providers()
               if short_name(name) in (chosen, "cpu")]
     options = ort.SessionOptions()
     options.graph_optimization_level = ort.GraphOptimizationLevel.ORT_ENABLE_ALL
@@ -56,13 +55,22 @@ def open_session(path: Path, provider: str) -> ort.InferenceSession:
     # Threads that spin between frames would slow down the passes that follow.
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.use_deterministic_compute = True
-    options.log_severity_level = 4
+    options.log_severity_level = LOG_NOTHING
     try:
         # The CPU has no fallback; onnxruntime would try again, and log it on the terminal.
         return ort.InferenceSession(str(path), options, providers=wanted, enable_fallback=chosen != "cpu")
     except Exception as error:  # onnxruntime's own exceptions share no public base class
         raise ModelError(f"onnxruntime can't load the network ({one_line(error)})", path,
                          "expected an ONNX graph that this onnxruntime supports") from None
+
+
+def _cuda_options() -> dict[str, str]:
+    """Options of the CUDA provider: a stream that OpenGL's buffers are mapped on, and products in single precision.
+
+    Products of matrices with 10 bits of mantissa (TF32) would err by 2 % of the light on the mean, 30 % at worst.
+    """
+    runtime = find_cuda()
+    return {"use_tf32": "0", **({} if runtime is None else {"user_compute_stream": str(runtime.stream)})}
 
 
 def short_name(provider: str) -> str:

@@ -1,6 +1,6 @@
 """A network in onnxruntime: one call per frame, between inputs that are prepared and outputs that are checked."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +11,9 @@ from app.errors import DeviceError, ModelError
 from app.network.channels import CHANNELS, SCREEN
 from app.network.contract import TensorSpec
 from app.network.contract_json import read_contract
+from app.network.cuda_runtime import find_cuda
 from app.network.inputs import channel_bounds, clamp, prepare_inputs
-from app.network.providers import AUTO, one_line, open_session, short_name
+from app.network.providers import AUTO, CUDA, LOG_NOTHING, one_line, open_session, short_name
 from app.network.static_cache import StaticCache, is_cache_tensor
 
 _ORT_TYPES = {"float32": "tensor(float)", "float16": "tensor(float16)"}
@@ -39,6 +40,8 @@ class Network:
     contract : ModelContract
     provider : str
         Short name of the execution provider in use, such as ``cpu``.
+    cuda : CudaRuntime or None
+        CUDA's runtime, if onnxruntime computes on its stream.
 
     Raises
     ------
@@ -56,6 +59,7 @@ class Network:
         self.contract = read_contract(path).with_scale(scale)
         self._session = open_session(self.path, provider)
         self.provider = short_name(self._session.get_providers()[0])
+        self.cuda = find_cuda() if self.provider == CUDA else None
         if strict and provider not in (AUTO, self.provider):
             raise DeviceError(f"the network runs on {self.provider!r}", "strict_device", f"expected {provider!r}")
         self._check_graph("input", self.contract.inputs, self._session.get_inputs())
@@ -78,11 +82,10 @@ class Network:
 
     def _allocate(self, size: tuple[int, ...]) -> None:
         """Buffers for a screen grid of the given height and width."""
-        m = self.contract.multiple_of
-        self._size = size
-        self._padded = tuple(-(-n // m) * m for n in size)
-        self._buffers = {t: np.zeros((1, s.components, *s.extent(self._padded)), np.float32)
-                         for t, s in self.contract.inputs.items()}
+        self._size, contract = size, self.contract
+        self._buffers = {t: np.zeros(shape, np.float32)
+                         for t, shape in contract.padded_shapes(contract.inputs, (size[1], size[0])).items()}
+        self._output_shapes = contract.padded_shapes(contract.outputs, (size[1], size[0]))
         self._unchanged: dict[str, F32] = {}  # read-only tensors whose results are in the buffers
 
     def run(self, tensors: Mapping[str, F32]) -> dict[str, F32]:
@@ -122,10 +125,9 @@ class Network:
         results = self._infer()
         out: dict[str, F32] = {}
         for (t, spec), result in zip(self.contract.outputs.items(), results, strict=True):
-            expected = (1, spec.components, *spec.extent(self._padded))
-            if result.shape != expected:
+            if result.shape != self._output_shapes[t]:
                 raise ModelError(f"output {t!r} has the shape {list(result.shape)}", self.path,
-                                 f"expected {list(expected)}")
+                                 f"expected {list(self._output_shapes[t])}")
             result = result[0, :, :h, :w] if spec.grid == SCREEN else result[0]
             result = clamp(result.astype(np.float32), *self._output_bounds[t])
             for name, rows in spec.rows():
@@ -142,11 +144,48 @@ class Network:
         try:
             results = self._session.run(names, {**inputs, **cached})
         except Exception as error:  # onnxruntime's own exceptions share no public base class
-            raise ModelError(f"the network failed ({one_line(error)})", self.path,
-                             f"expected it to run on a grid of {self._size[1]}x{self._size[0]}") from None
+            raise self._failure(error, (self._size[1], self._size[0])) from None
         count = len(self.contract.outputs)
         self._cache.update(inputs, results[count:])
         return results[:count]
+
+    @property
+    def is_bindable(self) -> bool:
+        """Whether onnxruntime alone makes the outputs from prepared inputs, without a conversion or a cache."""
+        return self.contract.dtype == "float32" and self.contract.static_input is None
+
+    def bind(self, addresses: Mapping[str, int], size: tuple[int, int], device: str = "cpu") -> Callable[[], None]:
+        """A function that infers from prepared inputs in memory to outputs in memory.
+
+        Parameters
+        ----------
+        addresses : mapping of str to int
+            Of all tensors of the graph on ``device``: float32, with the batch and the padded grid.
+        size : tuple of int
+            Width and height of the screen grid.
+        device : str
+            onnxruntime's name of it; on ``cuda`` the function returns before the outputs are there.
+        """
+        binding = self._session.io_binding()
+        for specs, bind in ((self.contract.inputs, binding.bind_input), (self.contract.outputs, binding.bind_output)):
+            for tensor, shape in self.contract.padded_shapes(specs, size).items():
+                bind(tensor, device, 0, np.float32, shape, addresses[tensor])
+        options = ort.RunOptions()
+        options.log_severity_level = LOG_NOTHING
+        if device == CUDA:  # what follows is on the same stream
+            options.add_run_config_entry("disable_synchronize_execution_providers", "1")
+
+        def infer() -> None:
+            try:
+                self._session.run_with_iobinding(binding, options)
+            except Exception as error:  # onnxruntime's own exceptions share no public base class
+                raise self._failure(error, size) from None
+
+        return infer
+
+    def _failure(self, error: Exception, size: tuple[int, int]) -> ModelError:
+        return ModelError(f"the network failed ({one_line(error)})", self.path,
+                          f"expected it to run on a grid of {size[0]}x{size[1]}")
 
     def _check_graph(self, kind: str, specs: Mapping[str, TensorSpec], nodes: list[ort.NodeArg]) -> None:
         """Compare the contract's tensors with those of the graph, besides the cache's."""

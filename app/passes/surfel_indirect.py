@@ -1,5 +1,9 @@
 """Indirect light at world surfels, by the network that lets them light each other."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from app.gl.context import Device
@@ -7,7 +11,9 @@ from app.gl.frame_state import Execute, FrameState
 from app.gl.pool import Resources
 from app.graph import BoundPass, Buf, Pass
 from app.network.channels import SCREEN, SURFEL_INDIRECT
-from app.network.session import Network
+
+if TYPE_CHECKING:
+    from app.network.session import Network
 
 
 def declare(network: Network, tensors: dict[str, str]) -> Pass:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from app.arrays import F32
+from app.exchange.copy import CopyExchange
 from app.load import embedded_scene
 from app.network.selection import find_model
 from app.network.session import Network
@@ -79,7 +80,7 @@ def format_size(size: tuple[int, int]) -> str:
 def ember_renderer(size: tuple[int, int]) -> Renderer:
     """A renderer of the embedded scene with ember, world-surfel radiosity, which has drawn one frame."""
     scene = embedded_scene()
-    renderer = Renderer(scene, Settings(size=size, provider="cpu"), [find_model("ember")])
+    renderer = Renderer(scene, Settings(size=size, provider="cpu"), [find_model("ember")], CopyExchange)
     renderer.advance(scene.cameras[scene.default_camera].at(0.0), 0.0)
     return renderer
 

@@ -21,8 +21,8 @@ def test_no_section_fails(tmp_path: Path) -> None:
                           capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     results = json.loads((tmp_path / "gpu.json").read_text("utf-8"))
-    assert list(results) == ["machine", "transfers", "shaders", "frames", "network", "interop", "onnxruntime_cuda",
-                             "pictures", "goldens"]
+    assert list(results) == ["machine", "transfers", "shaders", "frames", "network", "interop", "exchanges",
+                             "onnxruntime_cuda", "pictures", "goldens"]
     assert not {name: result["failed"] for name, result in results.items() if "failed" in result}
     if not torch.cuda.is_available():
         assert results["interop"] == {"skipped": "torch finds no CUDA device"}

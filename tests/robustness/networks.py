@@ -15,7 +15,8 @@ from tests.tiny_network import TINY
 Node = tuple[str, list[str], str]  # operator, inputs, output
 
 
-def write_network(path: Path, *nodes: Node, dtype: str = "float32", **constants: float) -> Path:
+def write_network(path: Path, *nodes: Node, dtype: str = "float32", exposure: str = "mean-radiance",
+                  **constants: float) -> Path:
     """A network that turns ``light`` [1, 3, h, w], the direct light, into ``y`` of the same shape.
 
     Parameters
@@ -36,7 +37,7 @@ def write_network(path: Path, *nodes: Node, dtype: str = "float32", **constants:
          *(helper.make_node(operator, names, [output]) for operator, names, output in nodes)],
         "odd", inputs, outputs, initializers)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    helper.set_model_props(model, {KEY: contract_to_json(replace(TINY, dtype=dtype))})
+    helper.set_model_props(model, {KEY: contract_to_json(replace(TINY, dtype=dtype, exposure=exposure))})
     onnx.save(model, path)
     return path
 

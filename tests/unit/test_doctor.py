@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from app.doctor import self_test
+from app.network.cuda_runtime import find_cuda
 from app.renderer import Renderer
 
 ROOT = Path(__file__).parents[2]
@@ -58,6 +59,10 @@ def test_all_is_well_here(tmp_path: Path) -> None:
     report = json.loads(file.read_text())
     assert len(report["checks"]) == 3 and all(check["passed"] for check in report["checks"])
     assert sum(line.startswith("passed: ") for line in lines) == 3
+    (line,) = [line for line in lines if line.startswith("exchanges: ")]
+    assert ("libcudart" in line and "onnxruntime-gpu" in line) == (find_cuda() is None)
+    exchange = report["frames"]["device"]["exchange"]
+    assert exchange in ("copy", "mapped", "cuda") and any(line.endswith(f"onnxruntime: {exchange}") for line in lines)
     assert {"gbuffer", "direct", "network", "copy"} <= set(report["frames"]["passes"])
 
 

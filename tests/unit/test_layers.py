@@ -20,7 +20,7 @@ APP_LAYERS = (
     {"io", "gl"},
     {"network", "load"},
     {"raycast"},
-    {"surfels"},
+    {"surfels", "exchange"},
     {"passes"},
     {"frame"},
     {"renderer"},

@@ -1,11 +1,13 @@
 """Which execution providers sessions get, and with which options."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import onnxruntime as ort
 import pytest
 
+from app.network import cuda_runtime, providers
 from app.network.providers import open_session
 
 
@@ -18,3 +20,36 @@ def test_cuda_multiplies_in_full_precision(provider: str, expected: list[str], m
     open_session(Path("network.onnx"), provider)
     assert [name for name, _ in asked] == expected
     assert all(options.get("use_tf32") == "0" for name, options in asked if name.startswith("CUDA"))
+
+
+@pytest.mark.parametrize("stream", [0x4711, None])
+def test_onnxruntime_computes_on_the_stream_that_buffers_are_mapped_on(stream: int | None,
+                                                                      monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+    monkeypatch.setattr(ort, "get_available_providers", lambda: ["CUDAExecutionProvider", "CPUExecutionProvider"])
+    monkeypatch.setattr(ort, "InferenceSession", lambda *_, providers, **__: asked.extend(providers))
+    monkeypatch.setattr(providers, "find_cuda", lambda: None if stream is None else SimpleNamespace(stream=stream))
+    open_session(Path("network.onnx"), "cuda")
+    assert [options.get("user_compute_stream") for _, options in asked] == [None if stream is None else "18193", None]
+
+
+def test_without_a_library_there_is_no_cuda(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(name: str) -> None:
+        raise OSError(name)
+
+    monkeypatch.setattr(cuda_runtime.ctypes, "CDLL", missing)
+    assert cuda_runtime.find_cuda.__wrapped__() is None
+
+
+def test_without_a_gpu_there_is_no_cuda(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The library is there, but its first call fails."""
+    class Function:
+        def __call__(self, *arguments: object) -> int:
+            return 100  # cudaErrorNoDevice
+
+    class Library:
+        def __getattr__(self, name: str) -> Function:
+            return Function()
+
+    monkeypatch.setattr(cuda_runtime.ctypes, "CDLL", lambda name: Library())
+    assert cuda_runtime.find_cuda.__wrapped__() is None

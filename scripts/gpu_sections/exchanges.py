@@ -1,0 +1,40 @@
+"""Ways of the tensors between OpenGL and onnxruntime: the light that they give, and the time of frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from app.arrays import F32
+from app.exchange.copy import CopyExchange
+from app.exchange.mapped import MappedExchange
+from app.exchange.selection import OpenExchange, open_exchange
+from app.load import embedded_scene, orbit
+from app.network.selection import find_model
+from app.renderer import Renderer
+from app.settings import Settings
+from gpu_sections.common import REPEATS, WARM_UP, Json, Options, format_size, max_error, measure_ms
+
+EXCHANGES: Mapping[str, OpenExchange] = {"copy": CopyExchange, "mapped": MappedExchange, "chosen": open_exchange}
+
+
+def exchanges(options: Options) -> Json:
+    """Frames of the embedded scene with ember by each exchange, and by the one that is chosen here."""
+    rows: Json = {}
+    for size in options.sizes:
+        light: dict[str, F32] = {}
+        for label, exchange in EXCHANGES.items():
+            row, light[label] = _measure(size, exchange, options)
+            rows[f"{format_size(size)} {label}"] = {**row, "max_difference": max_error(light[label], light["copy"])}
+    return rows
+
+
+def _measure(size: tuple[int, int], exchange: OpenExchange, options: Options) -> tuple[Json, F32]:
+    scene = embedded_scene()
+    cameras = iter(orbit(scene, scene.cameras[scene.default_camera].at(0.0), 2 * (WARM_UP + REPEATS)))
+    with Renderer(scene, Settings(size=size), [find_model("ember")], exchange) as renderer:
+        renderer.advance(next(cameras))
+        light = renderer.resource("indirect_now").astype(np.float32)
+        times = measure_ms(lambda: renderer.advance(next(cameras)), options)
+        return {"device": renderer.device, "frame_ms": times}, light
