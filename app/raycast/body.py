@@ -56,6 +56,8 @@ class Body:
     ----------
     part : ndarray of int, shape (T,)
         Which of ``placed`` each triangle belongs to.
+    has_passable : bool
+        Whether light passes some surface: a masked, see-through or one-sided one.
     """
 
     def __init__(self, scene: Scene, placed: Iterable[tuple[Instance, F64]], textures: PrefilteredTextures,
@@ -96,7 +98,7 @@ class Body:
         blocks = opaque & ~proxy
         self._opaque = self._scene if blocks.all() else _embree_scene(self.positions, self.triangles[blocks])
         self._opaque_proxies = _embree_scene(self.positions, self.triangles[opaque & proxy])
-        self._has_passable = bool((~opaque).any())
+        self.has_passable = bool((~opaque).any())
 
     def cast(self, origins: F32, directions: F32, t_max: F32) -> tuple[F32, Ints, F32, F32]:
         """Find the nearest triangle along each ray.
@@ -135,23 +137,33 @@ class Body:
         face[hit] = np.where(away[:, None], -normal, normal)
         return distance, triangle, uv, face
 
-    def is_occluded(self, origins: F32, vectors: F32, steps: F32, proxies_block: bool) -> Bools:
-        """Whether a surface blocks light from the end of each vector to its origin, shape (N,).
+    def meets_opaque(self, origins: F32, vectors: F32, proxies_block: bool) -> Bools:
+        """Whether a surface that nothing passes lies on each vector, shape (N,).
 
         Parameters
         ----------
         origins, vectors : ndarray, float32, shape (N, 3)
             In the body's space.
-        steps : ndarray, float32, shape (N,)
-            How far rays go on behind what they pass, in lengths of their vectors.
         proxies_block : bool
             Whether light proxies count.
         """
-        occluded = _meets(self._opaque, origins, vectors)
+        met = _meets(self._opaque, origins, vectors)
         if proxies_block and self._opaque_proxies is not None:
-            left = np.flatnonzero(~occluded)
-            occluded[left] = _meets(self._opaque_proxies, origins[left], vectors[left])
-        rows = np.flatnonzero(~occluded) if self._has_passable else np.zeros(0, np.int64)
+            left = np.flatnonzero(~met)
+            met[left] = _meets(self._opaque_proxies, origins[left], vectors[left])
+        return met
+
+    def meets_passable(self, origins: F32, vectors: F32, steps: F32, proxies_block: bool) -> Bools:
+        """Whether one of the other surfaces blocks light from the end of each vector to its origin, shape (N,).
+
+        Parameters
+        ----------
+        origins, vectors, proxies_block
+            As for ``meets_opaque``, which they don't meet.
+        steps : ndarray, float32, shape (N,)
+            How far rays go on behind what they pass, in lengths of their vectors.
+        """
+        occluded, rows = np.zeros(len(origins), np.bool_), np.arange(len(origins))
         passed = np.zeros(len(rows), np.float32)
         for _ in range(MAX_PASSED):
             if not len(rows):

@@ -191,20 +191,23 @@ class Caster:
             Whether the meshes of analytic lights count.
         """
         occluded = np.zeros(len(origins), np.bool_)
-        steps = self.ray_epsilon / np.maximum(np.linalg.norm(vectors, axis=1), np.float32(1e-30))
         for index, (body, matrix) in enumerate(zip(self.bodies, self.matrices, strict=True)):
             inverse = affine_inverse(matrix)
             if inverse is None:
                 continue  # scaled to nothing
             rows = np.flatnonzero(~occluded)
-            if index == STATIC:
-                start, along = origins[rows], vectors[rows]
-            else:
+            start, along = origins, vectors
+            if index != STATIC:
                 rows = rows[_rays_towards(*self.bounding_sphere(index), origins[rows], vectors[rows],
                                           np.ones(len(rows), np.float32))]
                 start = (origins[rows] @ inverse[:3, :3].T + inverse[:3, 3]).astype(np.float32)
                 along = (vectors[rows] @ inverse[:3, :3].T).astype(np.float32)
-            occluded[rows] = body.is_occluded(start, along, steps[rows], proxies_block)
+            blocked = body.meets_opaque(start, along, proxies_block)
+            if body.has_passable:
+                left = np.flatnonzero(~blocked)
+                steps = self.ray_epsilon / np.maximum(np.linalg.norm(vectors[rows[left]], axis=1), np.float32(1e-30))
+                blocked[left] = body.meets_passable(start[left], along[left], steps, proxies_block)
+            occluded[rows] = blocked
         return occluded
 
     def random_points(self, count: int, rng: np.random.Generator) -> F32:

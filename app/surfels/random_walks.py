@@ -33,8 +33,7 @@ def trace_walks(caster: Caster, views: Sequence[View], count: int, rng: np.rando
         if missing <= 0:
             break
         walks = max(missing // (BOUNCES + 1), MIN_WALKS)
-        for view in views:
-            rounds += _trace_round(caster, view, max(walks // len(views), MIN_WALKS_OF_VIEW), rng)
+        rounds += _trace_round(caster, views, max(walks // len(views), MIN_WALKS_OF_VIEW), rng)
     rounds += [_sample_body(caster, body, int(count * min(BODY_SHARE * len(caster.members[body]), 1.0)), rng)
                for body in range(1, len(caster.bodies))]
     return concatenate(rounds)
@@ -68,22 +67,31 @@ def sample_cosine_hemisphere(normal: F32, u: F64) -> F32:
             + np.sqrt(1 - u[..., :1]) * normal[:, None]).astype(np.float32)
 
 
-def _trace_round(caster: Caster, view: View, walks: int, rng: np.random.Generator) -> list[Hits]:
-    """Hits of ``walks`` walks, by bounce."""
-    offsets, through_image = view.rays(2 * rng.random((walks // 2, 2)) - 1)
-    directions = np.concatenate([through_image.astype(np.float32), sample_sphere(rng, walks - len(through_image))])
-    origins = np.tile((view.eye - caster.origin).astype(np.float32), (walks, 1))
-    origins[:len(offsets)] += offsets.astype(np.float32)
-    bounces, alive = [], np.arange(walks)
+def _trace_round(caster: Caster, views: Sequence[View], walks: int, rng: np.random.Generator) -> list[Hits]:
+    """Hits of ``walks`` walks from each view, by bounce."""
+    starts = [_start_walks(view, walks, rng) for view in views]
+    origins = np.concatenate([(view.eye - caster.origin).astype(np.float32) + offsets
+                              for view, (offsets, _) in zip(views, starts, strict=True)])
+    directions = np.concatenate([directions for _, directions in starts])
+    count = len(origins)
+    bounces, alive = [], np.arange(count)
     for _ in range(BOUNCES + 1):
         hits = caster.cast(origins, directions)
         alive = alive[hits.body >= 0]
         bounces.append(hits := hits.select(hits.body >= 0))
         origins = hits.position + hits.normal * caster.ray_epsilon
         # Draw for all walks: otherwise a walk that ends would change the numbers, and so the paths, of the others.
-        u = rng.random((walks, 1, 2))[alive]
+        u = rng.random((count, 1, 2))[alive]
         directions = sample_cosine_hemisphere(hits.normal, u)[:, 0]
     return bounces
+
+
+def _start_walks(view: View, walks: int, rng: np.random.Generator) -> tuple[F32, F32]:
+    """Where walks start, relative to the eye, and their directions, both shape (walks, 3)."""
+    offsets, through_image = view.rays(2 * rng.random((walks // 2, 2)) - 1)
+    elsewhere = sample_sphere(rng, walks - len(through_image))
+    return (np.concatenate([offsets, np.zeros_like(elsewhere)]).astype(np.float32),
+            np.concatenate([through_image, elsewhere]).astype(np.float32))
 
 
 def _sample_body(caster: Caster, body: int, count: int, rng: np.random.Generator) -> Hits:
