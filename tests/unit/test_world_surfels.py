@@ -88,6 +88,16 @@ def test_walks_spread_evenly_over_a_closed_room() -> None:
     np.testing.assert_allclose(share, np.array([12, 16, 12]) / 40, atol=0.05)
 
 
+def test_walks_of_several_views_begin_at_each() -> None:
+    far = 10.0
+    scene = make_scene([ROOM, box((far, 0, 0), (4, 3, 4))])
+    views = [view(), view((INSIDE[0] + far, *INSIDE[1:]), (2 + far, 1, 0))]
+    caster = Caster(scene)
+    hits = trace_walks(caster, views, 4000, np.random.default_rng(0))
+    in_far_room = hits.position[:, 0] + caster.origin[0] > far - 1
+    assert len(hits.body) == 4000 and in_far_room.sum() == 2000
+
+
 def test_every_moving_body_gets_hits_of_its_own() -> None:
     scene = make_scene([floor(3.0), box((50, 50, 50), (0.1, 0.1, 0.1), motion=slide((0.0, 1.0), [(0, 0, 0)] * 2))])
     hits = trace_walks(Caster(scene), [view((0, 2, 2), (0, 0, 0))], 1600, np.random.default_rng(0))
