@@ -126,7 +126,7 @@ class Renderer:
             return self._draw(engine, view, time, settle, after)
 
     def render_batch(self, cameras: Sequence[AnyCamera], time: float = 0.0) -> list[Frame]:
-        """Draw stills of many cameras at one time, much faster than one by one.
+        """Draw stills of many cameras at one time, faster than one by one.
 
         Surfels are chosen once, for all cameras together. The pictures do not depend on the order of the cameras.
 
