@@ -73,12 +73,12 @@ void main()
     float share = clip_share(offset, SETTLED_GAMMA * deviation);
     ivec2 corner = t + outward;
     float own = ycocg(now).x, past = ycocg(history).x, spread = deviation_before(t);
-    bool flashed = has_flashed(own, past, spread) || has_flashed(
-        ycocg(current(corner)).x, ycocg(texelFetch(taa_prev, corner, 0).rgb).x, deviation_before(corner));
+    bool flashed = quad_any(has_flashed(own, past, spread) || has_flashed(
+        ycocg(current(corner)).x, ycocg(texelFetch(taa_prev, corner, 0).rgb).x, deviation_before(corner)));
     bool expected = abs(own - past) <= EXPECTED_GAMMA * spread + SAME_LUMA * own;
-    if (expected && !quad_any(flashed)) share = 1.0;
-    float most = MAX_SPECK * max(past, (9.0 * mean.x - own) / 8.0);
-    if (keep && most > 0.0) now *= min(most / max(own, 1e-8), 1.0);
+    if (expected && !flashed) share = 1.0;
+    float max_luma = MAX_SPECK * max(past, (9.0 * mean.x - own) / 8.0);
+    if (keep && max_luma > 0.0) now *= min(max_luma / max(own, 1e-8), 1.0);
 #else
     float share = clip_share(offset, CLIP_GAMMA * deviation);
 #endif
