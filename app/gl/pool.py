@@ -155,9 +155,13 @@ class Pool:
         self.parity ^= 1
 
     def take_history(self, other: Pool) -> None:
-        """Between frames: go on with the histories of ``other``, resampled where their size differs."""
-        for name in self._plan.history & other._plan.history:
-            self._device.blit(other._framebuffer(name + PREVIOUS), self._framebuffer(name + PREVIOUS))
+        """Between frames: go on with the histories of ``other``, resampled where sizes differ; clear those it lacks."""
+        for name in self._plan.history:
+            target = self._framebuffer(name + PREVIOUS)
+            if name in other._plan.history:
+                self._device.blit(other._framebuffer(name + PREVIOUS), target)
+            else:
+                target.clear()  # of an older picture, or never written
 
     def _framebuffer(self, name: str) -> moderngl.Framebuffer:
         """A framebuffer of the texture of ``name``, or of ``name@prev``, alone."""

@@ -103,6 +103,16 @@ def test_another_scale_goes_on_with_the_picture(small_ember: Path) -> None:
         assert min(changes.values()) > afresh + 10
 
 
+def test_another_scale_takes_no_history_of_an_older_picture() -> None:
+    with renderer(BOX, 1.0) as r:
+        for render_scale, name in ((1.0, "taa_deviation"), (0.5, "guide_mean"), (1.0, "taa_deviation")):
+            r.set_render_scale(render_scale)
+            assert (r.resource(name) == 0).all()
+            for _ in range(16):
+                r.advance(CAMERA)
+            assert (r.resource(name) > 0).any()
+
+
 def test_what_a_size_has_made_is_as_in_a_renderer_of_that_size() -> None:
     with renderer(BOX, 1.0) as r, renderer(BOX, 0.5) as new:
         r.advance(CAMERA)
