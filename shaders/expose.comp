@@ -25,15 +25,16 @@ void put(int row, int components, float background, float low, float high, float
 
 void main()
 {
-    place = int(gl_GlobalInvocationID.x);
-    if (place >= padded.x * padded.y) return;
-    ivec2 from = min(ivec2(place % padded.x, place / padded.x), grid - 1);
-    texel = from.y * grid.x + from.x;
 #ifdef HAS_MEAN
     float exposure = 1.0 / max(means[1], MIN_MEAN_RADIANCE);
 #endif
+    int step = int(gl_NumWorkGroups.x * gl_WorkGroupSize.x);
+    for (place = int(gl_GlobalInvocationID.x); place < padded.x * padded.y; place += step) {
+        ivec2 from = min(ivec2(place % padded.x, place / padded.x), grid - 1);
+        texel = from.y * grid.x + from.x;
 #ifdef GUIDE_ROW
-    float surface = surface_at(texel);
+        float surface = surface_at(texel);
 #endif
-    PUT_CHANNELS
+        PUT_CHANNELS
+    }
 }

@@ -30,8 +30,8 @@ class Exchange(ABC):
         Parameters
         ----------
         tensors : mapping of str to Buffer or ndarray, float32
-            For each input its ``TensorSpec.shape``, on the GPU or on the CPU. A read-only array must hold the same
-            numbers when it is passed again.
+            For each input its ``TensorSpec.shape``: buffers of what is seen, arrays of the rest. An array must hold the
+            same numbers when it is passed again.
 
         Raises
         ------
@@ -41,7 +41,7 @@ class Exchange(ABC):
 
     @abstractmethod
     def read(self, channel: str) -> F32:
-        """A channel that ``run`` has computed, finite and inside its range, shape (C, h, w) or (C, S)."""
+        """A channel on surfels that ``run`` has computed, finite and inside its range, shape (C, S)."""
 
     @abstractmethod
     def draw(self, channel: str, resources: Resources, target: str) -> None:

@@ -16,6 +16,7 @@ from app.network.inputs import MAX_RATIO_TO_MEAN, MIN_MEAN_RADIANCE, surface_gui
 
 SUM_GROUP, EXPOSE_GROUP = 256, 64  # local sizes of sum_radiance.comp and expose.comp
 MAX_SUMS = 64                      # workgroups that sum one tensor
+MAX_EXPOSE_GROUPS = 65535          # as many as every OpenGL takes
 PACKED, GUIDE, MEAN_RADIANCE, EXPOSED, LIGHT = range(5)  # bindings of buffers
 
 Buffers = Mapping[str, moderngl.Buffer]
@@ -121,12 +122,12 @@ class Exposure:
             **self._defines, **self._guide_defines(spec), "PUT_CHANNELS": " ".join(calls)})
         grid = self._size if spec.grid == SCREEN else (self._plane(tensor), 1)
         padded = self._shapes[tensor][:1:-1] if spec.grid == SCREEN else grid
+        groups = min(MAX_EXPOSE_GROUPS, -(-math.prod(padded) // EXPOSE_GROUP))
 
         def run(packed: Buffers) -> None:
             self._bind(tensor, packed)
             self._exposed[tensor].bind_to_storage_buffer(EXPOSED)
-            self._run(program, -(-math.prod(padded) // EXPOSE_GROUP), plane=self._plane(tensor), grid=grid,
-                      padded=padded)
+            self._run(program, groups, plane=self._plane(tensor), grid=grid, padded=padded)
 
         return run
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from onnx import helper
 
 from app.errors import ModelError
+from app.exchange import exposure
 from app.exchange.copy import CopyExchange
 from app.exchange.cuda import CudaExchange
 from app.exchange.mapped import MappedExchange
@@ -135,6 +136,16 @@ def test_without_exposure_the_gpu_prepares_the_bits_of_the_cpu(tmp_path: Path) -
     copies, mapped = (draw_sequence([path], exchange) for exchange in (CopyExchange, MappedExchange))
     for one, other in zip(copies, mapped, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_a_grid_may_have_more_texels_than_all_workgroups(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(exposure, "MAX_EXPOSE_GROUPS", 3)
+    path = write_network(tmp_path / "square.onnx", ("Mul", ["light", "light"], "y"), exposure="none")
+    scene, images = room(), []
+    for exchange in (CopyExchange, MappedExchange):
+        with Renderer(scene, Settings(SIZE, taa=False, provider="cpu", scale=1.0), path, exchange) as renderer:
+            images.append(renderer.render(scene.cameras["path"].at(0.0))["final"])
+    np.testing.assert_array_equal(*images)
 
 
 @pytest.mark.parametrize("name", ["indirect light", "environment", "padded"])
