@@ -88,7 +88,7 @@ class CudaRuntime:
     def _call(self, name: str, *arguments: object) -> None:
         if error := getattr(self._library, name)(*arguments):
             raise DeviceError(f"{name} failed with CUDA error {error}", "CUDA",
-                              "expected a driver that shares OpenGL's buffers with CUDA, or --provider cpu")
+                              "expected a driver that shares OpenGL's buffers with CUDA, or the provider cpu")
 
 
 @cache
