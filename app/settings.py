@@ -3,7 +3,9 @@
 import math
 import re
 from dataclasses import dataclass, fields
-from typing import SupportsFloat, SupportsIndex
+from numbers import Integral, Real
+
+import numpy as np
 
 from app.errors import AfterglowError, SettingsError
 
@@ -79,7 +81,7 @@ class Settings:
         if not all(isinstance(n, int) and 1 <= n <= MAX_SIDE for n in self.size):
             raise SettingsError(f"bad size {self.size[0]}x{self.size[1]}", "size",
                                 f"expected WIDTHxHEIGHT, each from 1 to {MAX_SIDE}")
-        if not (isinstance(self.render_scale, SupportsFloat) and MIN_RENDER_SCALE <= self.render_scale <= 1):
+        if not (_is_a(Real, self.render_scale) and MIN_RENDER_SCALE <= self.render_scale <= 1):
             raise SettingsError(f"bad scale {self.render_scale}", "render_scale",
                                 f"expected a number from {MIN_RENDER_SCALE} to 1")
         if self.render_scale < 1 and not self.taa:
@@ -87,22 +89,21 @@ class Settings:
         if self.render_scale < 1 and self.outputs != ("final",):
             raise SettingsError(f"can't draw {', '.join(o for o in self.outputs if o != 'final')} at the image's size",
                                 "render_scale", "expected 1, or final as the only output")
-        if not (isinstance(self.exposure, SupportsFloat) and math.isfinite(self.exposure) and self.exposure > 0):
+        if not (_is_a(Real, self.exposure) and math.isfinite(self.exposure) and self.exposure > 0):
             raise SettingsError(f"bad exposure {self.exposure}", "exposure", "expected a finite number above 0")
-        if self.bounces is not None and not (isinstance(self.bounces, SupportsIndex)
-                                             and 1 <= self.bounces <= MAX_BOUNCES):
+        if self.bounces is not None and not (_is_a(Integral, self.bounces) and 1 <= self.bounces <= MAX_BOUNCES):
             raise SettingsError(f"bad number of bounces {self.bounces}", "bounces", f"expected 1 to {MAX_BOUNCES}")
-        if self.scale is not None and not (isinstance(self.scale, SupportsFloat) and 0 < self.scale <= 1):
+        if self.scale is not None and not (_is_a(Real, self.scale) and 0 < self.scale <= 1):
             raise SettingsError(f"bad scale {self.scale}", "scale", "expected a number above 0, at most 1")
         for name, value in (("tonemap", self.tonemap), ("provider", self.provider)):
             if not isinstance(value, str):
                 raise SettingsError(f"bad value {value}", name, "expected a name")
         for name in ("taa", "auto_exposure", "strict_device"):
-            if getattr(self, name) not in (True, False):
+            if not isinstance(getattr(self, name), (bool, np.bool_)):
                 raise SettingsError(f"bad value {getattr(self, name)!r}", name, "expected True or False")
         if not self.outputs:
             raise SettingsError("no output given", "outputs", "expected at least one name, such as final")
-        if not (isinstance(self.seed, SupportsIndex) and 0 <= self.seed <= MAX_SEED):
+        if not (_is_a(Integral, self.seed) and 0 <= self.seed <= MAX_SEED):
             raise SettingsError(f"bad seed {self.seed}", "seed", f"expected 0 to {MAX_SEED}")
 
     @property
@@ -115,6 +116,11 @@ class Settings:
     def settle_frames(self) -> int:
         """Frames until temporal anti-aliasing has converged: as many samples of each pixel at any render scale."""
         return round(SETTLE_FRAMES / self.render_scale**2) if self.taa else 0
+
+
+def _is_a(kind: type, value: object) -> bool:
+    """Whether it is a number of that kind, which an array or a truth value is not."""
+    return isinstance(value, kind) and not isinstance(value, bool)
 
 
 _OPTIONS = {**{field.name: "--" + field.name.replace("_", "-") for field in fields(Settings)}, "outputs": "--aov"}
