@@ -15,6 +15,7 @@
 const float CLIP_GAMMA = 1.25;      // standard deviations
 const float SETTLED_GAMMA = 3.0;    // where history shows what is visible now, so only outliers are clipped
 const float EXPECTED_GAMMA = 4.0;   // standard deviations over time: as far as one sample of 17 is from the others' mean
+const float MIN_SAMPLES = 4.0;      // of which a deviation is known
 const float SAME_LUMA = 0.02;       // relative change that counts as none
 const float MAX_FADING = 2.0;       // times the luma now, to which history may have settled around what flashed
 const float MAX_SPECK = 16.0;       // times the luma of its history and of what is around, for one settled sample
@@ -76,14 +77,16 @@ void main()
     bool flashed = quad_any(has_flashed(own, past, spread) || has_flashed(
         ycocg(current(corner)).x, ycocg(texelFetch(taa_prev, corner, 0).rgb).x, deviation_before(corner)));
     bool expected = abs(own - past) <= EXPECTED_GAMMA * spread + SAME_LUMA * own;
-    if (expected && !flashed) share = 1.0;
+    if (expected && !flashed && accumulated.a >= MIN_SAMPLES) share = 1.0;
     float max_luma = MAX_SPECK * max(past, (9.0 * mean.x - own) / 8.0);
     if (keep && max_luma > 0.0) now *= min(max_luma / max(own, 1e-8), 1.0);
+    float kept = accumulated.a * (accumulated.a < MIN_SAMPLES ? 1.0 : mix(0.25, 1.0, share));
 #else
     float share = clip_share(offset, CLIP_GAMMA * deviation);
+    float kept = accumulated.a * mix(0.25, 1.0, share);
 #endif
     history = max(rgb(mean + offset * share), 0.0);
-    float frames = keep ? min(accumulated.a * mix(0.25, 1.0, share) + 1.0, still ? STILL_FRAMES : MOVING_FRAMES) : 1.0;
+    float frames = keep ? min(kept + 1.0, still ? STILL_FRAMES : MOVING_FRAMES) : 1.0;
 
     out_deviation = 0.0;
 #ifdef SETTLED
