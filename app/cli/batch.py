@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 from rich import box
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from app.cli.options import parse_folder
 from app.io.terminal import counting_progress, print_table
@@ -44,7 +44,7 @@ def batch(
         task = bar.add_task("drawing")
         outcomes = run_batch(listed, out, lambda done, count: bar.update(task, completed=done, total=count), scheduler,
                              workers)
-    table = Table("job", "drawn", "there already", "error", box=box.SIMPLE)
+    table = Table("job", "drawn", "there already", Column("error", overflow="fold"), box=box.SIMPLE)
     for outcome in outcomes:
         table.add_row(outcome.name, str(outcome.drawn), str(outcome.kept), escape(outcome.error))
     print_table(table)
