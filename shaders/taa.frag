@@ -18,7 +18,9 @@ const float EXPECTED_GAMMA = 4.0;   // standard deviations over time: as far as 
 const float MIN_SAMPLES = 4.0;      // of which a deviation is known
 const float SAME_LUMA = 0.02;       // relative change that counts as none
 const float MAX_FADING = 2.0;       // times the luma now, to which history may have settled around what flashed
-const float MAX_SPECK = 16.0;       // times the luma of its history and of what is around, for one settled sample
+const float THIN = 0.3;             // share of its luma that is around a thin bright thing: 2 of 8 texels along a wire
+const float MAX_BRIGHTENING = 4.0;  // times the luma of its history, for one unexpected sample that is not thin
+const float MAX_SPECK = 48.0;       // times the luma of its history and of what is around, for one settled sample
 const float MOVING_FRAMES = 8.0;    // history length while something moves through the texel
 const float STILL_FRAMES = 256.0;
 
@@ -74,11 +76,16 @@ void main()
     float share = clip_share(offset, SETTLED_GAMMA * deviation);
     ivec2 corner = t + outward;
     float own = ycocg(now).x, past = ycocg(history).x, spread = deviation_before(t);
-    bool flashed = quad_any(has_flashed(own, past, spread) || has_flashed(
-        ycocg(current(corner)).x, ycocg(texelFetch(taa_prev, corner, 0).rgb).x, deviation_before(corner)));
+    float past_beside = ycocg(texelFetch(taa_prev, corner, 0).rgb).x;
+    bool flashed = quad_any(has_flashed(own, past, spread)
+        || has_flashed(ycocg(current(corner)).x, past_beside, deviation_before(corner)));
+    float brightest = quad_max(vec3(max(past, past_beside))).x;
     bool expected = abs(own - past) <= EXPECTED_GAMMA * spread + SAME_LUMA * own;
     if (expected && !flashed && accumulated.a >= MIN_SAMPLES) share = 1.0;
-    float max_luma = MAX_SPECK * max(past, (9.0 * mean.x - own) / 8.0);
+    float around = (9.0 * mean.x - own) / 8.0;
+    bool is_new = !expected && accumulated.a >= MIN_SAMPLES, is_thin = around <= THIN * own;
+    if (is_new && !is_thin && own > past) share = 1.0;
+    float max_luma = !is_new ? MAX_SPECK * max(past, around) : (is_thin ? MAX_SPECK : MAX_BRIGHTENING) * brightest;
     if (keep && max_luma > 0.0) now *= min(max_luma / max(own, 1e-8), 1.0);
     float kept = accumulated.a * (accumulated.a < MIN_SAMPLES ? 1.0 : mix(0.25, 1.0, share));
 #else

@@ -146,7 +146,7 @@ def test_history_heals_without_a_cut(patient: Patient, poison: str) -> None:
     patient.cure(everything)
     healed, clean = patient.more(HEALING)[-1], patient.clean[-1]
     # Where colours differ a lot around a texel, poisoned frames fade about as 1/n, like any other sample.
-    assert np.abs(healed - clean).max() <= 0.05 * clean.max()
+    assert np.abs(healed - clean).max() <= 0.07 * clean.max()
     assert np.abs(healed - clean).mean() <= 0.01 * clean.mean()
 
 
