@@ -4,13 +4,11 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from app.arrays import F32
 from app.evaluation.configurations import Configuration
-from app.evaluation.metrics import exposure_of, flip, psnr, tone_map
+from app.evaluation.metrics import exposure_of, flip, psnr
 from app.evaluation.reference import MIN_ALBEDO
-from app.io.atomic_files import replace_file
 from app.renderer import Renderer
 from app.settings import SETTLE_FRAMES, Settings
 from export.reference.still import Still
@@ -18,6 +16,7 @@ from export.validation.detail_metrics import DetailMetrics
 from export.validation.detail_references import DetailReference, detail_reference
 from export.validation.detail_views import KEPT_ASIDE
 from export.validation.errors import Progress, Row, find_configurations
+from export.validation.pictures import write_picture
 from export.validation.views import View
 
 # Keys of a row: of the diffuse picture, which is the reference's direct light plus reflected indirect light; then of
@@ -45,11 +44,11 @@ def measure_errors(views: Iterable[View], models: Sequence[str], spp: int, refer
         progress(view.name)
         judge = _Judge(detail_reference(view, spp, references))
         about = {"view": view.name, "kept aside": view.name in KEPT_ASIDE}
-        _write_picture(out / f"{view.name}-{REFERENCE}.png", judge.picture, judge.exposure)
+        write_picture(out / f"{view.name}-{REFERENCE}.png", judge.picture, judge.exposure)
         rows.append({**about, "model": REFERENCE, "psnr": judge.own_psnr})
         for configuration in find_configurations(models, view.still.size):
             indirect = _settled(view.still, configuration, provider)
-            _write_picture(out / f"{view.name}-{configuration.label}.png", judge.lit_by(indirect), judge.exposure)
+            write_picture(out / f"{view.name}-{configuration.label}.png", judge.lit_by(indirect), judge.exposure)
             rows.append({**about, "model": configuration.label, **judge.errors(indirect)})
     return rows
 
@@ -108,9 +107,3 @@ def _settled(still: Still, configuration: Configuration, provider: str) -> F32:
         for _ in range(SETTLE_FRAMES - 1):
             renderer.advance(still.camera)
         return renderer.render(still.camera)["indirect"]
-
-
-def _write_picture(path: Path, picture: F32, exposure: float) -> None:
-    pixels = np.asarray(255 * tone_map(picture, exposure) + 0.5, np.uint8)
-    with replace_file(path) as temporary:
-        Image.fromarray(pixels).save(temporary, "png")

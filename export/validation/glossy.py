@@ -9,16 +9,14 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
-from app.arrays import F32, F64
+from app.arrays import F32
 from app.evaluation.denoise import denoiser_version
-from app.evaluation.metrics import METRICS, exposure_of, psnr, tone_map
+from app.evaluation.metrics import METRICS, exposure_of, psnr
 from app.evaluation.reference import cache_folder, cache_reference
 from app.evaluation.versions import exporter_version
 from app.gl.pool import Pool
 from app.graph import BoundPass
-from app.io.atomic_files import replace_file
 from app.load import auto_camera, load_scene
 from app.network.selection import Model
 from app.renderer import Renderer
@@ -30,6 +28,7 @@ from export.reference.path_tracer import MAX_BOUNCES
 from export.reference.still import Still
 from export.reference.trace import write_reference
 from export.validation.errors import Progress, Row
+from export.validation.pictures import write_picture
 from export.validation.scenes.glossy import GLOSSY_SOURCES, ROUGHNESSES, SPHERE_ROWS, spheres_seen
 from export.validation.views import View
 
@@ -107,7 +106,8 @@ def measure_view(view: View, reference: GlossyReference, models: Sequence[Model]
         rows.append({**row, "mean": float(picture.mean() / reference.final.mean()),
                      **_sphere_ratios(view, picture, reference.final)})
         pictures.append(picture)
-    _write_pictures(out / f"{view.name}.png", [*pictures, reference.final])
+    side_by_side = np.concatenate([*pictures, reference.final], axis=1)
+    write_picture(out / f"{view.name}.png", side_by_side, exposure_of(reference.final))
     return rows
 
 
@@ -165,13 +165,6 @@ def _forget_surfaces(farthest: float, bound: BoundPass, pool: Pool) -> None:
     if bound.name == "reflection_rays":
         traced = pool.read("reflection_traced")
         pool.write("reflection_traced", np.where(traced[..., 3:] > farthest, traced, 0))
-
-
-def _write_pictures(path: Path, pictures: Sequence[F32]) -> None:
-    exposure = exposure_of(pictures[-1])
-    pixels: F64 = np.concatenate([tone_map(picture, exposure) for picture in pictures], axis=1)
-    with replace_file(path) as temporary:
-        Image.fromarray((255 * pixels + 0.5).astype(np.uint8)).save(temporary, "png")
 
 
 def measure_errors(views: Iterator[View | Skipped], models: Sequence[Model], spp: int, references: Path | None,
