@@ -22,6 +22,7 @@ CANDIDATES = 8             # hits of random walks for each surfel
 MAX_LIGHT_SAMPLES = 16     # of a surfel, whose mean is its direct light;
 MAX_END_SAMPLES = 12       # of these are ends of other surfels' rays, the others candidates
 MIN_SAMPLED_RADII = 2.0    # length of these rays, in radii of the surfel where they start
+MIN_SAMPLE_COSINE = 0.25   # between the normals of a light sample and its surfel
 NORMAL_SPACING = 4.0       # surfel spacings that a unit of difference between normals counts as in the choice
 RADIUS_NEIGHBOUR = 8       # a surfel's radius is the distance to this neighbour
 COVERAGE_RAYS = 64         # rays from an eye; it is covered when few of them
@@ -137,15 +138,17 @@ class WorldSurfels:
 
         Ends of long rays are where light leaves for other surfels, so a lit strip beside a gap has samples; those of
         short ones would crowd in narrow places. Light proxies get none: rounding errors would decide which of their
-        sides the light is on.
+        sides the light is on. Nor has a surfel samples that face elsewhere: those on top of a roof, where there are few
+        surfels, would light the walls below it.
         """
         ends, start = self._rays.static, np.repeat(np.arange(self.used), self.rays)
         is_long = ends.distance > MIN_SAMPLED_RADII * self.radius[start]
+        is_long &= self._face_alike(ends, self._static_index)
         met = np.where(is_long & ~ends.is_light_proxy, self._static_index, -1)
         far = _select_of_each(met, np.full(self.used, MAX_END_SAMPLES))
         surfel = self._nearest(candidates)
         surfel[chosen] = np.arange(self.used)
-        surfel[candidates.is_light_proxy] = -1
+        surfel[candidates.is_light_proxy | ~self._face_alike(candidates, surfel)] = -1
         near = _select_of_each(surfel, MAX_LIGHT_SAMPLES - np.bincount(met[far], minlength=self.used))
         owner = np.concatenate([met[far], surfel[near]])
         order = np.argsort(owner, kind="stable")
@@ -153,6 +156,9 @@ class WorldSurfels:
         hits = concatenate([ends.select(far), candidates.select(near)]).select(order)
         self._light_samples = AttachedPoints(self._caster, hits.position, hits.normal, hits.anchors)
         self.light_sample_position, self.light_sample_normal = self._light_samples.current()
+
+    def _face_alike(self, hits: Hits, surfel: Ints) -> NDArray[np.bool_]:
+        return np.asarray((hits.normal * self.normal[surfel]).sum(axis=1) > MIN_SAMPLE_COSINE)
 
     def _find_clip_planes(self, height: F32) -> F32:
         """Clip planes of the surfels on static surfaces; ``height`` is how far each surfel sees, shape (used,)."""

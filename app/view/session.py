@@ -91,8 +91,8 @@ class Session:
         """Add a page."""
         self._clients.append(client)
         client.offer_message({"type": "scene", **describe_scene(self._file, self._loaded, self._choices)})
-        self._send_roles()
         self._broadcast_state()
+        self._send_roles()  # last, since the page in control answers with the size of its window
         for kind, message in self._latest_images.items():
             client.offer_image(kind, message)
         self._scheduler.set_pages(len(self._clients))

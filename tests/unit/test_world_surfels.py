@@ -16,7 +16,7 @@ from app.surfels.neighbours import nearest
 from app.surfels.random_walks import sample_cosine_hemisphere, trace_walks
 from app.surfels.ray_bundle import trace_cosine_rays
 from app.surfels.tracked import TrackedSurfels
-from app.surfels.world import MAX_END_SAMPLES, MAX_LIGHT_SAMPLES, MIN_SAMPLED_RADII, WorldSurfels
+from app.surfels.world import MAX_END_SAMPLES, MAX_LIGHT_SAMPLES, MIN_SAMPLE_COSINE, MIN_SAMPLED_RADII, WorldSurfels
 from tests.deforming import bent, deforming_scene, material_points
 from tests.gl.closed_forms import polygon_irradiance
 from tests.gl.scenes import GREY, Part, Point, box, floor, make_scene, moved, quad, slide
@@ -243,6 +243,8 @@ def test_every_surfel_has_light_samples_nearby_on_its_body() -> None:
     assert (world._light_samples.anchors.body == world._surfels.anchors.body[world.light_sample_surfel]).all()
     away = np.linalg.norm(world.light_sample_position - world.position[world.light_sample_surfel], axis=1)
     assert (away < 2 * world.radius[world.light_sample_surfel]).mean() > 0.99
+    cosine = (world.light_sample_normal * world.normal[world.light_sample_surfel]).sum(axis=1)
+    assert (cosine > MIN_SAMPLE_COSINE).all()
     facing = (world.light_sample_normal * world.normal[world.light_sample_surfel]).sum(axis=1)
     assert (facing > 0.5).mean() > 0.99
 

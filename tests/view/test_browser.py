@@ -71,7 +71,7 @@ def settle(page: Any, repeats: int = SETTLE_FRAMES) -> np.ndarray[Any, Any]:
     wait_until(page, """repeats => {
         const {connection, screen} = afterglow, header = screen.header;
         return header && afterglow.idle && !connection.pending.size && header.repeat >= repeats
-               && String(header.size) === String(afterglow.state.size);
+               && String(header.size) === String([view.clientWidth, view.clientHeight]);
     }""", repeats)
     return pixels(page)
 
