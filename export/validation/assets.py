@@ -5,19 +5,20 @@ glass is direct light of no single surface, so those with blended or transmissiv
 light, on a ground in the studio.
 """
 
+import csv
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from app.arrays import F32, F64
-from app.errors import AfterglowError
+from app.errors import AfterglowError, SettingsError
 from app.evaluation.denoise import denoise
 from app.evaluation.metrics import exposure_of, psnr, tone_map
-from app.io.atomic_files import replace_file
+from app.evaluation.tables import to_csv
+from app.io.atomic_files import write_text
 from app.load import auto_camera, load_scene
 from app.load.studio import STUDIO
 from app.math3d import look_rotation
@@ -28,10 +29,12 @@ from app.settings import SETTLE_FRAMES, Settings
 from export.reference.path_tracer import MAX_BOUNCES, PathTracer
 from export.reference.still import Still
 from export.reference.trace import TracedMeans
+from export.validation.pictures import write_shown
 
 SUFFIXES = (".glb", ".gltf")
 LIGHTS = {"point": (0.4, 0.6), "spot": (-0.5, 0.4)}  # from the eye, to the right and up, per distance of the target
 SPOT_DEG = 12.0, 18.0
+TABLE = "assets.csv"
 COLUMNS = (*LIGHTS, STUDIO, "noise")
 DIFFERENCE = 4.0  # factor of the third picture
 HALF_NOISE = 20 * math.log10(2)  # dB by which the mean of two pictures has less noise than their difference
@@ -78,31 +81,57 @@ def compare_assets(files: Sequence[Path], size: tuple[int, int], spp: int, out: 
 
     Each picture has the renderer's on the left, the path tracer's in the middle, and their difference. A row's
     ``noise`` is the least PSNR that the noise of the path tracer's pictures alone would give, from independent halves.
+
+    Rows are written to ``TABLE`` in ``out`` as they are measured. One of the same size and paths that is there already
+    is not measured again.
     """
-    rows: list[Row] = []
+    rows = _read_rows(out / TABLE)
+    key = {"size": f"{size[0]}x{size[1]}", "spp": str(spp)}
     for number, file in enumerate(files):
-        progress(f"{number + 1} of {len(files)}: {file.stem}")
-        row: Row = {"asset": file.stem}
-        try:
-            for lit in lit_assets(file, size):
-                drawn, depth = _draw(lit)
-                first, second = _trace_halves(lit, spp)
-                traced = np.asarray((first + second) / 2, np.float32)
-                shown = (depth[..., 0] > 0) | (traced.max(axis=-1) > 0) | (drawn.max(axis=-1) > 0)
-                row[lit.light] = psnr(drawn, traced, shown)
-                noise = psnr(first, second, shown) + HALF_NOISE
-                row["noise"] = min(noise, float(str(row.get("noise", math.inf))))
-                _write_pair(out / f"{file.stem}-{lit.light}.png", drawn, traced, exposure_of(traced[shown]))
-        except AfterglowError as error:
-            row["error"] = str(error)
-        rows.append(row)
-    return rows
+        known = rows.get(file.stem, {})
+        if known.get("error") or key.items() - known.items():
+            progress(f"{number + 1} of {len(files)}: {file.stem}")
+            rows[file.stem] = {"asset": file.stem, **key, **_compare(file, size, spp, out)}
+            write_text(out / TABLE, to_csv(rows.values()))
+    return [rows[file.stem] for file in files]
 
 
 def mean_of(rows: Sequence[Row], column: str) -> float | None:
     """Mean over the assets that have a finite PSNR; None without any."""
     values = [v for row in rows if isinstance(v := row.get(column), float) and math.isfinite(v)]
     return float(np.mean(values)) if values else None
+
+
+def _read_rows(path: Path) -> dict[str, Row]:
+    """The rows of a table by their assets; none where there is no table yet."""
+    if not path.exists():
+        return {}
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            return {row["asset"]: {name: float(text) if name in COLUMNS else text for name, text in row.items() if text}
+                    for row in csv.DictReader(file)}
+    except (OSError, KeyError, ValueError, csv.Error) as error:
+        raise SettingsError("is not a table of assets", path, "expected one of this command, or none") from error
+
+
+def _compare(file: Path, size: tuple[int, int], spp: int, out: Path) -> Row:
+    """The row of one asset, or why it has none."""
+    row: Row = {}
+    try:
+        for lit in lit_assets(file, size):
+            drawn, depth = _draw(lit)
+            first, second = _trace_halves(lit, spp)
+            traced = np.asarray((first + second) / 2, np.float32)
+            shown = (depth[..., 0] > 0) | (traced.max(axis=-1) > 0) | (drawn.max(axis=-1) > 0)
+            row[lit.light] = psnr(drawn, traced, shown)
+            noise = psnr(first, second, shown) + HALF_NOISE
+            row["noise"] = min(noise, float(str(row.get("noise", math.inf))))
+            a, b = (tone_map(picture, exposure_of(traced[shown])) for picture in (drawn, traced))
+            difference = np.clip(DIFFERENCE * np.abs(a - b), 0, 1)
+            write_shown(out / f"{file.stem}-{lit.light}.png", np.concatenate([a, b, difference], axis=1))
+    except AfterglowError as error:
+        row["error"] = str(error)
+    return row
 
 
 def _light(name: str, camera: Camera) -> Light:
@@ -145,10 +174,3 @@ def _trace(lit: LitAsset, tracer: PathTracer, spp: int, seed: int) -> F32:
         return layers["final"]
     emitted = layers["emitted"]  # the denoiser would blur it, although it has hardly any noise
     return denoise(layers["final"] - emitted, layers["normal"], layers["albedo"]) + emitted
-
-
-def _write_pair(path: Path, drawn: F32, traced: F32, exposure: float) -> None:
-    a, b = tone_map(drawn, exposure), tone_map(traced, exposure)
-    pixels = np.concatenate([a, b, np.clip(DIFFERENCE * np.abs(a - b), 0, 1)], axis=1)
-    with replace_file(path) as temporary:
-        Image.fromarray((255 * pixels + 0.5).astype(np.uint8)).save(temporary, "png")

@@ -145,7 +145,10 @@ def assets(
     out: Annotated[Path, typer.Option(help="Folder for assets.csv and side-by-side pictures.",
                                       metavar="DIR")] = Path("out/assets"),
 ) -> None:
-    """Compare direct light on assets under a point and a spot light, and those of glass in a studio; print decibels."""
+    """Compare direct light on assets under a point and a spot light, and those of glass in a studio; print decibels.
+
+    Assets that assets.csv has already, at this size and with these paths, are not measured again.
+    """
     from app.evaluation.tables import format_number
     from app.settings import Settings, parse_size
     from export.validation.assets import COLUMNS, Row, compare_assets, find_assets, mean_of
@@ -155,7 +158,6 @@ def assets(
         raise SettingsError("no glTF files", folder, "expected a folder of .glb and .gltf files")
     prepare_folders(out)
     rows = compare_assets(files, Settings(parse_size(size)).size, spp, out, say)
-    write_text(out / "assets.csv", to_csv(rows))
     shown: list[Row] = [*rows, {"asset": "mean", **{name: mean_of(rows, name) for name in COLUMNS}}]
     _print(("asset", *COLUMNS, ""),
            [(str(row["asset"]), *("" if row.get(name) is None else format_number(float(str(row[name])))

@@ -12,6 +12,10 @@ from app.io.atomic_files import replace_file
 
 def write_picture(path: Path, picture: F32, exposure: float) -> None:
     """Write radiance, shape (H, W, 3), times ``exposure``, as a PNG that is whole or not there."""
-    pixels = np.asarray(255 * tone_map(picture, exposure) + 0.5, np.uint8)
+    write_shown(path, tone_map(picture, exposure))
+
+
+def write_shown(path: Path, shown: F32) -> None:
+    """Write values as a screen shows them, shape (H, W, 3), in 0 to 1, as a PNG that is whole or not there."""
     with replace_file(path) as temporary:
-        Image.fromarray(pixels).save(temporary, "png")
+        Image.fromarray(np.asarray(255 * shown + 0.5, np.uint8)).save(temporary, "png")

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 pytest.importorskip("mitsuba")
 
-from app.errors import AfterglowError
+from app.errors import AfterglowError, SettingsError
 from app.evaluation.picture_errors import AMBIENT
 from app.evaluation.tables import markdown_table
 from app.load import embedded_scene
@@ -37,8 +37,19 @@ from tests.unit.load_helpers import Gltf
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
 
+def compare_assets(folder: Path, size: str) -> str:
+    """What ``validate assets`` says when it compares the assets of ``folder`` and writes to its folder ``out``."""
+    run = CliRunner().invoke(cli, ["validate", "assets", str(folder), "--size", size, "--spp", "16",
+                                   "--out", str(folder / "out")], catch_exceptions=False)
+    assert run.exit_code == 0, run.output
+    return run.output
+
+
 def test_direct_light_on_assets_is_compared(tmp_path: Path) -> None:
-    """A textured quad agrees under both lights; a file that can't be read is reported, and the others still are."""
+    """A textured quad agrees under both lights; a file that can't be read is reported, and the others still are.
+
+    A second run measures only what the table lacks, and a damaged table is refused.
+    """
     gltf = Gltf()
     corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32)
     texture = gltf.texture(np.random.default_rng(0).integers(0, 255, (4, 4, 4)))
@@ -46,13 +57,21 @@ def test_direct_light_on_assets_is_compared(tmp_path: Path) -> None:
     gltf.primitive["attributes"] = {"POSITION": gltf.array(corners), "TEXCOORD_0": gltf.array(corners[:, :2] / 2 + 0.5)}
     gltf.save(tmp_path, "quad.gltf")
     (tmp_path / "broken.gltf").write_text("{")
-    run = CliRunner().invoke(cli, ["validate", "assets", str(tmp_path), "--size", "96x72", "--spp", "16",
-                                   "--out", str(tmp_path / "out")])
-    assert run.exit_code == 0, run.output
-    rows = {row["asset"]: row for row in csv.DictReader((tmp_path / "out" / "assets.csv").open())}
+    compare_assets(tmp_path, "96x72")
+    table = tmp_path / "out" / "assets.csv"
+    rows = {row["asset"]: row for row in csv.DictReader(table.open())}
     assert rows["broken"]["error"] and not rows["broken"]["point"]
     assert all(float(rows["quad"][light]) > 30 for light in ("point", "spot"))
     assert (tmp_path / "out" / "quad-spot.png").is_file()
+
+    table.write_text(table.read_text().replace(rows["quad"]["point"], "12.3"))
+    again = compare_assets(tmp_path, "96x72")
+    assert "12.3" in again and ": broken" in again and ": quad" not in again
+    larger = compare_assets(tmp_path, "104x78")
+    assert "12.3" not in larger and ": quad" in larger
+    table.write_text("asset,point\nquad,bright\n")
+    with pytest.raises(SettingsError, match="not a table of assets"):
+        compare_assets(tmp_path, "96x72")
 
 
 def test_glossy_views_are_compared_with_the_full_material(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
