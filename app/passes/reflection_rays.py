@@ -77,7 +77,7 @@ def _trace(caster: Caster, lookup: SurfelLookup, light: F32, environment: Enviro
     met, sky = finite & (hits.body >= 0), finite & (hits.body < 0)
     if met.any():
         at = hits.select(met)
-        found[met, :3] = at.emission + at.albedo * lookup.interpolate(light, at.position, at.normal)
+        found[met, :3] = at.traced_emission + at.albedo * lookup.interpolate(light, at.position, at.normal)
         found[met, 3] = at.distance
     if environment is not None and sky.any():
         found[sky, :3] = radiance_along(environment, direction[sky].astype(np.float64))

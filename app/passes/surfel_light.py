@@ -41,7 +41,7 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
         direct.place(world.light_sample_position, world.light_sample_normal)
         traced = direct.trace(frame, range(SAMPLES))
         drawn = direct.draw(frame, resources, None if traced is None else share_of(*traced))
-        light = mean_light(drawn, world) + world.sky_irradiance
+        light = mean_light(drawn, world) + world.sky_irradiance + world.proxy_irradiance
         resources.write_array("surfel_light", light.T)
         resources.set_current(key)
 

@@ -32,7 +32,7 @@ class SurfaceInteraction:
     albedo : ndarray, float32, shape (N, 3)
         Share of light from everywhere that goes back along the ray, by diffuse and specular reflection.
     emission : ndarray, float32, shape (N, 3)
-        In W/(sr m²); 0 on light proxies, whose emission is an analytic light.
+        In W/(sr m²), also of light proxies.
     """
 
     normal: F32
@@ -256,7 +256,7 @@ class Body:
             maps = self._textured(m.metallic_roughness_map, at)
             roughness[rows] *= maps[:, 1:2]
             metallic[rows] *= maps[:, 2:]
-            if m.emits and not m.is_light_proxy:
+            if m.emits:
                 emits = m.double_sided | self._is_front(triangle[rows], directions[rows])[:, None]
                 emitted = np.array(m.emission, np.float32) * self._textured(m.emission_map, at)
                 emission[rows] = np.where(emits, emitted, 0.0)

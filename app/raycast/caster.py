@@ -55,6 +55,11 @@ class Hits:
     uv: F32
 
     @property
+    def traced_emission(self) -> F32:
+        """Emission that rays have to find, shape (N, 3): 0 on light proxies, whose emission is an analytic light."""
+        return np.where(self.is_light_proxy[:, None], np.float32(0), self.emission)
+
+    @property
     def anchors(self) -> Anchors:
         """Where on the bodies the hits are."""
         return Anchors(self.body, self.triangle, self.uv)
@@ -299,6 +304,11 @@ class AttachedPoints:
             position[rows], normal[rows] = _turn(position[rows], normal[rows], axes)
             position[rows] += origin
         return self._transform(position, normal, self._caster.matrices)
+
+    def select(self, rows: Ints) -> AttachedPoints:
+        """The points at indices."""
+        position, normal = self.current()
+        return AttachedPoints(self._caster, position[rows], normal[rows], self.anchors.select(rows))
 
     def _frames(self) -> Iterator[tuple[Ints, F32, F32]]:
         """The points on the animated body, and where their triangles are, if there is one."""

@@ -69,7 +69,7 @@ def gather(caster: Caster, light_at: LightAt, reach: float, origin: F32, normal:
     irradiance[~near] += light_at.indirect(ends.position[~near], ends.normal[~near])
     unused_digits = numbers.reshape(-1, 1, 2)[met[near]] * 2**20 % 1
     irradiance[near] += _light_of_rays(caster, light_at, ends.select(near), unused_digits)
-    light = hits.emission
+    light = hits.traced_emission
     light[met] += ends.albedo * irradiance
     return GatheredRays(light.reshape(count, rays, 3), distance.reshape(count, rays))
 
@@ -80,7 +80,7 @@ def _light_of_rays(caster: Caster, light_at: LightAt, starts: Hits, numbers: F64
     hits = caster.cast(starts.position + caster.ray_epsilon * starts.normal, directions)
     met = np.flatnonzero(hits.body >= 0)
     ends = hits.select(met)
-    light = hits.emission
+    light = hits.traced_emission
     light[met] += ends.albedo * (light_at.direct(ends.position, ends.normal)
                                  + light_at.indirect(ends.position, ends.normal))
     return light

@@ -64,6 +64,8 @@ class WorldSurfels:
         At the end of each ray; 0 where it meets nothing.
     emissive_irradiance, sky_irradiance : ndarray, float32, shape (S, 3)
         Irradiance / π directly from emissive surfaces and from the environment, W/(sr m²).
+    proxy_irradiance : ndarray, float32, shape (S, 3)
+        Irradiance / π from light proxies on surfels that are on light proxies, W/(sr m²); 0 on others.
     light_sample_position, light_sample_normal : ndarray, float32, shape (P, 3)
         Points where direct light is sampled, in local space, sorted by surfel.
     light_sample_surfel : ndarray of int, shape (P,)
@@ -95,6 +97,8 @@ class WorldSurfels:
         self._assign_light_samples(candidates, chosen)
         emissive = any(m.emits and not m.is_light_proxy for m in scene.materials)
         self._emission_rays = trace_cosine_rays(self._caster, self._surfels, EMISSION_RAYS, rng) if emissive else None
+        on_proxies = self._surfels.select(np.flatnonzero(self._is_light_proxy))
+        self._proxy_rays = trace_cosine_rays(self._caster, on_proxies, EMISSION_RAYS, rng)
         self._sky = None
         if scene.environment is not None:
             self._sky = sky_light(scene.environment, SKY_RAYS)
@@ -138,8 +142,8 @@ class WorldSurfels:
 
         Ends of long rays are where light leaves for other surfels, so a lit strip beside a gap has samples; those of
         short ones would crowd in narrow places. Light proxies get none: rounding errors would decide which of their
-        sides the light is on. Nor has a surfel samples that face elsewhere: those on top of a roof, where there are few
-        surfels, would light the walls below it.
+        sides the light is on; rays find the light of other proxies there. Nor has a surfel samples that face elsewhere:
+        those on top of a roof, where there are few surfels, would light the walls below it.
         """
         ends, start = self._rays.static, np.repeat(np.arange(self.used), self.rays)
         is_long = ends.distance > MIN_SAMPLED_RADII * self.radius[start]
@@ -176,16 +180,12 @@ class WorldSurfels:
         albedo[index < 0] = 0.0
         self.index = self._pad(index.reshape(self.used, self.rays), -1)
         self.albedo = self._pad(albedo.reshape(self.used, self.rays, 3))
-        self.emissive_irradiance = self._pad(self._gather_emission())
+        self.emissive_irradiance = np.zeros((self.count, 3), np.float32)
+        if self._emission_rays is not None:
+            self.emissive_irradiance[:self.used] = _gather_emission(self._emission_rays, False)
+        self.proxy_irradiance = np.zeros((self.count, 3), np.float32)
+        self.proxy_irradiance[:self.used][self._is_light_proxy] = _gather_emission(self._proxy_rays, True)
         self.sky_irradiance = self._pad(self._gather_sky())
-
-    def _gather_emission(self) -> F32:
-        """Irradiance / π from emissive surfaces, shape (used, 3): the mean over cosine-distributed rays."""
-        if self._emission_rays is None:
-            return np.zeros((self.used, 3), np.float32)
-        changed, emission = self._emission_rays.trace_changes(), self._emission_rays.static.emission.copy()
-        emission[changed.ray] = changed.hits.emission[changed.hit]
-        return np.asarray(emission.reshape(self.used, EMISSION_RAYS, 3).mean(axis=1))
 
     def _gather_sky(self) -> F32:
         """Irradiance / π from the environment, shape (used, 3)."""
@@ -221,6 +221,16 @@ class WorldSurfels:
         padded = np.full((self.count, *rows.shape[1:]), fill, np.float32)
         padded[:len(rows)] = rows
         return padded
+
+
+def _gather_emission(rays: RayBundle, of_proxies: bool) -> F32:
+    """Irradiance / π from light proxies or from other surfaces, shape (N, 3): the mean over cosine-distributed rays."""
+    def emission(hits: Hits) -> F32:
+        return np.where((hits.is_light_proxy == of_proxies)[:, None], hits.emission, np.float32(0))
+
+    changed, found = rays.trace_changes(), emission(rays.static)
+    found[changed.ray] = emission(changed.hits)[changed.hit]
+    return np.asarray(found.reshape(len(found) // EMISSION_RAYS, EMISSION_RAYS, 3).mean(axis=1))
 
 
 def _select_of_each(owner: Ints, most: Ints) -> Ints:

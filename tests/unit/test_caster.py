@@ -170,13 +170,14 @@ def test_emission_is_multiplied_by_its_texture() -> None:
     np.testing.assert_allclose(hits.emission, [(4, 0, 0), (0, 2, 0)])
 
 
-def test_light_proxies_have_no_emission() -> None:
+def test_rays_need_not_find_the_emission_of_light_proxies() -> None:
     lamp = Material(albedo=(0.5,) * 3, emission=(9.0,) * 3, is_light_proxy=True)
     scene = make_scene([wall(), wall(lamp, (-1, -1, 1))])
     hits = cast(scene, [FRONT, BACK], [(0, 0, 0)] * 2)
     assert hits.is_light_proxy.tolist() == [True, False]
     np.testing.assert_array_equal(hits.albedo[0], 0.5)
-    assert not hits.emission.any()
+    np.testing.assert_array_equal(hits.emission, [(9, 9, 9), (0, 0, 0)])
+    assert not hits.traced_emission.any()
 
 
 def test_a_moving_body_is_hit_where_it_is() -> None:

@@ -64,6 +64,22 @@ def test_light_proxies_have_surfels_of_their_own_and_no_light_samples() -> None:
     np.testing.assert_array_equal(on_lamp[world.index[~met & (world.index >= 0)].astype(int)], False)
 
 
+def test_light_proxies_light_each_other_alone() -> None:
+    """A pane of radiance 1 below a larger one: the form factor of what it sees, by 144 rays; nothing on walls."""
+    lamp = Material(albedo=(0.7,) * 3, emission=(1.0,) * 3, is_light_proxy=True)
+    above = np.array([(0.5, 2, 0.5), (0.5, 2, 3.5), (3.5, 2, 3.5), (3.5, 2, 0.5)])
+    world = made(make_scene([ROOM, quad((0.5, 2, 0.5), (3, 0, 0), (0, 0, 3), lamp),
+                             quad((1, 0.1, 3), (2, 0, 0), (0, 0, -2), lamp)]))
+    at = world.position[:world.used] + world.origin
+    low = np.flatnonzero(np.isclose(at[:, 1], 0.1, atol=2e-3) & (world.normal[:world.used, 1] > 0.9))
+    assert len(low) >= 4
+    expected = [abs(polygon_irradiance(at[i], np.array([0.0, 1, 0]), above)) / np.pi for i in low]
+    np.testing.assert_allclose(world.proxy_irradiance[low, 0], expected, atol=0.03)
+    assert world.proxy_irradiance[low, 0].mean() == pytest.approx(np.mean(expected), rel=0.02)
+    proxies = np.isclose(at[:, 1], 0.1, atol=2e-3) | np.isclose(at[:, 1], 2, atol=2e-3)
+    assert not world.proxy_irradiance[:world.used][~proxies].any() and not world.emissive_irradiance.any()
+
+
 def test_walks_stay_on_surfaces_that_light_can_reach() -> None:
     scene = furnished()
     caster = Caster(scene)
