@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from app.gl.lights import IN_PLANE
 from app.scene import Camera, Material, RectLight, Scene
 from app.specular_albedo import lobe_albedo
 from tests.gl.closed_forms import unit
@@ -23,7 +24,7 @@ ROUGHNESSES = (0.1, 0.3, 0.6, 1.0)
 STRIP = 0.4  # width of the floor of one roughness
 AROUND = RectLight((0.0, 1.0, 0.0), (4000.0, 0, 0), (0, 0, 4000.0), (1.0, 1.0, 1.0))
 # Measured errors, largest over roughness and light, rounded up: shares of the largest value over the floor.
-MAX_ERRORS = {0: 0.008, 30: 0.011, 60: 0.011, 75: 0.018, 85: 0.034}
+MAX_ERRORS = {0: 0.008, 30: 0.011, 60: 0.011, 75: 0.018, 85: 0.025}
 
 
 def mirror(roughness: float, f0: float = 1.0) -> Material:
@@ -102,6 +103,13 @@ def hits(point: F64, directions: F64, light: RectLight) -> NDArray[np.bool_]:
         return (t > 0) & (np.abs(share) < 0.5).all(-1)
 
 
+def is_in_plane(point: F64, light: RectLight) -> bool:
+    """Whether a point counts as in the rectangle's plane, where nothing of it arrives."""
+    u, v = np.asarray(light.edge_u), np.asarray(light.edge_v)
+    distance = abs((point - np.asarray(light.center)) @ unit(np.cross(u, v)))
+    return bool(distance <= IN_PLANE * 0.5 * (np.linalg.norm(u) + np.linalg.norm(v)))
+
+
 @pytest.mark.parametrize("degrees", sorted(MAX_ERRORS))
 def test_highlights_are_the_lobes_integral(degrees: int) -> None:
     """For each roughness and light, relative to the largest value on its floor of any light of that size."""
@@ -118,7 +126,8 @@ def test_highlights_are_the_lobes_integral(degrees: int) -> None:
             directions, weight = lobe_samples(position[y, x], np.asarray(camera.eye), roughness**2)
             once = lobe_albedo(roughness**2, unit(np.asarray(camera.eye) - position[y, x])[1])  # as in the shader
             for name, light in lights.items():
-                exact[name][k] = weight / once @ hits(position[y, x], directions, light)
+                is_dark = is_in_plane(position[y, x], light)
+                exact[name][k] = 0 if is_dark else weight / once @ hits(position[y, x], directions, light)
         for name in lights:
             found = images[name]["specular"][pixels[:, 0], pixels[:, 1], 1].astype(np.float64)
             largest = max(exact[other].max() for other in lights if other.split(",")[0] == name.split(",")[0])
