@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from app.errors import SettingsError
@@ -68,7 +69,7 @@ AOVS: dict[str, str] = {
     "flow": "pixels that the surface moves until the next frame (next - current, +y down), never blended",
     "direct": "diffuse radiance by direct light, including that of a shaded environment, W/(sr m²)",
     "specular": "specular radiance by direct light, including that of a shaded environment, W/(sr m²)",
-    "reflection": "specular radiance by indirect light, and by the environment where rays are traced, W/(sr m²)",
+    "reflection": "specular radiance by indirect light, and by what rays meet of the environment and panes, W/(sr m²)",
     "indirect": "indirect radiance divided by albedo, W/(sr m²)",
     "emission": "emitted radiance, W/(sr m²)",
     "background": "radiance of the environment where nothing is seen, W/(sr m²)",
@@ -230,14 +231,13 @@ def _steps(inputs: FrameInputs, finished: str) -> Iterator[Step]:
     yield from _traced_shadows(inputs)
     shadow_grid = shadow_rays.grid(settings.render_size) if inputs.is_traced else None
     yield direct.declare(lights, inputs.has_specular, shadow_grid, inputs.has_sky, inputs.layers,
-                         inputs.has_normal_maps, sky_is_reflected=inputs.has_reflected_rays)
+                         inputs.has_normal_maps, rays_reflect=inputs.has_reflected_rays)
     yield from _indirect_light(inputs)
     yield from _reflections(inputs)
+    yield _composite(inputs)
     if inputs.has_see_through:
-        yield composite.declare(inputs.models.indirect is not None, "opaque_lit")
         yield from _peeled_layers(inputs)
     else:
-        yield composite.declare(inputs.models.indirect is not None, "lit")
         yield from _absent("no material is blended or transmits light", *LAYER_PASSES)
     if settings.taa:
         prefix = "front_" if inputs.has_see_through else ""
@@ -375,10 +375,19 @@ def _reflections(inputs: FrameInputs) -> Iterator[Step]:
         yield lowres_gbuffer.declare("reflection_gbuffer", grid)
         yield reflection.declare_march(grid, scene.longest_edge, settings.taa)
         yield reflection_rays.declare(grid, inputs.surfels, scene.environment, settings.taa)
-        yield from reflection.declare_gathering(grid, settings.taa)
+        yield from reflection.declare_gathering(grid, inputs.lights, settings.taa)
     else:
         yield from _absent("all surfaces are too rough for rays", *REFLECTED_RAY_PASSES)
     yield reflection.declare(grid, inputs.has_reflected_rays)
+
+
+def _composite(inputs: FrameInputs) -> Pass:
+    target = "opaque_lit" if inputs.has_see_through else "lit"
+    reflects, has_rays = inputs.why_no_reflections is None, inputs.has_reflected_rays
+    grid = reflection.grid(inputs.settings.render_size)
+    return composite.declare(inputs.models.indirect is not None, target,
+                             reflection.surfaces_read(has_rays) if reflects else (),
+                             partial(reflection.uniforms, grid, has_rays))
 
 
 def _network(inputs: FrameInputs, model: Network | RepeatedNetwork, grid: Size, target: str) -> Iterator[Step]:

@@ -1,5 +1,8 @@
 // Everything that reaches the camera: direct + albedo * occlusion * indirect + emission + specular + reflection, and the background.
 #include "numbers.glsl"
+#ifdef HAS_SPECULAR_ROUGHNESS
+#include "reflected_light.glsl"
+#endif
 
 uniform sampler2D direct;
 #ifdef HAS_INDIRECT
@@ -15,9 +18,6 @@ uniform sampler2D emission;
 #ifdef HAS_SPECULAR
 uniform sampler2D specular;
 #endif
-#ifdef HAS_REFLECTION
-uniform sampler2D reflection;
-#endif
 #ifdef HAS_BACKGROUND
 uniform sampler2D background;
 #endif
@@ -30,6 +30,9 @@ void main()
     vec3 sum = sanitize_radiance(texelFetch(direct, texel, 0).rgb);
 #ifdef HAS_INDIRECT
     vec3 arriving = sanitize_radiance(texelFetch(indirect, texel, 0).rgb);
+#ifdef HAS_SPECULAR_ROUGHNESS
+    sum += reflected_light(texel, arriving);
+#endif
 #ifdef HAS_OCCLUSION
     arriving *= texelFetch(occlusion, texel, 0).r;
 #endif
@@ -40,9 +43,6 @@ void main()
 #endif
 #ifdef HAS_SPECULAR
     sum += sanitize_radiance(texelFetch(specular, texel, 0).rgb);
-#endif
-#ifdef HAS_REFLECTION
-    sum += sanitize_radiance(texelFetch(reflection, texel, 0).rgb);
 #endif
 #ifdef HAS_BACKGROUND
     sum += sanitize_radiance(texelFetch(background, texel, 0).rgb);

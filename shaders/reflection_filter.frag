@@ -16,6 +16,7 @@ const float NOISY_FRAMES = 8.0;      // after which the radius halves
 const float MAX_FRAMES = 8.0;        // that a texel counts for
 
 uniform sampler2D light_low;                // radiance; a: frames
+uniform sampler2D reflection_ray;           // a: 0 for none
 uniform sampler2D reflection_distance;  // length of the rays / depth
 uniform sampler2D reflection_gbuffer;
 uniform sampler2D specular_roughness;
@@ -29,9 +30,26 @@ float roughness_at(ivec2 low)
     return clamp(texelFetch(specular_roughness, nearest_texel(low, ratio), 0).a, 0.0, 1.0);
 }
 
+// Whether the texel has something to average.
+bool is_needed(ivec2 low, ivec2 last)
+{
+#ifdef WRITE_REFLECTION_FILTERED
+    bool needed = false;
+    for (int i = 0; i < 9; ++i)
+        needed = needed || texelFetch(light_low, clamp(low + spacing * (ivec2(i % 3, i / 3) - 1), ivec2(0), last), 0).a > 0.0;
+    return needed;
+#else
+    return texelFetch(reflection_ray, low, 0).a != 0.0;
+#endif
+}
+
 void main()
 {
     ivec2 low = ivec2(gl_FragCoord.xy), last = textureSize(reflection_gbuffer, 0) - 1;
+#ifdef FAST_PATH  // done where nothing is averaged, which is most texels
+    out_light = vec4(0.0);
+    gl_FragDepth = is_needed(low, last) ? 0.0 : 1.0;
+#else
     vec4 surface = texelFetch(reflection_gbuffer, low, 0), here = texelFetch(light_low, low, 0);
     vec3 p = surface_point(vec2(nearest_texel(low, ratio)) + 0.5, surface.a);
     float roughness = roughness_at(low), distance = texelFetch(reflection_distance, low, 0).r;
@@ -43,19 +61,10 @@ void main()
 #endif
     float radius = min(is_finite(texels) ? max(texels, 0.0) : 0.0, MAX_RADIUS) / (1.0 + frames / NOISY_FRAMES);
     radius = frames > 0.0 ? radius : max(radius, HOLE_RADIUS);
-    // Most texels have nothing to average, and take one step.
-#ifdef WRITE_REFLECTION_FILTERED
-    bool needed = false;
-    for (int i = 0; i < 9; ++i)
-        needed = needed || texelFetch(light_low, clamp(low + spacing * (ivec2(i % 3, i / 3) - 1), ivec2(0), last), 0).a > 0.0;
-#else
-    bool needed = is_surface(surface.a) && ray_share(roughness) > 0.0;
-#endif
-    int i = 0, count = needed ? 9 : 1;
     float falloff = 0.5 / max(radius * radius, 1e-3);
     vec4 sum = vec4(0.0), others = vec4(0.0);
     float depths = 0.0;
-    do {
+    for (int i = 0; i < 9; ++i) {
         ivec2 offset = spacing * (ivec2(i % 3, i / 3) - 1), at = clamp(low + offset, ivec2(0), last);
         vec4 there = texelFetch(reflection_gbuffer, at, 0), light = texelFetch(light_low, at, 0);
         float away = dot(surface.xyz, surface_point(vec2(nearest_texel(at, ratio)) + 0.5, there.a) - p);
@@ -67,13 +76,14 @@ void main()
         sum += counts ? vec4(clamp(light.rgb, 0.0, HALF_MAX), 1.0) * (weight * min(light.a, MAX_FRAMES)) : vec4(0.0);
         depths += known ? there.a : 0.0;
         others += known ? vec4(clamp(light.rgb, 0.0, HALF_MAX), 1.0) : vec4(0.0);
-    } while (++i < count);
-    bool known = needed && sum.a > 0.0 && is_surface(surface.a);
+    }
+    bool known = sum.a > 0.0 && is_surface(surface.a);
 #ifdef WRITE_REFLECTION_FILTERED
     vec4 spread = others.a > 0.0 ? vec4(others.rgb, depths) / others.a : vec4(0.0);
     out_light = known ? vec4(sum.rgb / sum.a, surface.a) : spread;
 #else
     // A texel that was empty stays a little so, which the second pass fills better.
     out_light = known ? vec4(sum.rgb / sum.a, max(frames, min(sum.a, 1.0))) : vec4(0.0);
+#endif
 #endif
 }

@@ -81,7 +81,7 @@ bool is_behind(vec3 at)
 }
 
 // Length at which the ray from p along l meets what the screen shows, or NOT_SHOWN.
-float march(vec3 p, vec3 l, float jitter, int count)
+float march(vec3 p, vec3 l, float jitter)
 {
     vec3 view = mat3(view_from_relative) * p, along = mat3(view_from_relative) * l;
     float scale = depth_scale(-view.z), reach = MAX_LENGTH * scale;
@@ -94,11 +94,11 @@ float march(vec3 p, vec3 l, float jitter, int count)
     float before = begin, at = begin;
     int i = 0;
     do {
-        float share = (float(i) + jitter) / float(count);
+        float share = (float(i) + jitter) / float(steps);
         before = at;
         at = mix(begin, border, share * share);
         behind = is_behind(mix(from, to, at));
-    } while (!behind && ++i < count);
+    } while (!behind && ++i < steps);
     if (!behind || begin >= border) return NOT_SHOWN;
     for (int j = 0; j < refinements; ++j) {
         float middle = 0.5 * (before + at);
@@ -129,6 +129,10 @@ void main()
     vec3 n = surface.xyz, face = octahedral_decode(vec2(texelFetch(normal, full, 0).a, texelFetch(albedo, full, 0).a));
     bool reflects = is_surface(surface.a) && dot(n, n) > 0.5 && is_finite(dot(face, face)) && ray_share(reflectance.a) > 0.0
         && max(max(reflectance.r, reflectance.g), reflectance.b) > 0.0;
+#ifdef FAST_PATH  // done where no ray starts
+    out_origin = out_ray = vec4(0.0);
+    gl_FragDepth = reflects ? 0.0 : 1.0;
+#else
     vec2 u = fract(vec2(texel_noise(vec2(low)), texel_noise(vec2(low.y, textureSize(reflection_gbuffer, 0).x - low.x))) + noise_offset);
     vec2 pixel = vec2(full) + 0.5;
     vec3 p = on_face(pixel + shift, surface.a, surface_point(pixel, surface.a), face);
@@ -142,7 +146,7 @@ void main()
 #endif
     // Half a pixel, within limits, off the surface and towards the eye, where nothing is in the way, also in a corner.
     vec3 origin = p + (face + v) * clamp(0.5 * width, MIN_EPSILON * ray_epsilon, ray_epsilon);
-    float t = march(origin, l, fract(u.x + u.y), reflects ? steps : 1);
-    out_origin = reflects ? vec4(origin, 1.0) : vec4(0.0);
-    out_ray = reflects ? vec4(l, t) : vec4(0.0);
+    out_origin = vec4(origin, 1.0);
+    out_ray = vec4(l, march(origin, l, fract(u.x + u.y)));
+#endif
 }

@@ -4,6 +4,10 @@
 #include "grid.glsl"
 #include "projection.glsl"
 #include "reflection.glsl"
+#ifdef RECTS_ARE_REFLECTED
+#include "nearest_texel.glsl"
+#include "reflected_rects.glsl"
+#endif
 
 const float PLANE_TOLERANCE = 0.01;  // of depth_scale, between a ray's end and the surface that the screen shows there
 const float MIN_RATIO = 1e-4;        // of a ray's length to the depth where it starts
@@ -18,6 +22,9 @@ uniform sampler2D direct;
 uniform sampler2D albedo;
 uniform sampler2D indirect;
 uniform sampler2D specular_roughness;
+#ifdef RECTS_ARE_REFLECTED
+uniform vec2 ratio;  // full-resolution texels per low-resolution texel
+#endif
 #ifdef HAS_OCCLUSION
 uniform sampler2D occlusion;
 #endif
@@ -46,7 +53,12 @@ vec3 sent_by(ivec2 texel)
 void main()
 {
     ivec2 low = ivec2(gl_FragCoord.xy);
-    vec4 ray = texelFetch(reflection_ray, low, 0), traced = texelFetch(reflection_traced, low, 0);
+    vec4 ray = texelFetch(reflection_ray, low, 0);
+#ifdef FAST_PATH  // done where no ray starts
+    out_now = vec4(0.0);
+    gl_FragDepth = ray.a == 0.0 ? 1.0 : 0.0;
+#else
+    vec4 traced = texelFetch(reflection_traced, low, 0);
     float here = texelFetch(reflection_gbuffer, low, 0).a;
     bool is_shown = ray.a > 0.0 && is_finite(ray.a), is_traced = !is_shown && traced.a > 0.0 && is_finite(traced.a);
     float t = is_shown ? ray.a : is_traced ? traced.a : 0.0;
@@ -62,6 +74,11 @@ void main()
         && (is_shown || (abs(away) <= PLANE_TOLERANCE * depth_scale(d)
             && !is_metallic(texelFetch(albedo, texel, 0).rgb, texelFetch(specular_roughness, texel, 0).rgb)));
     vec3 light = seen ? sent_by(texel) : is_traced ? sanitize_radiance(traced.rgb) : vec3(0.0);
+#ifdef RECTS_ARE_REFLECTED
+    float roughness = texelFetch(specular_roughness, nearest_texel(low, ratio), 0).a;
+    light += rect_ray_share(roughness) * rects_along(texelFetch(reflection_origin, low, 0).xyz, ray.xyz, t);
+#endif
     bool counts = is_surface(here) && (seen || is_traced);
     out_now = counts ? vec4(min(light, HALF_MAX), clamp(t / here, MIN_RATIO, HALF_MAX)) : vec4(0.0);
+#endif
 }

@@ -31,6 +31,11 @@ def ratio_to(grid: tuple[int, int], frame: FrameState) -> tuple[float, float]:
     return frame.size[0] / grid[0], frame.size[1] / grid[1]
 
 
+def always(frame: FrameState) -> bool:
+    """``fast_path`` of passes that draw every frame in two steps."""
+    return True
+
+
 def quads_share_taps(grid: tuple[int, int], frame: FrameState) -> bool:
     """Whether most quads of the image lie between four texels of a low-resolution ``grid`` (quad_taps.glsl)."""
     return all(ratio == 1.0 or ratio >= MIN_SHARED_RATIO for ratio in ratio_to(grid, frame))

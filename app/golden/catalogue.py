@@ -9,7 +9,7 @@ from app.golden import scenes
 from app.golden.case import Case
 from app.golden.copy_case import CopyCase
 from app.golden.network_case import NetworkCase
-from app.golden.scene_case import SceneCase, Shot
+from app.golden.scene_case import OUTPUTS, SceneCase, Shot
 from app.network.contract_json import read_contract
 from app.network.selection import SSGI, UNSHADOWED, Model, bundled_models, find_model
 from app.scene import Scene
@@ -33,6 +33,7 @@ PARALLEL_GLASS_STAGES = "position", "ssgi", "ssgi_filter_near", "accumulate", "u
 LABELS = "instance", "material", "flow"
 REFLECTION_STAGES = ("reflection_march", "reflection_rays", "reflection_resolve", "reflection_history",
                      "reflection_filter_far", "reflection_filter_near", "reflection")
+WITH_REFLECTION = (*OUTPUTS, "reflection")  # which ``composite`` has no need of
 AREA_LIGHTS_STAGES = ("shadow", "gbuffer", "position", "shadow_gbuffer", "shadow_rays", "shadow_history",
                       "shadow_filter_near", "shadow_filter_far", "direct", "composite", "taa", "tonemap")
 OUTDOOR_STAGES = ("shadow", "gbuffer", "shadow_gbuffer", "shadow_rays", "shadow_history", "shadow_filter_near",
@@ -77,13 +78,16 @@ def catalogue() -> dict[str, Case]:
                 stages=("auto_exposure", "tonemap"), auto_exposure=True),
         replace(_single("auto_exposure_of_one_frame", scenes.area_lights(), None), size=(96, 72),
                 stages=("auto_exposure",), auto_exposure=True, taa=False),
-        replace(_settled("mirrors", scenes.mirrors(), SSGI), size=(64, 48), stages=REFLECTION_STAGES, reflections=True),
+        replace(_settled("mirrors", scenes.mirrors(), SSGI), size=(64, 48), outputs=WITH_REFLECTION,
+                stages=REFLECTION_STAGES, reflections=True),
         replace(_single("glossy", scenes.materials(), SSGI), size=(64, 48), reflections=True,
-                stages=("direct", "reflection_history", "reflection")),
+                outputs=WITH_REFLECTION, stages=("direct", "reflection_history", "reflection", "composite")),
+        replace(_settled("reflected_panes", scenes.area_lights(), SSGI), size=(96, 72), reflections=True,
+                stages=("direct", "reflection_resolve", "composite")),
         replace(_single("glass_reflected", scenes.glass(), SSGI), size=(64, 48), reflections=True,
                 stages=("reflection_march",)),
         replace(_settled("parallel_mirrors", scenes.parallel(scenes.mirrors(), 1.6), SSGI), size=(64, 48),
-                stages=REFLECTION_STAGES[-2:], reflections=True),
+                outputs=WITH_REFLECTION, stages=REFLECTION_STAGES[-2:], reflections=True),
         replace(_settled("ssgi", scenes.room(), SSGI), stages=SSGI_STAGES),
         replace(_settled("ember", scenes.room(), ember), stages=("surfel_light", "pack_surfels", "missed_pixels")),
         replace(_settled("gathered", scenes.room(), find_model("final-gather")), size=(96, 72),

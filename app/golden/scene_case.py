@@ -17,7 +17,7 @@ from app.renderer import Renderer
 from app.scene import Camera, Scene
 from app.settings import TONE_MAPS, Settings
 
-OUTPUTS = ("final", "position")  # all passes but ``labels`` run for these
+OUTPUTS = ("final", "position")  # all passes but ``labels`` and ``reflection`` run for these
 MAX_TEXELS = 2**16               # of a golden; larger images, such as shadow atlases, are subsampled
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from app.gl.context import Device
 from app.gl.frame_state import Execute, FrameState
-from app.gl.fullscreen import CUBE_PREFIX, cube_defines, make_fullscreen, quads_share_taps, ratio_to
+from app.gl.fullscreen import CUBE_PREFIX, always, cube_defines, make_fullscreen, quads_share_taps, ratio_to
 from app.gl.lights import LightSet
 from app.gl.peeling import PeeledLayer
 from app.gl.pool import Resources
@@ -22,7 +22,7 @@ LTC_UNIT = 15  # texture unit of the table of specular lobes, beyond those of wh
 
 def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] | None, has_sky: bool,
             layers: tuple[str, ...], has_normal_maps: bool, layer: PeeledLayer | None = None,
-            sky_is_reflected: bool = False) -> Pass:
+            rays_reflect: bool = False) -> Pass:
     """On the screen; specular light only where a material has a specular lobe.
 
     With TAA each frame samples penumbrae at other points; without it the points are fixed per texel, so that static
@@ -40,8 +40,8 @@ def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] |
         Whether shading normals can face lights that the surface does not.
     layer : PeeledLayer or None
         What to light, instead of the G-buffer.
-    sky_is_reflected : bool
-        Whether smooth surfaces reflect the environment elsewhere, by rays.
+    rays_reflect : bool
+        Whether smooth surfaces reflect the environment and exact rectangles elsewhere, by rays.
     """
     prefix = "" if layer is None else layer.prefix
     writes: dict[str, Resource] = {prefix + "direct": Tex("f2", 4)}
@@ -53,7 +53,8 @@ def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] |
              *(("sky_irradiance",) if has_sky else ()), *(("sky_specular",) if has_sky and has_specular else ()))
     defines = {**lights.defines, **({"NORMAL_MAPS": 1} if has_normal_maps else {}),
                **{f"HAS_{name.upper()}": 1 for name in layers}, **({"WIDE_SHADOW_RATIO": 1} if prefix else {}),
-               **({"SKY_IS_REFLECTED": 1} if sky_is_reflected else {}),
+               **({"SKY_IS_REFLECTED": 1} if rays_reflect else {}),
+               **({"RECTS_ARE_REFLECTED": 1} if rays_reflect and lights.has_exact_rects else {}),
                **({"HAS_SPECULAR_SURFACES": 1} if has_specular else {})}
 
     shaded = ("environment_diffuse", "environment_specular") if layer is None else ()
@@ -108,7 +109,7 @@ def _fast_path(defines: Mapping[str, object],
                shadow_grid: tuple[int, int] | None) -> Callable[[FrameState], bool] | None:
     """When a first step does quads whose traced visibility four texels know, or without any light of mapped lights."""
     if shadow_grid is None:
-        return (lambda frame: True) if 1 <= int(str(defines["LIGHT_COUNT"])) <= MAX_SPLIT_LIGHTS else None
+        return always if 1 <= int(str(defines["LIGHT_COUNT"])) <= MAX_SPLIT_LIGHTS else None
     # Rectangles cost so much that it does not pay to light the rest twice.
     return None if "HAS_TRACED_RECT" in defines else partial(quads_share_taps, shadow_grid)
 

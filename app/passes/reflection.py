@@ -1,11 +1,13 @@
 """Indirect light on glossy surfaces: rays marched over the screen or traced, gathered, filtered, upsampled."""
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
 from app.gl.frame_state import FrameState, MotionKind
-from app.gl.fullscreen import make_fullscreen, ratio_to, reduced_grid
+from app.gl.fullscreen import always, make_fullscreen, ratio_to, reduced_grid
+from app.gl.lights import LightSet
 from app.graph import Pass, Resource, Tex
 from app.math3d import R2, affine_matrix, halton
 from app.scene import Material
@@ -53,17 +55,19 @@ def declare_march(grid: Size, extent: float, has_history: bool) -> Pass:
                 writes={"reflection_origin": texels, "reflection_ray": texels},
                 make=make_fullscreen("reflection_march.frag", lambda frame: {
                     "ratio": ratio_to(grid, frame), "noise_phase": frame.noise_phase, "steps": MARCH_STEPS,
-                    "ray_epsilon": RAY_EPSILON * extent, **_samples(grid, frame, has_history)}))
+                    "ray_epsilon": RAY_EPSILON * extent, **_samples(grid, frame, has_history)}, fast_path=always))
 
 
-def declare_gathering(grid: Size, has_history: bool) -> Iterator[Pass]:
+def declare_gathering(grid: Size, lights: LightSet, has_history: bool) -> Iterator[Pass]:
     """The light at the rays' ends, gathered over frames if there is a history, and filtered."""
+    rects = {**lights.defines, "RECTS_ARE_REFLECTED": 1} if lights.has_exact_rects else {}
     light = Tex("f2", 4, size=grid)
     yield Pass("reflection_resolve",
                reads=("reflection_gbuffer", "reflection_origin", "reflection_ray", "reflection_traced", "normal",
                       "depth", "direct", "albedo", "indirect", "specular_roughness"),
                optional=("occlusion", "emission"), writes={"reflection_now": light},
-               make=make_fullscreen("reflection_resolve.frag"))
+               make=make_fullscreen("reflection_resolve.frag", lambda frame: {"ratio": ratio_to(grid, frame)}
+                                    if rects else {}, defines=rects, fast_path=always))
     history = ("reflection_gbuffer", "specular_roughness", "motion", "reflection_low@prev", "reflection_distance@prev",
                "reflection_gbuffer@prev")
     gathered: dict[str, Resource] = {"reflection_low": Tex("f4", 4, size=grid),
@@ -75,13 +79,20 @@ def declare_gathering(grid: Size, has_history: bool) -> Iterator[Pass]:
     yield _filter("reflection_filter_near", "reflection_averaged", "reflection_filtered", grid, 1)
 
 
+def surfaces_read(has_rays: bool) -> tuple[str, ...]:
+    """What ``reflected_light.glsl`` reads, beside indirect light."""
+    return ("normal", "depth", "specular_roughness", *(("reflection_filtered",) if has_rays else ()))
+
+
+def uniforms(grid: Size, has_rays: bool, frame: FrameState) -> dict[str, object]:
+    """The uniforms of ``reflected_light.glsl``."""
+    return {"ratio": ratio_to(grid, frame)} if has_rays else {}
+
+
 def declare(grid: Size, has_rays: bool) -> Pass:
-    """What is seen of reflections, at full resolution."""
-    return Pass("reflection", reads=("normal", "depth", "specular_roughness", "indirect",
-                                     *(("reflection_filtered",) if has_rays else ())),
-                writes={"reflection": Tex("f2", 4)},
-                make=make_fullscreen("reflection.frag", lambda frame: {"ratio": ratio_to(grid, frame)}
-                                     if has_rays else {}))
+    """What is seen of reflections, at full resolution, as ``composite`` adds it by itself."""
+    return Pass("reflection", reads=("indirect", *surfaces_read(has_rays)), writes={"reflection": Tex("f2", 4)},
+                make=make_fullscreen("reflection.frag", partial(uniforms, grid, has_rays)))
 
 
 def _samples(grid: Size, frame: FrameState, has_history: bool) -> dict[str, object]:
@@ -94,10 +105,11 @@ def _samples(grid: Size, frame: FrameState, has_history: bool) -> dict[str, obje
 
 
 def _filter(name: str, source: str, target: str, grid: Size, spacing: int) -> Pass:
-    return Pass(name, reads=(source, "reflection_distance", "reflection_gbuffer", "specular_roughness"),
-                writes={target: Tex("f2", 4, size=grid)},
+    reads = (source, "reflection_ray", "reflection_distance", "reflection_gbuffer", "specular_roughness")
+    return Pass(name, reads=reads, writes={target: Tex("f2", 4, size=grid)},
                 make=make_fullscreen("reflection_filter.frag", lambda frame: {
-                    "ratio": ratio_to(grid, frame), "spacing": spacing}, samplers={source: "light_low"}))
+                    "ratio": ratio_to(grid, frame), "spacing": spacing}, samplers={source: "light_low"},
+                                     fast_path=always))
 
 
 def _history_uniforms(grid: Size, frame: FrameState) -> dict[str, object]:

@@ -99,7 +99,10 @@ class SurfelLookup:
         return np.asarray(self._rows[np.searchsorted(self._codes, codes)][inverse])
 
     def _is_known(self, codes: Ints) -> Bools:
-        return np.isin(codes, self._codes)
+        if len(self._codes) == 0:
+            return np.zeros(len(codes), np.bool_)
+        at = np.searchsorted(self._codes, codes).clip(max=len(self._codes) - 1)
+        return np.asarray(self._codes[at] == codes)
 
     def _remember(self, codes: Ints, candidates: Ints, weights: F32) -> None:
         rows = np.arange(len(self._candidates), len(self._candidates) + len(codes))

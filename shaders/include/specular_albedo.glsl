@@ -32,17 +32,23 @@ vec3 multiple_scattering(vec3 f0, float albedo)
     return 1.0 + f0 * (1.0 / albedo - 1.0);
 }
 
-// Factor of light that the lobe without a Fresnel term reflects once towards a viewer at cosine n_v: the mean Fresnel term,
-// and light that is scattered more than once. An F0 of 0 means no reflection.
+// Mean Fresnel term over what a lobe of lobe_albedo reflects once, with light that is scattered more than once. An F0 of 0
+// means no reflection.
+vec3 reflectance_of(vec3 f0, vec2 lobe)
+{
+    bool reflects = max(max(f0.r, f0.g), f0.b) > 0.0;
+    return reflects ? (f0 + (1.0 - f0) * lobe.y) * multiple_scattering(f0, lobe.x) : vec3(0.0);
+}
+
+// Factor of light that the lobe without a Fresnel term reflects once towards a viewer at cosine n_v.
 vec3 lobe_reflectance(vec3 f0, float roughness, float n_v)
 {
-    if (!(max(max(f0.r, f0.g), f0.b) > 0.0)) return vec3(0.0);
-    vec2 lobe = lobe_albedo(roughness, n_v);
-    return (f0 + (1.0 - f0) * lobe.y) * multiple_scattering(f0, lobe.x);
+    return reflectance_of(f0, lobe_albedo(roughness, n_v));
 }
 
 // Share of light from everywhere that the lobe reflects towards a viewer at cosine n_v.
 vec3 specular_albedo(vec3 f0, float roughness, float n_v)
 {
-    return lobe_albedo(roughness, n_v).x * lobe_reflectance(f0, roughness, n_v);
+    vec2 lobe = lobe_albedo(roughness, n_v);
+    return lobe.x * reflectance_of(f0, lobe);
 }
