@@ -69,7 +69,7 @@ AOVS: dict[str, str] = {
     "flow": "pixels that the surface moves until the next frame (next - current, +y down), never blended",
     "direct": "diffuse radiance by direct light, including that of a shaded environment, W/(sr m²)",
     "specular": "specular radiance by direct light, including that of a shaded environment, W/(sr m²)",
-    "reflection": "specular radiance by indirect light, and by what rays meet of the environment and panes, W/(sr m²)",
+    "reflection": "specular radiance by indirect light, and by the environment where rays are traced, W/(sr m²)",
     "indirect": "indirect radiance divided by albedo, W/(sr m²)",
     "emission": "emitted radiance, W/(sr m²)",
     "background": "radiance of the environment where nothing is seen, W/(sr m²)",
@@ -231,7 +231,7 @@ def _steps(inputs: FrameInputs, finished: str) -> Iterator[Step]:
     yield from _traced_shadows(inputs)
     shadow_grid = shadow_rays.grid(settings.render_size) if inputs.is_traced else None
     yield direct.declare(lights, inputs.has_specular, shadow_grid, inputs.has_sky, inputs.layers,
-                         inputs.has_normal_maps, rays_reflect=inputs.has_reflected_rays)
+                         inputs.has_normal_maps, sky_is_reflected=inputs.has_reflected_rays)
     yield from _indirect_light(inputs)
     yield from _reflections(inputs)
     yield _composite(inputs)
@@ -375,7 +375,7 @@ def _reflections(inputs: FrameInputs) -> Iterator[Step]:
         yield lowres_gbuffer.declare("reflection_gbuffer", grid)
         yield reflection.declare_march(grid, scene.longest_edge, settings.taa)
         yield reflection_rays.declare(grid, inputs.surfels, scene.environment, settings.taa)
-        yield from reflection.declare_gathering(grid, inputs.lights, settings.taa)
+        yield from reflection.declare_gathering(grid, settings.taa)
     else:
         yield from _absent("all surfaces are too rough for rays", *REFLECTED_RAY_PASSES)
     yield reflection.declare(grid, inputs.has_reflected_rays)

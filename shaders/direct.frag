@@ -11,7 +11,7 @@
 #ifdef HAS_TRACED_RECT
 #include "traced_rects.glsl"
 #endif
-#if defined(SKY_IS_REFLECTED) || defined(RECTS_ARE_REFLECTED)
+#ifdef SKY_IS_REFLECTED
 #include "reflection.glsl"
 #endif
 #ifdef LAYERS
@@ -44,13 +44,6 @@ layout(location = WRITE_SPECULAR) out vec4 out_specular;
 #define SKY_SHARE (1.0 - ray_share(reflectance.a))
 #else
 #define SKY_SHARE 1.0
-#endif
-
-// Share of the highlights of rectangles that is not traced.
-#ifdef RECTS_ARE_REFLECTED
-#define RECT_SHARE (1.0 - rect_ray_share(reflectance.a))
-#else
-#define RECT_SHARE 1.0
 #endif
 
 void main()
@@ -127,9 +120,9 @@ void main()
 #ifdef HAS_TRACED_RECT
     QuadSurface quad = quad_surface(p, n, d);
 #ifdef WRITE_SPECULAR
-    TracedRects rects = rects_light(p, n, lobe, is_surface(d), is_shiny && RECT_SHARE > 0.0, quad);
+    TracedRects rects = rects_light(p, n, lobe, is_surface(d), is_shiny, quad);
     traced += rects.irradiance;
-    traced_specular += RECT_SHARE * rects.specular;
+    traced_specular += rects.specular;
 #else
     traced += rects_irradiance(p, n, is_surface(d), quad);
 #endif

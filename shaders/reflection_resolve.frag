@@ -4,10 +4,6 @@
 #include "grid.glsl"
 #include "projection.glsl"
 #include "reflection.glsl"
-#ifdef RECTS_ARE_REFLECTED
-#include "nearest_texel.glsl"
-#include "reflected_rects.glsl"
-#endif
 
 const float PLANE_TOLERANCE = 0.01;  // of depth_scale, between a ray's end and the surface that the screen shows there
 const float MIN_RATIO = 1e-4;        // of a ray's length to the depth where it starts
@@ -22,9 +18,6 @@ uniform sampler2D direct;
 uniform sampler2D albedo;
 uniform sampler2D indirect;
 uniform sampler2D specular_roughness;
-#ifdef RECTS_ARE_REFLECTED
-uniform vec2 ratio;  // full-resolution texels per low-resolution texel
-#endif
 #ifdef HAS_OCCLUSION
 uniform sampler2D occlusion;
 #endif
@@ -74,10 +67,6 @@ void main()
         && (is_shown || (abs(away) <= PLANE_TOLERANCE * depth_scale(d)
             && !is_metallic(texelFetch(albedo, texel, 0).rgb, texelFetch(specular_roughness, texel, 0).rgb)));
     vec3 light = seen ? sent_by(texel) : is_traced ? sanitize_radiance(traced.rgb) : vec3(0.0);
-#ifdef RECTS_ARE_REFLECTED
-    float roughness = texelFetch(specular_roughness, nearest_texel(low, ratio), 0).a;
-    light += rect_ray_share(roughness) * rects_along(texelFetch(reflection_origin, low, 0).xyz, ray.xyz, t);
-#endif
     bool counts = is_surface(here) && (seen || is_traced);
     out_now = counts ? vec4(min(light, HALF_MAX), clamp(t / here, MIN_RATIO, HALF_MAX)) : vec4(0.0);
 #endif

@@ -192,12 +192,6 @@ class LightSet:
                 "RECTS_BEGIN": len(self.lights) - rect_count,
                 **{name: 1 for name in sorted(flags) if flags[name]}}
 
-    @property
-    def has_exact_rects(self) -> bool:
-        """Whether the shadows of some rectangles are traced, and none of them stands for surfaces of another shape."""
-        rects = [light for light in self.lights[len(self.mapped):] if isinstance(light, RectLight)]
-        return bool(rects) and not any(rect in self._points for rect in rects)
-
     def upload(self, eye: F64) -> None:
         """Write the block with positions relative to ``eye``."""
         rows = np.zeros((max(1, len(self.lights)), LIGHT_FLOATS), np.float32)

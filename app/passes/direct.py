@@ -22,7 +22,7 @@ LTC_UNIT = 15  # texture unit of the table of specular lobes, beyond those of wh
 
 def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] | None, has_sky: bool,
             layers: tuple[str, ...], has_normal_maps: bool, layer: PeeledLayer | None = None,
-            rays_reflect: bool = False) -> Pass:
+            sky_is_reflected: bool = False) -> Pass:
     """On the screen; specular light only where a material has a specular lobe.
 
     With TAA each frame samples penumbrae at other points; without it the points are fixed per texel, so that static
@@ -40,8 +40,8 @@ def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] |
         Whether shading normals can face lights that the surface does not.
     layer : PeeledLayer or None
         What to light, instead of the G-buffer.
-    rays_reflect : bool
-        Whether smooth surfaces reflect the environment and exact rectangles elsewhere, by rays.
+    sky_is_reflected : bool
+        Whether smooth surfaces reflect the environment elsewhere, by rays.
     """
     prefix = "" if layer is None else layer.prefix
     writes: dict[str, Resource] = {prefix + "direct": Tex("f2", 4)}
@@ -53,8 +53,7 @@ def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] |
              *(("sky_irradiance",) if has_sky else ()), *(("sky_specular",) if has_sky and has_specular else ()))
     defines = {**lights.defines, **({"NORMAL_MAPS": 1} if has_normal_maps else {}),
                **{f"HAS_{name.upper()}": 1 for name in layers}, **({"WIDE_SHADOW_RATIO": 1} if prefix else {}),
-               **({"SKY_IS_REFLECTED": 1} if rays_reflect else {}),
-               **({"RECTS_ARE_REFLECTED": 1} if rays_reflect and lights.has_exact_rects else {}),
+               **({"SKY_IS_REFLECTED": 1} if sky_is_reflected else {}),
                **({"HAS_SPECULAR_SURFACES": 1} if has_specular else {})}
 
     shaded = ("environment_diffuse", "environment_specular") if layer is None else ()

@@ -7,7 +7,6 @@ import numpy as np
 
 from app.gl.frame_state import FrameState, MotionKind
 from app.gl.fullscreen import always, make_fullscreen, ratio_to, reduced_grid
-from app.gl.lights import LightSet
 from app.graph import Pass, Resource, Tex
 from app.math3d import R2, affine_matrix, halton
 from app.scene import Material
@@ -58,16 +57,14 @@ def declare_march(grid: Size, extent: float, has_history: bool) -> Pass:
                     "ray_epsilon": RAY_EPSILON * extent, **_samples(grid, frame, has_history)}, fast_path=always))
 
 
-def declare_gathering(grid: Size, lights: LightSet, has_history: bool) -> Iterator[Pass]:
+def declare_gathering(grid: Size, has_history: bool) -> Iterator[Pass]:
     """The light at the rays' ends, gathered over frames if there is a history, and filtered."""
-    rects = {**lights.defines, "RECTS_ARE_REFLECTED": 1} if lights.has_exact_rects else {}
     light = Tex("f2", 4, size=grid)
     yield Pass("reflection_resolve",
                reads=("reflection_gbuffer", "reflection_origin", "reflection_ray", "reflection_traced", "normal",
                       "depth", "direct", "albedo", "indirect", "specular_roughness"),
                optional=("occlusion", "emission"), writes={"reflection_now": light},
-               make=make_fullscreen("reflection_resolve.frag", lambda frame: {"ratio": ratio_to(grid, frame)}
-                                    if rects else {}, defines=rects, fast_path=always))
+               make=make_fullscreen("reflection_resolve.frag", fast_path=always))
     history = ("reflection_gbuffer", "specular_roughness", "motion", "reflection_low@prev", "reflection_distance@prev",
                "reflection_gbuffer@prev")
     gathered: dict[str, Resource] = {"reflection_low": Tex("f4", 4, size=grid),
@@ -105,8 +102,10 @@ def _samples(grid: Size, frame: FrameState, has_history: bool) -> dict[str, obje
 
 
 def _filter(name: str, source: str, target: str, grid: Size, spacing: int) -> Pass:
-    reads = (source, "reflection_ray", "reflection_distance", "reflection_gbuffer", "specular_roughness")
-    return Pass(name, reads=reads, writes={target: Tex("f2", 4, size=grid)},
+    reads = (source, "reflection_distance", "reflection_gbuffer", "specular_roughness")
+    is_first = source == "reflection_low"  # then only texels with rays are needed
+    return Pass(name, reads=(*reads, *(("reflection_ray",) if is_first else ())),
+                writes={target: Tex("f2", 4, size=grid)},
                 make=make_fullscreen("reflection_filter.frag", lambda frame: {
                     "ratio": ratio_to(grid, frame), "spacing": spacing}, samplers={source: "light_low"},
                                      fast_path=always))

@@ -2,19 +2,10 @@
 const float FULL_RAY_ROUGHNESS = 0.4;  // perceptual; up to here reflections are traced,
 const float MAX_RAY_ROUGHNESS = 0.6;   // from here on they are the diffuse light that arrives
 
-// The same of rectangle lights: rays miss the far tail of wide lobes, which holds much of so bright a light.
-const float FULL_RECT_ROUGHNESS = 0.15;
-const float MAX_RECT_ROUGHNESS = 0.35;
-
 // Share of a surface's reflections that is traced. A roughness that is no number counts as 1.
 float ray_share(float roughness)
 {
     return is_finite(roughness) ? 1.0 - smoothstep(FULL_RAY_ROUGHNESS, MAX_RAY_ROUGHNESS, roughness) : 0.0;
-}
-
-float rect_ray_share(float roughness)
-{
-    return is_finite(roughness) ? 1.0 - smoothstep(FULL_RECT_ROUGHNESS, MAX_RECT_ROUGHNESS, roughness) : 0.0;
 }
 
 // Whether a surface reflects mostly by its specular lobe, so that the light it sends to the eye says little about others.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from app.network.selection import SSGI, Model
 from app.passes import reflection
 from app.renderer import Renderer
-from app.scene import Camera, Environment, Material, PointLight, RectLight, Scene, Texture
+from app.scene import Camera, Environment, Material, PointLight, Scene, Texture
 from app.settings import Settings
 from tests.gl.scenes import Part, box, make_scene, quad
 
@@ -154,18 +154,6 @@ def test_rays_that_meet_nothing_show_the_environment(small_ember: Path) -> None:
     image = draw(scene, small_ember, (down,) * 2)[-1]
     np.testing.assert_allclose(image["reflection"], 0.5, rtol=0.02)
     assert not image["specular"].any()
-
-
-def test_a_mirror_shows_a_rectangle_light_and_what_hides_it(small_ember: Path) -> None:
-    """The light fills the wall behind the camera; a black board before its right half hides it there."""
-    light = RectLight((0.0, 1.0, 0.9), (-1.6, 0.0, 0.0), (0.0, 1.6, 0.0), (2.0, 2.0, 2.0))
-    board = quad((0.8, 0.2, 0.8), (-0.8, 0.0, 0.0), (0.0, 1.6, 0.0), Material("board", albedo=(0.0, 0.0, 0.0)))
-    scene = make_scene([quad((-1, 0, -1), (2, 0, 0), (0, 2, 0), MIRROR), board], [light], CAMERA)
-    image = draw(scene, small_ember, (CAMERA,) * 3)[-1]
-    shown, hidden = image["reflection"][30:42, 36:46], image["reflection"][30:42, 50:60]
-    np.testing.assert_allclose(shown, 2.0, rtol=0.02)
-    assert hidden.max() < 0.02
-    assert not image["specular"].any(), "the highlight is not drawn twice"
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 40), (40, 1), (2, 3)])
