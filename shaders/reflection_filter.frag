@@ -16,7 +16,7 @@ const float NOISY_FRAMES = 8.0;      // after which the radius halves
 const float MAX_FRAMES = 8.0;        // that a texel counts for
 
 uniform sampler2D light_low;                // radiance; a: frames
-#ifndef WRITE_REFLECTION_FILTERED
+#ifdef HAS_REFLECTION_RAY
 uniform sampler2D reflection_ray;           // a: 0 for none
 #endif
 uniform sampler2D reflection_distance;  // length of the rays / depth
