@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING
 
 from app.errors import SettingsError
@@ -382,12 +381,9 @@ def _reflections(inputs: FrameInputs) -> Iterator[Step]:
 
 
 def _composite(inputs: FrameInputs) -> Pass:
-    target = "opaque_lit" if inputs.has_see_through else "lit"
-    reflects, has_rays = inputs.why_no_reflections is None, inputs.has_reflected_rays
-    grid = reflection.grid(inputs.settings.render_size)
-    return composite.declare(inputs.models.indirect is not None, target,
-                             reflection.surfaces_read(has_rays) if reflects else (),
-                             partial(reflection.uniforms, grid, has_rays))
+    surfaces = reflection.surfaces_read(inputs.has_reflected_rays) if inputs.why_no_reflections is None else ()
+    return composite.declare(inputs.models.indirect is not None, "opaque_lit" if inputs.has_see_through else "lit",
+                             surfaces, reflection.grid(inputs.settings.render_size))
 
 
 def _network(inputs: FrameInputs, model: Network | RepeatedNetwork, grid: Size, target: str) -> Iterator[Step]:

@@ -35,13 +35,13 @@ float roughness_at(ivec2 low)
 // Whether the texel has something to average.
 bool is_needed(ivec2 low, ivec2 last)
 {
-#ifdef WRITE_REFLECTION_FILTERED
+#ifdef HAS_REFLECTION_RAY
+    return texelFetch(reflection_ray, low, 0).a != 0.0;
+#else
     bool needed = false;
     for (int i = 0; i < 9; ++i)
         needed = needed || texelFetch(light_low, clamp(low + spacing * (ivec2(i % 3, i / 3) - 1), ivec2(0), last), 0).a > 0.0;
     return needed;
-#else
-    return texelFetch(reflection_ray, low, 0).a != 0.0;
 #endif
 }
 

@@ -1,23 +1,20 @@
 """Direct light + albedo × occlusion × indirect light + emission + specular light + reflections, and the background."""
 
-from collections.abc import Callable, Mapping
-
-from app.gl.frame_state import FrameState
-from app.gl.fullscreen import make_fullscreen
+from app.gl.fullscreen import make_fullscreen, ratio_to
 from app.graph import Pass, Tex
 
 
-def declare(has_indirect: bool, target: str, reflection: tuple[str, ...],
-            uniforms: Callable[[FrameState], Mapping[str, object]]) -> Pass:
+def declare(has_indirect: bool, target: str, reflection: tuple[str, ...], grid: tuple[int, int]) -> Pass:
     """Albedo and occlusion are read only where there is indirect light to modulate.
 
     Parameters
     ----------
     reflection : tuple of str
         What reflections are made of; none without them.
-    uniforms : callable
-        Those of reflections in a frame.
+    grid : tuple of int
+        Width and height of the grid of reflections.
     """
     return Pass("composite", reads=("direct", *(("indirect", "albedo") if has_indirect else ()), *reflection),
                 optional=("emission", "specular", "background", *(("occlusion",) if has_indirect else ())),
-                writes={target: Tex("f2", 4)}, make=make_fullscreen("composite.frag", uniforms))
+                writes={target: Tex("f2", 4)},
+                make=make_fullscreen("composite.frag", lambda frame: {"ratio": ratio_to(grid, frame)}))

@@ -1,7 +1,6 @@
 """Indirect light on glossy surfaces: rays marched over the screen or traced, gathered, filtered, upsampled."""
 
 from collections.abc import Iterator
-from functools import partial
 
 import numpy as np
 
@@ -72,7 +71,7 @@ def declare_gathering(grid: Size, has_history: bool) -> Iterator[Pass]:
     yield Pass("reflection_history", reads=("reflection_now", *(history if has_history else ())), writes=gathered,
                make=make_fullscreen("reflection_history.frag", lambda frame: _history_uniforms(grid, frame)
                                     if has_history else {}))
-    yield _filter("reflection_filter_far", "reflection_low", "reflection_averaged", grid, 3)
+    yield _filter("reflection_filter_far", "reflection_low", "reflection_averaged", grid, 3, "reflection_ray")
     yield _filter("reflection_filter_near", "reflection_averaged", "reflection_filtered", grid, 1)
 
 
@@ -81,15 +80,10 @@ def surfaces_read(has_rays: bool) -> tuple[str, ...]:
     return ("normal", "depth", "specular_roughness", *(("reflection_filtered",) if has_rays else ()))
 
 
-def uniforms(grid: Size, has_rays: bool, frame: FrameState) -> dict[str, object]:
-    """The uniforms of ``reflected_light.glsl``."""
-    return {"ratio": ratio_to(grid, frame)} if has_rays else {}
-
-
 def declare(grid: Size, has_rays: bool) -> Pass:
     """What is seen of reflections, at full resolution, as ``composite`` adds it by itself."""
     return Pass("reflection", reads=("indirect", *surfaces_read(has_rays)), writes={"reflection": Tex("f2", 4)},
-                make=make_fullscreen("reflection.frag", partial(uniforms, grid, has_rays)))
+                make=make_fullscreen("reflection.frag", lambda frame: {"ratio": ratio_to(grid, frame)}))
 
 
 def _samples(grid: Size, frame: FrameState, has_history: bool) -> dict[str, object]:
@@ -101,11 +95,9 @@ def _samples(grid: Size, frame: FrameState, has_history: bool) -> dict[str, obje
             "shift": tuple(ratio * at for ratio, at in zip(ratio_to(grid, frame), inside, strict=True))}
 
 
-def _filter(name: str, source: str, target: str, grid: Size, spacing: int) -> Pass:
-    reads = (source, "reflection_distance", "reflection_gbuffer", "specular_roughness")
-    is_first = source == "reflection_low"  # then only texels with rays are needed
-    return Pass(name, reads=(*reads, *(("reflection_ray",) if is_first else ())),
-                writes={target: Tex("f2", 4, size=grid)},
+def _filter(name: str, source: str, target: str, grid: Size, spacing: int, *reads: str) -> Pass:
+    reads = (source, "reflection_distance", "reflection_gbuffer", "specular_roughness", *reads)
+    return Pass(name, reads=reads, writes={target: Tex("f2", 4, size=grid)},
                 make=make_fullscreen("reflection_filter.frag", lambda frame: {
                     "ratio": ratio_to(grid, frame), "spacing": spacing}, samplers={source: "light_low"},
                                      fast_path=always))
