@@ -30,7 +30,9 @@ class MeshConverter:
         points = mesh.positions[corners].astype(np.float64) @ transform[:3, :3].T + transform[:3, 3]
         points = (points - self._origin) * self._scale
         mirrored = np.linalg.det(transform[:3, :3]) < 0
-        normals = _shading_normals(mesh.normals[corners] @ normal_matrix(transform).T, points)
+        cofactor = normal_matrix(transform)
+        cofactor /= max(float(np.abs(cofactor).max()), 1e-300)
+        normals = _shading_normals(mesh.normals[corners] @ cofactor.T, points)
         if side:
             facing = _face_normals(points)
             facing *= (-side if mirrored else side) / np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-300)

@@ -165,7 +165,7 @@ class SurfaceTable:
         corners: dict[str, list[F32]] = {name: [] for name in ABSENT}
         starts, mirrored, count = [], [], 0
         for instance in scene.instances:
-            mesh = scene.meshes[instance.mesh]
+            mesh = instance.mesh_at(scene.meshes, time)
             key = mesh.material, mesh.uvs is not None, mesh.second_uvs is not None, mesh.tangents is not None
             if key not in variants:
                 variants[key] = len(rows)

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation, gaussian_filter, maximum_filter, minimum_filter
 
+from app.animation.deformation import Deformation, Vertices
+from app.animation.track import Track
 from app.evaluation.denoise import denoise
 from app.evaluation.metrics import psnr
 from app.io.image import read_exr
@@ -28,7 +30,7 @@ from app.scene import (
     Texture,
 )
 from app.settings import Settings
-from tests.deforming import deforming_scene
+from tests.deforming import corners_of, deform, deforming_scene, strip
 from tests.gl.closed_forms import point_irradiance
 from tests.gl.scenes import F32, GREY, Images, Part, box, draw, floor, make_scene, quad, slide, sphere, without_shadows
 
@@ -311,3 +313,18 @@ def test_moving_objects_are_traced_at_their_place(kind: str) -> None:
         with Renderer(scene, Settings(SIZE, ("depth",), taa=False, provider="cpu")) as renderer:
             drawn = renderer.render(CAMERA, time)["depth"]
         assert (np.abs(drawn - depth) > 1e-3 * depth).mean() < 0.003
+
+
+def test_normals_of_deforming_surfaces_are_those_of_the_time() -> None:
+    """A morph target tilts the normals of a strip and leaves the strip where it is."""
+    camera = Camera((0.0, 1.0, 3.0), (0.0, 1.0, 0.0), fov_y_deg=50.0)
+    scene = make_scene([strip(GREY)], [HARD["point"]], camera)
+    base = Vertices(corners_of(scene, 0), np.tile((0.0, 0.0, 1.0), (len(corners_of(scene, 0)), 1)))
+    target = Vertices(np.zeros_like(base.positions), np.tile((1.0, 0.0, 0.0), (len(base.positions), 1)))
+    weights = Track(np.array([0.0, 1.0]), np.array([[[0.0]], [[1.0]]]))
+    tilting = deform(scene, 0, Deformation(base, (target,), weights, None, np.array([0.0, 1.0]))).scene
+    for time, expected in ((0.0, (0.0, 0.0, 1.0)), (1.0, (np.sqrt(0.5), 0.0, np.sqrt(0.5)))):
+        normal = mean_samples(PathTracer(tilting, time, 0), Still(tilting, camera, SIZE, time), 1)["normal"]
+        seen = normal[normal.any(axis=2)]
+        assert len(seen) > 500
+        np.testing.assert_allclose(seen, np.tile(expected, (len(seen), 1)), atol=2e-3)
