@@ -10,13 +10,13 @@ from itertools import zip_longest
 import moderngl
 import numpy as np
 
-from app.arrays import F32, F64
+from app.arrays import F32, F64, Bools
 from app.errors import SceneError
 from app.gl.context import Device
 from app.gl.shader import Program
 from app.gl.shadow_atlas import CUBE_MAP, PARALLEL_MAP, SINGLE_MAP, Tile, lay_out, size_of
 from app.math3d import affine_matrix, look_rotation, normalize, orthographic, perspective
-from app.scene import DirectionalLight, Light, PointLight, RectLight, Scene, SpotLight
+from app.scene import DirectionalLight, Light, PointLight, RectLight, Scene, SpotLight, swept_bounds_of, world_box
 
 # In the order of the numbers in lights.glsl.
 LIGHT_KINDS = {PointLight: "POINT", SpotLight: "SPOT", DirectionalLight: "DIRECTIONAL", RectLight: "RECT"}
@@ -25,6 +25,9 @@ LIGHT_FLOATS = 32
 LIGHT_BYTES = 4 * LIGHT_FLOATS
 COLOR = slice(4, 7)  # of a light's floats
 SPOT_MARGIN_DEG = 2.0
+FLAT = 1e-6      # height of a level floor, of its longest edge: rounding
+SUNK = 1e-3      # share of the scene's height that may lie below a floor, as feet do
+MAX_THROW = 0.5  # of half the scene's size: blockers of parallel light farther away are not searched
 IN_PLANE = 1e-4  # of a rectangle's size: points so near its plane count as in it, or rounding would decide their side
 
 POINT_ROWS = 3   # of texels for the emission points of a light
@@ -79,6 +82,8 @@ class LightSet:
         Those with maps.
     bounds : ndarray, float64, shape (2, 3)
         World-space box around all motions and what ``cover`` was told of last.
+    standing : ndarray, float64, shape (2, 3)
+        The same without floors that nothing is below, which shade nothing in light from above: its maps fit this.
 
     Raises
     ------
@@ -94,6 +99,8 @@ class LightSet:
         self._ctx = device.ctx
         self._set_lights(scene, traced or (False,) * len(scene.lights))
         self.bounds = self._swept = scene.swept_bounds
+        self._floors, self._swept_standing = _floors_and_rest(scene)
+        self.standing = self._swept_standing
         self._has_see_through = any(m.is_see_through for m in scene.materials)
         self._max_size = device.max_size
         self.tiles, self.atlas_size = lay_out(self.mapped, device.max_size)
@@ -145,8 +152,9 @@ class LightSet:
 
     def cover(self, boxes: F64) -> None:
         """Extend shadow maps to world-space ``boxes``, shape (N, 2, 3), that lie outside the bounds of all motions."""
-        low, high = boxes[:, 0].min(axis=0, initial=np.inf), boxes[:, 1].max(axis=0, initial=-np.inf)
-        self.bounds = np.stack([np.minimum(self._swept[0], low), np.maximum(self._swept[1], high)])
+        self.bounds = _extended(self._swept, boxes)
+        are_floors = np.array_equal(level_floors(boxes) & self._floors, self._floors)
+        self.standing = _extended(self._swept_standing, boxes[~self._floors]) if are_floors else self.bounds
 
     @property
     def has_soft_maps(self) -> bool:
@@ -214,7 +222,7 @@ class LightSet:
             for frame, axis, bias in ((frame_x, parallel.rotation[0], 0.0), (frame_y, parallel.rotation[1], 0.0),
                                       (frame_z, parallel.direction, parallel.half)):
                 frame[:] = (*axis, bias - float(axis @ center))
-            u[0] = parallel.half
+            u[:2] = parallel.half, MAX_THROW / 2 * np.linalg.norm(self.bounds[1] - self.bounds[0])
             return
         if isinstance(light, RectLight):
             position[:3] = np.subtract(light.center, eye)
@@ -238,9 +246,10 @@ class LightSet:
 
     def _parallel(self, light: DirectionalLight) -> _Parallel:
         direction = normalize(np.asarray(light.direction, np.float64))
-        half = float(np.linalg.norm(self.bounds[1] - self.bounds[0])) / 2 * 1.01 + 1e-30
+        bounds = self.standing if direction[1] < 0 else self.bounds
+        half = float(np.linalg.norm(bounds[1] - bounds[0])) / 2 * 1.01 + 1e-30
         rotation = look_rotation(direction, np.array([0.0, 1.0, 0.0]))
-        return _Parallel(rotation, direction, self.bounds.mean(axis=0), half)
+        return _Parallel(rotation, direction, bounds.mean(axis=0), half)
 
     def faces(self) -> list[ShadowFace]:
         """Every square of the atlas."""
@@ -272,6 +281,37 @@ class _Parallel:
     direction: F64
     center: F64
     half: float
+
+
+def level_floors(boxes: F64) -> Bools:
+    """Which world-space boxes, shape (N, 2, 3), are of level floors that nothing lies below; shape (N,)."""
+    if not len(boxes):
+        return np.zeros(0, bool)
+    size = boxes[:, 1] - boxes[:, 0]
+    low, high = float(boxes[:, 0, 1].min()), float(boxes[:, 1, 1].max())
+    return np.asarray((size[:, 1] <= FLAT * size.max(axis=1)) & (boxes[:, 0, 1] <= low + SUNK * (high - low)))
+
+
+def _floors_and_rest(scene: Scene) -> tuple[Bools, F64]:
+    """Which instances are floors at all times, shape (N,), and the box around all motions of the others."""
+    still = np.array([not i.moves for i in scene.instances], bool)
+    floors = level_floors(_boxes(scene)) & still
+    if floors.any() and not still.all():
+        floors &= level_floors(np.array([swept_bounds_of(scene.meshes, (i,)) for i in scene.instances]))
+    if not floors.any() or floors.all():
+        return np.zeros(len(still), bool), scene.swept_bounds
+    return floors, swept_bounds_of(scene.meshes, tuple(scene.instances[k] for k in np.flatnonzero(~floors)))
+
+
+def _boxes(scene: Scene) -> F64:
+    """World-space boxes at time 0, shape (N, 2, 3)."""
+    boxes = [world_box(i.mesh_at(scene.meshes, 0.0), i.transform_at(0.0)) for i in scene.instances]
+    return np.array(boxes, np.float64).reshape(-1, 2, 3)
+
+
+def _extended(bounds: F64, boxes: F64) -> F64:
+    low, high = boxes[:, 0].min(axis=0, initial=np.inf), boxes[:, 1].max(axis=0, initial=-np.inf)
+    return np.stack([np.minimum(bounds[0], low), np.maximum(bounds[1], high)])
 
 
 def _sanitize(rows: F32) -> F32:

@@ -47,8 +47,9 @@ def make(device: Device, bound: BoundPass) -> Execute:
         device.ctx.enable_only(moderngl.DEPTH_TEST)
         device.ctx.depth_func = "<"
         for face in frame.lights.faces():
-            target.viewport = face.rect
+            target.viewport, target.scissor = face.rect, _inner(face)
             _draw_face(device, frame, face, {"WRITE_" + name.upper(): i for i, name in enumerate(maps)})
+        target.scissor = None
         if is_tinted:
             _draw_transmittance(device, frame, resources)
         if nearest is not None:
@@ -77,8 +78,9 @@ def _draw_transmittance(device: Device, frame: FrameState, resources: Resources)
         device.ctx.enable_only(moderngl.DEPTH_TEST if multiplies else moderngl.DEPTH_TEST | moderngl.BLEND)
         device.ctx.blend_func = moderngl.DST_COLOR, moderngl.ZERO
         for face in frame.lights.faces():
-            target.viewport = face.rect
+            target.viewport, target.scissor = face.rect, _inner(face)
             _draw_face(device, frame, face, {**defines, "SEE_THROUGH": 1})
+        target.scissor = None
 
 
 def _draw_face(device: Device, frame: FrameState, face: ShadowFace, writes: dict[str, object]) -> None:
@@ -97,3 +99,11 @@ def _draw_face(device: Device, frame: FrameState, face: ShadowFace, writes: dict
     geometry = frame.geometry
     casters = ~geometry.is_light_proxy & (geometry.is_see_through == is_see_through)
     geometry.draw(casters & geometry.visible(face.clip, face.origin), program_of, face.origin)
+
+
+def _inner(face: ShadowFace) -> tuple[int, int, int, int] | None:
+    """Parallel light's square without the texels at its edge, which stand for all that lies outside: nothing."""
+    if face.axis is None:
+        return None
+    x, y, width, height = face.rect
+    return x + 1, y + 1, width - 2, height - 2

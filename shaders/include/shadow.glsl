@@ -2,6 +2,8 @@
 // (Fernando 2005), with three changes. A tap is a point on the light projected through the mean blocker, so spheres
 // and rectangles share one code. It compares its texel with the receiver's plane in the tap's direction, so flat
 // receivers need no more bias for wide kernels. And the four texels of a quad search together.
+// Of parallel light, one mean can't stand for blockers of several heights, say a table below a blind: those near the
+// receiver weigh most in it, and what is much nearer still hides the light that the others let pass.
 #include "lights.glsl"
 #include "noise.glsl"
 #include "quad.glsl"
@@ -11,8 +13,9 @@
 const int TAPS = 2;                    // blocker-search and edge-test samples per texel; the four texels of a quad share theirs
 const int PENUMBRA_TAPS = 14;          // of the filter
 const float HARD_KERNEL = 1.0;         // smallest radius of the filter, in texels
+const float CONTACT_KERNEL = 2.0;      // texels around a receiver in which blockers are looked for that are much nearer to it
+const float CONTACT_SHARE = 0.7;       // of the filter's radius; so large is the light's image at most that a near blocker lets through
 const float SMALLEST_RIM = 0.5;        // of the rim's usual radius
-const float MAX_THROW = 0.5;       // of the map: blockers of parallel light farther away are not searched
 const float MIN_BLOCKER_SHARE = 0.15;    // of the distance to the light; blockers nearer to the light are not searched
 const float SLACK = 2.0;               // on the light's squared radius, when asking whether a line meets it
 const float NORMAL_OFFSET = 1.5;       // texels
@@ -274,7 +277,7 @@ bool parallel_texel_blocks(Light light, ParallelReceiver r, vec2 at, float sprea
     return before_parallel_receiver(r, at, stored, 0.0) && dot(away, away) <= SLACK * size * size;
 }
 
-// As nearest_blocker.
+// As nearest_blocker, but blockers near the receiver weigh more: little of the light passes them.
 vec2 nearest_parallel_blocker(Light light, ParallelReceiver r, vec2 at, float spread)
 {
     float tiles = light.tile.z / float(TILE);
@@ -282,14 +285,25 @@ vec2 nearest_parallel_blocker(Light light, ParallelReceiver r, vec2 at, float sp
     float stored = texelFetch(shadow_nearest, ivec2(light.tile.xy / float(TILE)) + ivec2(tile), 0).r;
     float margin = (abs(r.gradient.x) + abs(r.gradient.y)) / tiles;
     float size = spread * max(r.depth - stored, 0.0), away = length(at - r.fraction);
-    float weight = size * size / max(away * away, size * size + 1e-30);
+    float least = HARD_KERNEL / light.tile.z, square = size * size + least * least;
+    float meets = square / max(away * away, square), weight = meets * meets / square;
     return before_parallel_receiver(r, at, stored, margin) ? vec2(stored, 1.0) * weight : vec2(0.0);
+}
+
+// Whether a texel holds a blocker so near that the light is much smaller there than the filter, and whether it holds none.
+vec2 contact_texel(Light light, ParallelReceiver r, vec2 at, float spread, float width)
+{
+    vec2 texel = clamp(at * light.tile.z, 0.0, light.tile.z - 1.0);
+    float stored = texelFetch(shadow, ivec2(light.tile.xy + texel), 0).r;
+    float size = spread * (r.depth - stored) + HARD_KERNEL / light.tile.z;
+    bool before = before_parallel_receiver(r, at, stored, 0.0);
+    return vec2(before && size < CONTACT_SHARE * width ? 1.0 : 0.0, before ? 0.0 : 1.0);
 }
 
 float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, QuadNoise noise, bool wanted)
 {
     float spread = 0.5 * light.position.w / light.u.x;  // growth of the kernel, in map fractions per unit of depth
-    float width = spread * min(r.depth, MAX_THROW * light.u.x);
+    float width = spread * min(r.depth, light.u.y);
     Pattern pattern = quad_pattern(noise, TAPS);
     vec2 sum = vec2(0.0);
     for (int i = 0; i < TAPS; ++i) {
@@ -306,13 +320,18 @@ float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, 
     }
     seen = quad_sum(seen);
     bool penumbra = parted(seen);
+    vec2 contact = vec2(0.0);
+    rim = rim_point(false, noise) * (CONTACT_KERNEL / light.tile.z);
+    for (int i = 0; i < edge_taps; ++i) contact += contact_texel(light, r, r.fraction + (i == 0 ? rim : -rim), spread, width);
     int taps = wanted && penumbra ? PENUMBRA_TAPS : 0;
     pattern = quad_pattern(noise, PENUMBRA_TAPS);
     float passed = 0.0;
     for (int i = 0; i < taps; ++i) {
         passed += parallel_texel_blocks(light, r, r.fraction + next_point(pattern, false) * width, spread) ? 0.0 : 1.0;
     }
-    return soft_visibility(seen, penumbra, passed, taps, p, n);
+    contact = vec2(quad_sum(contact.x), quad_sum(contact.y));
+    float passes_contact = contact.x > 0.0 ? contact.y / (contact.x + contact.y) : 1.0;
+    return passes_contact * soft_visibility(seen, penumbra, passed, taps, p, n);
 }
 
 // Share of a directional light's disc that relative point p with face normal n sees.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -141,6 +143,91 @@ def test_a_shadow_crosses_a_seam_unchanged(radius: float) -> None:
     seam = np.abs(at[..., 0] - 2.0).mean(axis=1) < 0.05
     print(f"SEAM {radius}: mean error {error[seam].mean():.4f} at the seam, {error[~seam].mean():.4f} elsewhere")
     assert error[seam].mean() < 1.5 * error[~seam].mean() + 0.002
+
+
+@pytest.mark.parametrize("radius_deg", [0.0, 2.0])
+def test_a_wide_floor_costs_a_map_nothing(radius_deg: float) -> None:
+    """A bar's shadow is the same on a floor of 400 m as on one of 4 m, and far out the floor is lit."""
+    sun = DirectionalLight((0.5, -1.0, 0.2), (1.0,) * 3, radius_deg)
+    bar = box((-0.5, 0.2, -0.01), (1.0, 0.02, 0.02))
+    camera = Camera((0.0, 1.2, 0.8), (0.1, 0.0, 0.0), fov_y_deg=50.0)
+    small, wide = (visibility(make_scene([floor(half), bar], [sun]), SIZE, camera)[0] for half in (2.0, 200.0))
+    print(f"FLOOR {radius_deg}: darkest {small.min():.3f} and {wide.min():.3f}, {np.abs(small - wide).max():.3f} apart")
+    assert small.min() < 0.2
+    assert np.abs(small - wide).max() < 0.1 and np.abs(small - wide).mean() < 2e-3
+
+
+@pytest.mark.parametrize("radius_deg", [0.0, 2.0])
+def test_a_wide_floor_is_lit_outside_the_map(radius_deg: float) -> None:
+    """Also where the floor itself reaches the map's edge, on the side away from the light."""
+    sun = DirectionalLight((0.5, -1.0, 0.2), (1.0,) * 3, radius_deg)
+    scene = make_scene([floor(200.0), box((-0.5, 0.0, -0.5), (1.0, 0.1, 1.0))], [sun])
+    for x, z in ((150.0, 100.0), (-150.0, 100.0), (150.0, -100.0), (-150.0, -100.0), (3.0, 1.0), (-3.0, -1.0)):
+        camera = Camera((x, 1.2, z + 0.8), (x, 0.0, z), fov_y_deg=50.0)
+        assert visibility(scene, SIZE, camera)[0].min() > 0.98
+
+
+@pytest.mark.parametrize("radius_deg", [0.0, 2.0])
+@pytest.mark.parametrize("below", [
+    box((-0.5, -3.0, -0.5), (1.0, 1.0, 1.0)), quad((7.0, -2.0, 1.0), (2, 0, 0), (0, 0, -2))], ids=["box", "floor"])
+def test_a_wide_floor_shades_what_lies_below(below: Part, radius_deg: float) -> None:
+    sun = DirectionalLight((0.5, -1.0, -0.5), (1.0,) * 3, radius_deg)
+    scene = make_scene([floor(20.0), box((-0.5, 0.0, -0.5), (1.0, 1.0, 1.0)), below], [sun])
+    x, y, z = below.triangles.reshape(-1, 3).mean(axis=0)
+    share, at = visibility(scene, SIZE, Camera((x, y + 1.5, z + 3.0), (x, y, z), fov_y_deg=30.0))
+    # Of the box, the side and the top that face the light.
+    hidden = (at[..., 1] < -1.9) & ((at[..., 2] > 0.49) | (at[..., 1] > -2.01)) & (np.abs(at[..., 0] - x) < 1.1)
+    print(f"FLOOR below {radius_deg}: {share[hidden].max():.3f} of {hidden.sum()} texels")
+    assert hidden.sum() > 500 and share[hidden].max() < 0.02
+
+
+@pytest.mark.parametrize("part", ["rock", "deck"])
+def test_only_what_is_level_and_lowest_is_a_floor(part: str) -> None:
+    """Far from a box, relief of the ground's own mesh casts its shadow, and so does a low deck on the ground."""
+    sun = DirectionalLight((0.3, -1.0, 0.2), (1.0,) * 3)
+    ground, rock = floor(200.0), box((20.0, 0.0, 0.0), (1.0, 0.35, 1.0))
+    if part == "rock":
+        parts = [replace(ground, triangles=np.concatenate([ground.triangles, rock.triangles]))]
+    else:
+        parts = [ground, quad((20.0, 0.15, 1.0), (2.0, 0, 0), (0, 0, -2.0))]
+    scene = make_scene([*parts, box((-1.0, 0.0, -1.0), (2.0, 2.0, 2.0))], [sun])
+    share, at = visibility(scene, SIZE, Camera((21.0, 3.0, 3.0), (21.0, 0.0, 1.0), fov_y_deg=60.0))
+    assert share[np.abs(at[..., 1]) < 1e-3].min() < 0.05
+
+
+def test_a_long_penumbra_is_as_long_as_the_floor_lets_it_be() -> None:
+    """Near the tip of a pole's shadow, 20 m away: not only what is as near as half of the pole is looked for."""
+    sun = DirectionalLight((1.0, -np.tan(np.radians(10.0)), 0.0), (1.0,) * 3, 2.0)
+    low, size = np.array([-0.3, 0.0, -0.3]), np.array([0.6, 4.0, 0.6])
+    x = 0.9 * 4.0 / np.tan(np.radians(10.0))
+    parts = [floor(30.0), box(tuple(low), tuple(size))]
+    share, at = visibility(make_scene(parts, [sun]), SIZE, Camera((x, 6.0, 0.0), (x, 0.0, 0.0), (0.0, 0.0, -1.0), 40.0))
+    to = -exact.unit(np.array(sun.direction))
+    side = exact.unit(np.cross(to, (0.0, 1.0, 0.0)))
+    radius = np.tan(np.radians(sun.angular_radius_deg)) * np.sqrt((np.arange(256) + 0.5) / 256)
+    turn = 2.399963 * np.arange(256)
+    open_rays = np.zeros(share.shape)
+    for r, a in zip(radius, turn, strict=True):
+        direction = to + r * (np.cos(a) * side + np.sin(a) * np.cross(to, side))
+        ends = np.sort(np.stack([(low - at) / direction, (low + size - at) / direction]), axis=0)
+        open_rays += ends[0].max(axis=-1) > ends[1].min(axis=-1)
+    error = np.abs(share - open_rays / 256).mean()
+    print(f"PENUMBRA of a pole at its tip: mean error {error:.4f}")
+    assert error < 0.04
+
+
+def test_contact_is_dark_in_the_penumbra_of_what_stands_far_above() -> None:
+    """A plate hides all of the sun from a strip beside it, of which a slab above hides less than half."""
+    sun = DirectionalLight((1.0, -1.0, 0.0), (1.0,) * 3, 2.0)
+    plate = quad((-1.0, 0.05, 1.0), (1.0, 0.0, 0.0), (0.0, 0.0, -2.0))
+    slab = quad((-4.0, 2.0, 0.0), (4.0, 0.0, 0.0), (0.0, 0.0, -3.0))
+    share, at = visibility(make_scene([floor(2.0), plate, slab], [sun]), SIZE,
+                           Camera((0.025, 1.0, 0.05), (0.025, 0.0, 0.05), (0.0, 0.0, -1.0), 15.0))
+    strip = (at[..., 0] > 0.01) & (at[..., 0] < 0.04) & (at[..., 2] > 0.02) & (at[..., 2] < 0.08)
+    beside = (at[..., 0] > 0.06) & (at[..., 2] > 0.02) & (at[..., 2] < 0.08)
+    print(f"CONTACT below a slab: up to {share[strip].max():.3f}; beside it {share[beside].min():.2f}")
+    assert strip.sum() > 200 and share[beside].min() > 0.4
+    assert share[strip].mean() < 0.02 and share[strip].max() < 0.2
 
 
 @pytest.mark.parametrize("kind", ["point", "sun", "spot"])
