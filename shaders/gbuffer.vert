@@ -59,8 +59,8 @@ void main()
     vec4 p = relative_from_object * vec4(in_position, 1.0);
     position = p.xyz;
     normal = normal_from_object * in_normal;
+    normal *= inversesqrt(max(dot(normal, normal), 1e-30));  // interpolated at unit length; zero stays zero
 #ifdef TANGENT
-    normal = normalize(normal);
     tangent = vec4(mat3(relative_from_object) * in_tangent.xyz, in_tangent.w);
     tangent.xyz /= max(length(tangent.xyz), 1e-30);
 #endif

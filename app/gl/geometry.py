@@ -56,6 +56,7 @@ class GpuScene:
     def __init__(self, device: Device, scene: Scene) -> None:
         self._device, self.scene = device, scene
         self._textures: dict[tuple[object, ...], moderngl.Texture] = {}
+        self._samplers: dict[tuple[object, ...], moderngl.Sampler] = {}
         self._arrays: dict[tuple[int, int], moderngl.VertexArray] = {}
         self._applied: dict[int, Surface] = {}  # whose uniforms a program has
         self._deformed = {k: DeformedVertices(device.ctx, i.mesh_at(scene.meshes, 0.0))
@@ -153,13 +154,15 @@ class GpuScene:
         return boxes_in_frustum(self.boxes - origin, frustum_planes(clip))
 
     def draw(self, instances: Bools, program_of: Callable[[tuple[str, ...]], Program], origin: F64,
-             previous_origin: F64 | None = None) -> None:
+             previous_origin: F64 | None = None, one_level: bool = False) -> None:
         """Draw some instances, a mask of shape (N,); matrices lead to space relative to ``origin``.
 
         Parameters
         ----------
         program_of : callable
             The program for surfaces of given features, called once for each.
+        one_level : bool
+            Whether textures are looked up in the nearest level of detail instead of the two around.
         """
         drawn = instances[self._order]
         if not drawn.any():
@@ -175,10 +178,12 @@ class GpuScene:
             features = batch.surface.features
             if features not in programs:
                 programs[features] = program_of(features)
-            self._apply(programs[features], batch.surface, is_mirrored)
+            self._apply(programs[features], batch.surface, is_mirrored, one_level)
             array = self._array(programs[features], batch.buffers)
             array.render_indirect(self._indirect, moderngl.TRIANGLES, count, first)
             first += count
+        if one_level:
+            self._device.ctx.clear_samplers(0, len(MAP_UNITS))
 
     def _upload_instances(self, origin: F64, previous_origin: F64) -> None:
         key = self._revision, origin.tobytes(), previous_origin.tobytes()
@@ -191,7 +196,7 @@ class GpuScene:
             self._rows[:, rows, 3] = transforms[:, :3, 3] - point
         self._instances.write(self._rows)
 
-    def _apply(self, program: Program, surface: Surface, is_mirrored: bool) -> None:
+    def _apply(self, program: Program, surface: Surface, is_mirrored: bool, one_level: bool) -> None:
         """Set the state, textures and uniforms of a surface."""
         ctx = self._device.ctx
         if surface.material.is_one_sided:
@@ -202,6 +207,8 @@ class GpuScene:
         for name, texture in surface.maps.items():
             if name in program:
                 self._texture(texture).use(MAP_UNITS[name])
+                if one_level:
+                    self._sampler(texture).use(MAP_UNITS[name])
         if self._applied.get(program.glo) is not surface:
             program.set(**{name: value for name, value in surface.uniforms.items() if name in program})
             self._applied[program.glo] = surface
@@ -263,10 +270,19 @@ class GpuScene:
             self._textures[key] = _upload_texture(self._device, texture)
         return self._textures[key]
 
+    def _sampler(self, texture: Texture) -> moderngl.Sampler:
+        """Reads ``texture`` as it would be read, but in one level of detail."""
+        key = texture.repeat, texture.magnified
+        if key not in self._samplers:
+            self._samplers[key] = self._device.ctx.sampler(
+                *texture.repeat, filter=(moderngl.LINEAR_MIPMAP_NEAREST, _magnification(texture)),
+                anisotropy=self._device.anisotropy)
+        return self._samplers[key]
+
     def release(self) -> None:
         buffers = {id(batch.buffers): batch.buffers for batch in self.batches}
-        owned: Iterable[Any] = chain(self._arrays.values(), self._textures.values(), buffers.values(),
-                                     (self._instances, self._indirect))
+        owned: Iterable[Any] = chain(self._arrays.values(), self._textures.values(), self._samplers.values(),
+                                     buffers.values(), (self._instances, self._indirect))
         for resource in owned:
             resource.release()
 
@@ -282,8 +298,11 @@ def _upload_texture(device: Device, texture: Texture) -> moderngl.Texture:
         sanitized = np.nan_to_num(pixels, nan=0.0, posinf=65504.0, neginf=0.0).clip(0.0, 65504.0)
         result = ctx.texture(size, 4, sanitized.astype(np.float16).tobytes(), dtype="f2")
     result.build_mipmaps()
-    result.filter = (moderngl.LINEAR_MIPMAP_LINEAR,
-                     moderngl.LINEAR if texture.magnified == "linear" else moderngl.NEAREST)
+    result.filter = moderngl.LINEAR_MIPMAP_LINEAR, _magnification(texture)
     result.anisotropy = device.anisotropy
     result.repeat_x, result.repeat_y = texture.repeat
     return result
+
+
+def _magnification(texture: Texture) -> int:
+    return moderngl.LINEAR if texture.magnified == "linear" else moderngl.NEAREST

@@ -17,13 +17,13 @@ from app.gl.pool import Resources
 from app.gl.shader import Program
 from app.gl.surface import MAP_UNITS
 from app.graph import BoundPass, Pass, Resource, Tex
-from app.math3d import affine_matrix, cube_rotations, perspective_reversed
+from app.math3d import GOLDEN_RATIO, affine_matrix, cube_rotations, perspective_reversed
 from app.scene import Scene
 
 FEATURES = (*(name.upper() for name in MAP_UNITS), "UV", "SECOND_UV", "TANGENT", "VERTEX_COLOR", "ALPHA_MASK",
             "METALLIC", "SPECULAR", "CLEARCOAT", "SHEEN", "UNLIT", "BLENDED", "TRANSMISSION")
 MAX_ATTACHMENTS = 8
-LOD_BIAS = -1.5  # of frames that are averaged, at the image's size
+LOD_BIAS = -2.0  # of frames that are averaged, at the image's size
 PEEL_UNITS = {"opaque_depth": 13, "nearer_depth": 14}  # texture units beyond those of materials
 
 
@@ -136,9 +136,10 @@ def draw_surfaces(device: Device, frame: FrameState, clip: F64, defines: dict[st
     moving = "WRITE_MOTION" in defines
     previous_clip = frame.previous.clip_from_relative()
     averages = frame.accumulates and "GRID_CUBE" not in defines
+    dithers = averages and not device.mixes_levels
     if averages:
         defines = {**defines, "ACCUMULATES": 1}
-    lod_bias = LOD_BIAS + math.log2(frame.size[1] / frame.output_size[1])
+    lod_bias = LOD_BIAS + math.log2(frame.size[1] / frame.output_size[1]) + (_dither(frame) if dithers else 0.0)
 
     def program_of(features: tuple[str, ...]) -> Program:
         used = {f: 1 for f in features if f in FEATURES or (moving and f == "DEFORMED")}
@@ -155,4 +156,10 @@ def draw_surfaces(device: Device, frame: FrameState, clip: F64, defines: dict[st
     visible = frame.geometry.visible(clip, frame.view.eye)
     if is_see_through is not None:
         visible &= frame.geometry.is_see_through == is_see_through
-    frame.geometry.draw(visible, program_of, frame.view.eye, frame.previous.eye if moving else None)
+    frame.geometry.draw(visible, program_of, frame.view.eye, frame.previous.eye if moving else None,
+                        one_level=dithers)
+
+
+def _dither(frame: FrameState) -> float:
+    """Levels of detail, in [-0.5, 0.5), by which this frame's lookups are off: over frames, one level mixes two."""
+    return (frame.noise_phase + 0.5 + GOLDEN_RATIO * frame.index) % 1.0 - 0.5

@@ -51,3 +51,17 @@ def test_each_instance_is_drawn_where_it_is() -> None:
         height = [int((labels[:, middle == label] == label).any(axis=1).sum()) for label in (1, 2, 4, 5)]
         assert height[0] == height[1] == height[2] and height[3] == pytest.approx(4 * height[0], abs=3)
         np.testing.assert_allclose(picture["normal"][labels > 0], [[0, 1, 0]] * int((labels > 0).sum()), atol=1e-6)
+
+
+def test_normals_are_interpolated_at_unit_length_where_a_transform_stretches() -> None:
+    scene = make_scene([quad((-1, 0, 1), (2, 0, 0), (0, 0, -2))])
+    left, right = np.array([-0.6, 0.8, 0.0]), np.array([0.1, 0.995, 0.0])
+    mesh = scene.meshes[0]
+    normals = np.where(mesh.positions[:, :1] < 0, left, right).astype(np.float32)
+    stretched = np.diag([1.0, 6.0, 1.0, 1.0])
+    scene = replace(scene, meshes=(replace(mesh, normals=normals),), instances=(Instance("quad", 0, stretched),))
+    with Renderer(scene, Settings(size=(65, 65), outputs=("normal",), taa=False)) as renderer:
+        middle = renderer.render(scene.cameras["main"].at(0.0))["normal"][32, 32]
+    ends = [n / np.linalg.norm(n) for n in (left / [1, 6, 1], right / [1, 6, 1])]
+    expected = (ends[0] + ends[1]) / np.linalg.norm(ends[0] + ends[1])
+    np.testing.assert_allclose(middle, expected, atol=2e-3)

@@ -16,6 +16,7 @@ from skimage.metrics import structural_similarity
 
 from app.load import embedded_scene
 from app.network.selection import find_model
+from app.passes import gbuffer
 from app.renderer import Renderer
 from app.scene import Camera, Material, PointLight, Scene, Texture
 from app.settings import Settings
@@ -229,9 +230,9 @@ def without_poison(moving: bool) -> list[Images]:
     return after_poison(moving, "taa", None)
 
 
-def grained_wall() -> Scene:
-    """A wall whose texture has grains of a pixel or so."""
-    noise = np.random.default_rng(5).random((256, 256, 1), np.float32).repeat(3, axis=2)
+def grained_wall(grains: int = 256) -> Scene:
+    """A wall whose texture has grains of a pixel or so; 4 m have so many."""
+    noise = np.random.default_rng(5).random((grains, grains, 1), np.float32).repeat(3, axis=2)
     texture = Texture(np.concatenate([0.3 + 0.4 * noise, np.ones_like(noise[..., :1])], axis=2))
     wall = quad((-2, -2, 0), (4, 0, 0), (0, 4, 0), Material(albedo_map=texture, is_unlit=True))
     return make_scene([wall], camera=Camera((0.0, 0.0, 2.0), (0.0, 0.0, 0.0), fov_y_deg=45.0))
@@ -263,6 +264,44 @@ def test_textures_stay_sharp_in_slow_pans(pixels: float) -> None:
                       for resource in ("taa", "sharpened"))
     print(f"SHARP gradient of a pan by {pixels}: history {blurred:.2f}, shown {shown:.2f}")
     assert abs(shown - 1) < 0.15 and abs(shown - 1) < 1 - blurred
+
+
+@pytest.mark.parametrize("lean", [0.0, 75.0])
+def test_textures_of_a_still_are_as_sharp_as_supersampled_ones(lean: float) -> None:
+    """Also on a surface seen at a slant, whose lookups cover more of the texture one way than the other."""
+    scene = grained_wall(1024)
+    a = np.radians(lean)
+    camera = replace(scene.cameras["main"].at(0.0), eye=(2.0 * np.sin(a), 0.0, 2.0 * np.cos(a)), fov_y_deg=38.0)
+    w, h = SIZE
+    supersampled = draw(scene, (4 * w, 4 * h), camera=camera)["final"].reshape(h, 4, w, 4, 3).mean((1, 3))
+    with renderer(scene) as r:
+        for _ in range(32):
+            still = r.render(camera)["final"]
+    ratio = gradient_energy(still) / gradient_energy(supersampled)
+    print(f"SHARP gradient of a still at {lean} degrees: {ratio:.2f}")
+    assert abs(ratio - 1) < 0.05
+
+
+def test_one_level_of_detail_a_frame_is_over_time_what_two_mixed_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Software renderers read textures in one level; frames differ in which."""
+    monkeypatch.setattr(gbuffer, "LOD_BIAS", 0.0)  # so that coarse levels are seen, too
+    scene = grained_wall(1024)
+    camera = replace(scene.cameras["main"].at(0.0), eye=(1.96, 0.0, 0.4), target=(0.5, 0.0, 0.0))
+
+    def still(mixes: bool, frames: int = 32) -> NDArray[np.float32]:
+        with renderer(scene, (96, 72)) as r:
+            r._gl.mixes_levels = mixes
+            for _ in range(frames):
+                image = r.render(camera)["final"]
+        return image
+
+    def apart(frames: int) -> float:
+        one, two = still(False, frames), still(True, frames)
+        return float(np.abs(one - two).mean() / np.abs(np.diff(two, axis=0)).mean())
+
+    first, settled = apart(1), apart(32)
+    print(f"SHARP one level against two: {first:.3f}, settled {settled:.3f} of neighbours' difference apart")
+    assert settled < 0.12 and settled < 0.5 * first
 
 
 @pytest.mark.parametrize("pixels", [0.0, 1.0])
