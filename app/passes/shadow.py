@@ -49,7 +49,7 @@ def make(device: Device, bound: BoundPass) -> Execute:
         for face in frame.lights.faces():
             target.viewport, target.scissor = face.rect, _inner(face)
             _draw_face(device, frame, face, {"WRITE_" + name.upper(): i for i, name in enumerate(maps)})
-        target.scissor = None
+        target.scissor = 0, 0, *target.size
         if is_tinted:
             _draw_transmittance(device, frame, resources)
         if nearest is not None:
@@ -80,7 +80,7 @@ def _draw_transmittance(device: Device, frame: FrameState, resources: Resources)
         for face in frame.lights.faces():
             target.viewport, target.scissor = face.rect, _inner(face)
             _draw_face(device, frame, face, {**defines, "SEE_THROUGH": 1})
-        target.scissor = None
+        target.scissor = 0, 0, *target.size
 
 
 def _draw_face(device: Device, frame: FrameState, face: ShadowFace, writes: dict[str, object]) -> None:
@@ -101,9 +101,9 @@ def _draw_face(device: Device, frame: FrameState, face: ShadowFace, writes: dict
     geometry.draw(casters & geometry.visible(face.clip, face.origin), program_of, face.origin)
 
 
-def _inner(face: ShadowFace) -> tuple[int, int, int, int] | None:
-    """Parallel light's square without the texels at its edge, which stand for all that lies outside: nothing."""
+def _inner(face: ShadowFace) -> tuple[int, int, int, int]:
+    """The square; of parallel light without the texels at its edge, which stand for all that lies outside: nothing."""
     if face.axis is None:
-        return None
+        return face.rect
     x, y, width, height = face.rect
     return x + 1, y + 1, width - 2, height - 2
