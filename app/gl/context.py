@@ -69,7 +69,7 @@ class Device:
         self._destroy.atexit = False
         # llvmpipe's anisotropic lookups take more time than all other passes together (docs/design.md).
         self.anisotropy = 1.0 if self.software else ANISOTROPY
-        self.mixes_levels = not self.software  # llvmpipe spends a seventh of the G-buffer of sponza on the second level
+        self.mixes_levels = not self.software  # llvmpipe spends a sixth of the G-buffer of sponza on the second level
         self._functions = _EglFunctions()
         self._functions.call("glClipControl", GL_LOWER_LEFT, GL_ZERO_TO_ONE)
         self.max_size: int = info["GL_MAX_TEXTURE_SIZE"]

@@ -26,7 +26,7 @@ LIGHT_BYTES = 4 * LIGHT_FLOATS
 COLOR = slice(4, 7)  # of a light's floats
 SPOT_MARGIN_DEG = 2.0
 FLAT = 1e-6      # height of a level floor, of its longest edge: rounding
-SUNK = 1e-3      # share of the scene's height that may lie below a floor, as feet do
+SUNK = 1e-3      # share of the scene's height by which what is not level may lie below a floor, as feet do
 MAX_THROW = 0.5  # of half the scene's size: blockers of parallel light farther away are not searched
 IN_PLANE = 1e-4  # of a rectangle's size: points so near its plane count as in it, or rounding would decide their side
 
@@ -99,7 +99,9 @@ class LightSet:
         self._ctx = device.ctx
         self._set_lights(scene, traced or (False,) * len(scene.lights))
         self.bounds = self._swept = scene.swept_bounds
-        self._floors, self._swept_standing = _floors_and_rest(scene)
+        self._floors = _floors(scene)
+        standing = tuple(scene.instances[k] for k in np.flatnonzero(~self._floors))
+        self._swept_standing = swept_bounds_of(scene.meshes, standing) if self._floors.any() else scene.swept_bounds
         self.standing = self._swept_standing
         self._has_see_through = any(m.is_see_through for m in scene.materials)
         self._max_size = device.max_size
@@ -153,7 +155,7 @@ class LightSet:
     def cover(self, boxes: F64) -> None:
         """Extend shadow maps to world-space ``boxes``, shape (N, 2, 3), that lie outside the bounds of all motions."""
         self.bounds = _extended(self._swept, boxes)
-        are_floors = np.array_equal(level_floors(boxes) & self._floors, self._floors)
+        are_floors = self._floors.any() and level_floors(boxes, _tolerance(self._swept))[self._floors].all()
         self.standing = _extended(self._swept_standing, boxes[~self._floors]) if are_floors else self.bounds
 
     @property
@@ -283,24 +285,33 @@ class _Parallel:
     half: float
 
 
-def level_floors(boxes: F64) -> Bools:
-    """Which world-space boxes, shape (N, 2, 3), are of level floors that nothing lies below; shape (N,)."""
+def level_floors(boxes: F64, tolerance: float) -> Bools:
+    """Which world-space boxes, shape (N, 2, 3), are of the lowest level floor; shape (N,).
+
+    What is not level may lie below it by ``tolerance``, in scene units, as feet do.
+    """
     if not len(boxes):
         return np.zeros(0, bool)
-    size = boxes[:, 1] - boxes[:, 0]
-    low, high = float(boxes[:, 0, 1].min()), float(boxes[:, 1, 1].max())
-    return np.asarray((size[:, 1] <= FLAT * size.max(axis=1)) & (boxes[:, 0, 1] <= low + SUNK * (high - low)))
+    size, low = boxes[:, 1] - boxes[:, 0], boxes[:, 0, 1]
+    flat = size[:, 1] <= FLAT * size.max(axis=1)
+    lowest = float(low.min())
+    level = float(low[flat].min(initial=np.inf))
+    rounding = FLAT * float((boxes[:, 1].max(axis=0) - boxes[:, 0].min(axis=0)).max())
+    return np.asarray(flat & (low <= level + rounding)) if level <= lowest + tolerance else np.zeros(len(boxes), bool)
 
 
-def _floors_and_rest(scene: Scene) -> tuple[Bools, F64]:
-    """Which instances are floors at all times, shape (N,), and the box around all motions of the others."""
+def _floors(scene: Scene) -> Bools:
+    """Which instances are floors at all times, and not everything; shape (N,)."""
+    tolerance = _tolerance(scene.swept_bounds)
     still = np.array([not i.moves for i in scene.instances], bool)
-    floors = level_floors(_boxes(scene)) & still
+    floors = level_floors(_boxes(scene), tolerance) & still
     if floors.any() and not still.all():
-        floors &= level_floors(np.array([swept_bounds_of(scene.meshes, (i,)) for i in scene.instances]))
-    if not floors.any() or floors.all():
-        return np.zeros(len(still), bool), scene.swept_bounds
-    return floors, swept_bounds_of(scene.meshes, tuple(scene.instances[k] for k in np.flatnonzero(~floors)))
+        floors &= level_floors(np.array([swept_bounds_of(scene.meshes, (i,)) for i in scene.instances]), tolerance)
+    return floors & ~floors.all()
+
+
+def _tolerance(swept: F64) -> float:
+    return SUNK * float(swept[1, 1] - swept[0, 1])
 
 
 def _boxes(scene: Scene) -> F64:

@@ -133,6 +133,10 @@ float hard_visibility(Light light, vec3 p, vec3 n)
     MapTexels t = texels_around(light, r);
     float unit = 2.0 / light.tile.z;
     float rounding = ROUNDING * max(1.0, abs(r.inverse_depth));
+#ifdef HAS_PARALLEL_MAP
+    // The map may be much smaller than the way from the eye, which positions are relative to.
+    rounding = max(rounding, r.parallel ? ROUNDING * length(p) / r.depth : 0.0);
+#endif
     float slack = SNAP * unit * (abs(r.slope.x) + abs(r.slope.y)) + rounding;
     vec4 slacks = SNAP * unit * (abs(t.slope_x) + abs(t.slope_y)) + rounding;
     float relief = RELIEF * unit * sqrt(r.wide);

@@ -13,8 +13,8 @@
 const int TAPS = 2;                    // blocker-search and edge-test samples per texel; the four texels of a quad share theirs
 const int PENUMBRA_TAPS = 14;          // of the filter
 const float HARD_KERNEL = 1.0;         // smallest radius of the filter, in texels
-const float CONTACT_KERNEL = 2.0;      // texels around a receiver in which blockers are looked for that are much nearer to it
-const float CONTACT_SHARE = 0.7;       // of the filter's radius; so large is the light's image at most that a near blocker lets through
+const float CONTACT_KERNEL = 1.25;     // texels around a receiver in which blockers are looked for that are much nearer to it
+const float CONTACT_SHARE = 0.7;       // of the filter's radius, which the light's image at such a blocker is smaller than
 const float SMALLEST_RIM = 0.5;        // of the rim's usual radius
 const float MIN_BLOCKER_SHARE = 0.15;    // of the distance to the light; blockers nearer to the light are not searched
 const float SLACK = 2.0;               // on the light's squared radius, when asking whether a line meets it
@@ -322,7 +322,10 @@ float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, 
     bool penumbra = parted(seen);
     vec2 contact = vec2(0.0);
     rim = rim_point(false, noise) * (CONTACT_KERNEL / light.tile.z);
-    for (int i = 0; i < edge_taps; ++i) contact += contact_texel(light, r, r.fraction + (i == 0 ? rim : -rim), spread, width);
+    int contact_taps = CONTACT_SHARE * width * light.tile.z > HARD_KERNEL ? edge_taps : 0;
+    for (int i = 0; i < contact_taps; ++i) {
+        contact += contact_texel(light, r, r.fraction + (i == 0 ? rim : -rim), spread, width);
+    }
     int taps = wanted && penumbra ? PENUMBRA_TAPS : 0;
     pattern = quad_pattern(noise, PENUMBRA_TAPS);
     float passed = 0.0;

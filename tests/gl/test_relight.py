@@ -9,7 +9,7 @@ import pytest
 
 from app.load import embedded_scene
 from app.renderer import Renderer
-from app.scene import DirectionalLight, Light, PointLight
+from app.scene import DirectionalLight, Light, PointLight, Scene
 from app.settings import Settings
 from tests.gl.scenes import box, floor, make_scene, slide
 
@@ -68,16 +68,17 @@ def test_an_object_that_is_put_far_out_of_the_scene_keeps_its_shadow(light: Ligh
     """As the viewer does, which writes another place into the motion of a scene that is drawn already."""
     settings, up = Settings((64, 48), ("direct",), taa=False), (0.0, 40.0, -4.0)
 
-    def plate(place: tuple[float, float, float]) -> object:
-        return make_scene([floor(2.0), box((-0.5, 0.1, -0.5), (1.0, 0.1, 1.0), motion=slide([0.0], [place]))], [light])
+    def plate(*places: tuple[float, float, float]) -> Scene:
+        motion = slide(range(len(places)), places)
+        return make_scene([floor(2.0), box((-0.5, 0.1, -0.5), (1.0, 0.1, 1.0), motion=motion)], [light])
 
     scene = plate((0.0, 0.0, 0.0))
-    there = replace(plate(up), bounds=scene.bounds)
+    going = replace(plate((0.0, 0.0, 0.0), up), bounds=scene.bounds)  # whose maps span both places, too
     camera = scene.cameras[scene.default_camera].at(0.0)
-    with Renderer(scene, settings) as renderer, Renderer(there, settings) as fresh:
+    with Renderer(scene, settings) as renderer, Renderer(going, settings) as fresh:
         before = renderer.render(camera)["direct"]
         scene.instances[1].motion.transforms[0, :3, 3] = up
-        now, wanted = renderer.render(camera, 1e-6)["direct"], fresh.render(camera)["direct"]
+        now, wanted = renderer.render(camera, 1e-6)["direct"], fresh.render(camera, 1.0)["direct"]
         assert np.array_equal(now, wanted)
         assert (now < 0.01 * before.max()).sum() > 20  # the shadow on the floor
         scene.instances[1].motion.transforms[0, :3, 3] = 0.0

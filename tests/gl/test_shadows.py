@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from app.gl.shadow_atlas import FACE_TEXELS, HARD_CUBE_TEXELS, PARALLEL_MAP, lay_out
+from app.renderer import Renderer
 from app.scene import Camera, DirectionalLight, Light, Material, PointLight, RectLight, SpotLight, Texture
+from app.settings import Settings
 from tests.gl import closed_forms as exact
 from tests.gl.closed_forms import F64
 from tests.gl.scenes import GREY, Part, box, floor, make_scene, quad, sphere, visibility
@@ -167,6 +169,23 @@ def test_a_wide_floor_is_lit_outside_the_map(radius_deg: float) -> None:
         assert visibility(scene, SIZE, camera)[0].min() > 0.98
 
 
+def test_a_map_keeps_its_size_while_something_ducks() -> None:
+    """Feet may be a little below the floor, whatever the height above them is at the time."""
+    figure = box((-0.2, -0.0015, -0.2), (0.4, 2.0, 0.4))
+    scene = make_scene([floor(200.0), figure], [DirectionalLight((0.3, -1.0, 0.2), (1.0,) * 3)])
+    with Renderer(scene, Settings((32, 24), outputs=("final",)), None) as renderer:
+        lights = renderer._lights
+        boxes = renderer._geometry.boxes.copy()
+        before = lights.standing.copy()
+        boxes[1, 1, 1] = 0.4  # the figure's top
+        lights.cover(boxes)
+        np.testing.assert_array_equal(lights.standing, before)
+        boxes[1, :, 1] -= 1.0
+        lights.cover(boxes)
+        np.testing.assert_array_equal(lights.standing, lights.bounds)
+    assert before[1, 0] < 1
+
+
 @pytest.mark.parametrize("radius_deg", [0.0, 2.0])
 @pytest.mark.parametrize("below", [
     box((-0.5, -3.0, -0.5), (1.0, 1.0, 1.0)), quad((7.0, -2.0, 1.0), (2, 0, 0), (0, 0, -2))], ids=["box", "floor"])
@@ -181,16 +200,17 @@ def test_a_wide_floor_shades_what_lies_below(below: Part, radius_deg: float) -> 
     assert hidden.sum() > 500 and share[hidden].max() < 0.02
 
 
+@pytest.mark.parametrize("height", [2.0, 200.0])
 @pytest.mark.parametrize("part", ["rock", "deck"])
-def test_only_what_is_level_and_lowest_is_a_floor(part: str) -> None:
+def test_only_what_is_level_and_lowest_is_a_floor(part: str, height: float) -> None:
     """Far from a box, relief of the ground's own mesh casts its shadow, and so does a low deck on the ground."""
-    sun = DirectionalLight((0.3, -1.0, 0.2), (1.0,) * 3)
+    sun = DirectionalLight((0.1, -0.3, 1.0), (1.0,) * 3)
     ground, rock = floor(200.0), box((20.0, 0.0, 0.0), (1.0, 0.35, 1.0))
     if part == "rock":
         parts = [replace(ground, triangles=np.concatenate([ground.triangles, rock.triangles]))]
     else:
         parts = [ground, quad((20.0, 0.15, 1.0), (2.0, 0, 0), (0, 0, -2.0))]
-    scene = make_scene([*parts, box((-1.0, 0.0, -1.0), (2.0, 2.0, 2.0))], [sun])
+    scene = make_scene([*parts, box((-1.0, 0.0, -1.0), (2.0, height, 2.0))], [sun])
     share, at = visibility(scene, SIZE, Camera((21.0, 3.0, 3.0), (21.0, 0.0, 1.0), fov_y_deg=60.0))
     assert share[np.abs(at[..., 1]) < 1e-3].min() < 0.05
 
