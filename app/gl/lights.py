@@ -16,7 +16,7 @@ from app.gl.context import Device
 from app.gl.shader import Program
 from app.gl.shadow_atlas import CUBE_MAP, PARALLEL_MAP, SINGLE_MAP, Tile, lay_out, size_of
 from app.math3d import affine_matrix, look_rotation, normalize, orthographic, perspective
-from app.scene import DirectionalLight, Light, PointLight, RectLight, Scene, SpotLight, swept_bounds_of, world_box
+from app.scene import DirectionalLight, Light, PointLight, RectLight, Scene, SpotLight, bounds_of, swept_bounds_of
 
 # In the order of the numbers in lights.glsl.
 LIGHT_KINDS = {PointLight: "POINT", SpotLight: "SPOT", DirectionalLight: "DIRECTIONAL", RectLight: "RECT"}
@@ -155,7 +155,7 @@ class LightSet:
     def cover(self, boxes: F64) -> None:
         """Extend shadow maps to world-space ``boxes``, shape (N, 2, 3), that lie outside the bounds of all motions."""
         self.bounds = _extended(self._swept, boxes)
-        are_floors = self._floors.any() and level_floors(boxes, _tolerance(self._swept))[self._floors].all()
+        are_floors = self._floors.any() and _level_floors(boxes, _tolerance(self._swept))[self._floors].all()
         self.standing = _extended(self._swept_standing, boxes[~self._floors]) if are_floors else self.bounds
 
     @property
@@ -285,7 +285,7 @@ class _Parallel:
     half: float
 
 
-def level_floors(boxes: F64, tolerance: float) -> Bools:
+def _level_floors(boxes: F64, tolerance: float) -> Bools:
     """Which world-space boxes, shape (N, 2, 3), are of the lowest level floor; shape (N,).
 
     What is not level may lie below it by ``tolerance``, in scene units, as feet do.
@@ -304,20 +304,16 @@ def _floors(scene: Scene) -> Bools:
     """Which instances are floors at all times, and not everything; shape (N,)."""
     tolerance = _tolerance(scene.swept_bounds)
     still = np.array([not i.moves for i in scene.instances], bool)
-    floors = level_floors(_boxes(scene), tolerance) & still
+    boxes = np.array([bounds_of(scene.meshes, (i,)) for i in scene.instances]).reshape(-1, 2, 3)
+    floors = _level_floors(boxes, tolerance) & still
     if floors.any() and not still.all():
-        floors &= level_floors(np.array([swept_bounds_of(scene.meshes, (i,)) for i in scene.instances]), tolerance)
+        boxes = np.array([swept_bounds_of(scene.meshes, (i,)) for i in scene.instances])
+        floors &= _level_floors(boxes, tolerance)
     return floors & ~floors.all()
 
 
 def _tolerance(swept: F64) -> float:
     return SUNK * float(swept[1, 1] - swept[0, 1])
-
-
-def _boxes(scene: Scene) -> F64:
-    """World-space boxes at time 0, shape (N, 2, 3)."""
-    boxes = [world_box(i.mesh_at(scene.meshes, 0.0), i.transform_at(0.0)) for i in scene.instances]
-    return np.array(boxes, np.float64).reshape(-1, 2, 3)
 
 
 def _extended(bounds: F64, boxes: F64) -> F64:
