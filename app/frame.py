@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -350,7 +351,8 @@ def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:
         yield from _absent("a network was chosen", *SSGI_PASSES)
         yield from _network(inputs, model, grid, target)
     if settings.taa:
-        yield accumulate.declare(grid, noisy=isinstance(model, str))
+        yield accumulate.declare(grid, noisy=isinstance(model, str),
+                                 max_frames=math.inf if inputs.models.surfels is None else final_gather.LIGHT_FRAMES)
     else:
         yield Absent("accumulate", "switched off by --no-taa")
     yield push_pull.declare("push_pull", grid, "indirect_low", "lowres_gbuffer", "indirect_filled")
@@ -416,7 +418,7 @@ def _gathered_light(inputs: FrameInputs, source: Network, grid: Size) -> Iterato
     tensors = {t: f"surfel_tensor_{t}" for t, spec in contract.inputs.items() if spec.grid != SCREEN}
     yield pack_surfels.declare(inputs.surfels, contract, tensors, inputs.scene.longest_edge)
     yield _pack_globals("surfel_pack_globals", contract, tensors, inputs.scene.environment, None)
-    yield surfel_indirect.declare(source, tensors)
+    yield surfel_indirect.declare(source, tensors, inputs.surfels)
     yield from final_gather.declare(inputs.surfels, inputs.lights, grid, settings.taa)
     if not settings.taa:
         yield Absent("gather_history", "switched off by --no-taa")

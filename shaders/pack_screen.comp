@@ -18,11 +18,8 @@ uniform sampler2D unshadowed_specular;
 #ifdef HAS_GATHERED_LIGHT
 uniform sampler2D gathered_light;      // on the tensor's own grid; a: rays
 #endif
-#ifdef HAS_GATHERED_DISTANCE
-uniform sampler2D gathered_distance;
-#endif
-#ifdef HAS_INTERPOLATED_LIGHT
-uniform sampler2D interpolated_light;
+#ifdef HAS_GATHERED_SURFELS
+uniform sampler2D gathered_surfels;    // rgb: light between the surfels, a: mean distance of rays
 #endif
 uniform ivec2 grid;  // width and height of one image of the tensor
 
@@ -59,18 +56,16 @@ float channel_gathered_count(ivec2 t)
 }
 #endif
 
-#ifdef HAS_GATHERED_DISTANCE
+#ifdef HAS_GATHERED_SURFELS
 float channel_gathered_distance(ivec2 t)
 {
-    float d = texelFetch(gathered_distance, low, 0).r;
+    float d = texelFetch(gathered_surfels, low, 0).a;
     return is_finite(d) ? clamp(d, 0.0, 1.0) : 0.0;
 }
-#endif
 
-#ifdef HAS_INTERPOLATED_LIGHT
 vec3 channel_interpolated_rgb(ivec2 t)
 {
-    return sanitize_radiance(texelFetch(interpolated_light, low, 0).rgb);
+    return sanitize_radiance(texelFetch(gathered_surfels, low, 0).rgb);
 }
 #endif
 

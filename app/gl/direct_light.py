@@ -31,8 +31,8 @@ class DirectLight:
                  scene: RayScene) -> None:
         self._device, self._layout, self._origin, self._maps = device, layout, scene.origin, lights.shadow_maps
         self._program = device.fullscreen("surfel_light.frag", {**lights.defines, **defines})
-        self._texels = device.ctx.texture((2 * layout[0], 2 * layout[1]), 4, dtype="f2")
-        self._target = device.ctx.framebuffer([self._texels])
+        self._target = device.ctx.framebuffer([device.ctx.texture((2 * layout[0], 2 * layout[1]), 4, dtype="f2")])
+        self._rows = layout[1]  # of texels that hold points
         names = "light_sample_position", "light_sample_normal", "light_sample_visibility"
         self._textures = {name: device.ctx.texture(layout, 4, dtype="f4") for name in names}
         self._rays = (ShadowRays(device, layout, {**lights.defines, "GRID_SURFELS": 1}, scene)
@@ -40,6 +40,7 @@ class DirectLight:
 
     def place(self, position: F32, normal: F32) -> None:
         """Take other points, shape (N, 3) in local space: world axes, relative to the origin of the traced scene."""
+        self._rows = -(-len(position) // self._layout[0])
         for name, rows in (("light_sample_position", position), ("light_sample_normal", normal)):
             self._textures[name].write(self._as_texels(rows).tobytes())
 
@@ -52,7 +53,7 @@ class DirectLight:
         return self._rays.trace(frame, samples)
 
     def draw(self, frame: FrameState, resources: Resources, visibility: F32 | None) -> F32:
-        """Irradiance / π at every texel of ``layout``, shape (w · h, 3), in the order of the points.
+        """Irradiance / π at the points, in their order, shape (N, 3); more rows fill up the last row of texels.
 
         Parameters
         ----------
@@ -61,14 +62,16 @@ class DirectLight:
         """
         shares = np.zeros((*self._layout[::-1], 4), np.float32) if visibility is None else visibility
         self._textures["light_sample_visibility"].write(shares.tobytes())
+        drawn = 0, 0, 2 * self._layout[0], 2 * self._rows
         self._target.use()
+        self._target.scissor = drawn
         self._device.ctx.enable_only(moderngl.NOTHING)
         resources.bind(self._program, reads=self._maps)
         self._bind(self._program, tuple(self._textures), len(self._maps))
         self._program.set(noise_phase=frame.noise_phase, local_eye=tuple(frame.view.eye - self._origin))
         self._device.draw_fullscreen(self._program)
-        drawn = np.frombuffer(self._texels.read(alignment=1), np.float16).astype(np.float32)
-        quads = drawn.reshape(self._layout[1], 2, self._layout[0], 2, 4)
+        texels = np.frombuffer(self._target.read(drawn, components=4, alignment=1, dtype="f2"), np.float16)
+        quads = texels.reshape(self._rows, 2, self._layout[0], 2, 4).astype(np.float32)
         return np.asarray(quads.mean(axis=(1, 3)).reshape(-1, 4)[:, :3])
 
     def _bind(self, program: Program, names: tuple[str, ...], first_unit: int) -> None:

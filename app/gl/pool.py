@@ -233,9 +233,9 @@ class Resources:
             sampler = (samplers or {}).get(name, name.replace(PREVIOUS, "_prev").removeprefix(strip))
             program.set(**{sampler: unit})
 
-    def read_stamps(self) -> tuple[int, ...]:
-        """Stamps of what the pass reads, of which only cached resources change theirs."""
-        return tuple(self._pool.stamp(name) for name in self._bound.reads)
+    def read_stamps(self, *names: str) -> tuple[int, ...]:
+        """Stamps of ``names``, or of all that the pass reads, of which only cached resources change theirs."""
+        return tuple(self._pool.stamp(name) for name in names or self._bound.reads)
 
     def is_current(self, key: object, *names: str) -> bool:
         """Whether ``names``, or all that the pass writes, hold what ``set_current`` noted for an equal ``key``."""

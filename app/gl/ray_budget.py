@@ -30,10 +30,19 @@ class RayBudget:
 
     def samples(self, frame: FrameState, texels: int, has_history: bool) -> range:
         """Which samples of its sequence each of ``texels`` takes in a frame, none of them twice."""
+        return self.turns(frame, texels, has_history, 1)[1]
+
+    def turns(self, frame: FrameState, texels: int, has_history: bool, most: int) -> tuple[int, range]:
+        """Of how many frames a texel takes samples in one, at most ``most``, a power of 2, and which ones then.
+
+        It is more than one only where not each texel could have a sample in each frame.
+        """
         first = min(self.max_first_samples, max(1, self.first_rays // texels))
         if not (has_history and frame.history_valid):
-            return range(first)
+            return 1, range(first)
         rays = self.changed_rays if frame.motion is MotionKind.OBJECTS else self.rays
-        share = math.prod(frame.size) / math.prod(frame.output_size)
-        count = min(self.max_samples, max(1, int(rays * share) // texels))
-        return range(first + frame.index * count, first + (frame.index + 1) * count)
+        rays = max(1, int(rays * math.prod(frame.size) / math.prod(frame.output_size)))
+        turns = min(most, 2 ** math.ceil(math.log2(max(1.0, texels / rays))))
+        count = min(self.max_samples, max(1, rays * turns // texels))
+        start = first + frame.index // turns * count
+        return turns, range(start, start + count)

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 NONE: Final = "none"                          # no model
 SSGI: Final = "ssgi"                          # the classical screen-space method
 UNSHADOWED: Final = "unshadowed_environment"  # an environment's light without shadows
-DEFAULT_MODEL = "ember"                       # world-surfel radiosity
+DEFAULT_MODEL = "final-gather"                # light gathered along rays, cleaned by a network
 SURFEL_MODEL = "ember"                        # whose light at surfels gathered rays end with
-DEFAULT_COMPARISON = (NONE, "radiosity", DEFAULT_MODEL)
+DEFAULT_COMPARISON = (NONE, SURFEL_MODEL, DEFAULT_MODEL)
 HALF_SUFFIX = "-half"                         # of networks in half precision beside the same in single precision
 SEPARATOR = "+"                               # between two models that are used together
 Model = Path | Literal["ssgi", "unshadowed_environment"]

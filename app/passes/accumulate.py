@@ -1,5 +1,7 @@
 """Temporal accumulation of the demodulated indirect light, at low resolution."""
 
+import math
+
 from app.gl.context import Device
 from app.gl.frame_state import MAX_HISTORY, Execute, FrameState
 from app.gl.fullscreen import make_fullscreen, ratio_to
@@ -7,23 +9,26 @@ from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
 
 
-def declare(grid: tuple[int, int], noisy: bool = False) -> Pass:
+def declare(grid: tuple[int, int], noisy: bool = False, max_frames: float = math.inf) -> Pass:
     """Over a low-resolution ``grid`` of width and height; the history is 32-bit like that of TAA.
 
     Parameters
     ----------
     noisy : bool
         Whether texels differ strongly from frame to frame, so that a mean of many of them validates the history.
+    max_frames : float
+        Of history at most, where the light of a frame is made from that of many frames already.
     """
     return Pass("accumulate",
                 reads=("indirect_now", "lowres_gbuffer", "motion", "indirect_low@prev", "lowres_gbuffer@prev"),
                 writes={"indirect_low": Tex("f4", 4, size=grid)},
-                make=lambda device, bound: make(device, bound, grid, noisy))
+                make=lambda device, bound: make(device, bound, grid, noisy, max_frames))
 
 
-def make(device: Device, bound: BoundPass, grid: tuple[int, int], noisy: bool) -> Execute:
+def make(device: Device, bound: BoundPass, grid: tuple[int, int], noisy: bool,
+         max_frames: float) -> Execute:
     draw = make_fullscreen("accumulate.frag", lambda frame: {
-        "ratio": ratio_to(grid, frame), "max_frames": MAX_HISTORY[frame.motion],
+        "ratio": ratio_to(grid, frame), "max_frames": min(MAX_HISTORY[frame.motion], max_frames),
         "history_valid": frame.history_valid}, {"NOISY": 1} if noisy else {})(device, bound)
 
     def execute(frame: FrameState, resources: Resources) -> None:

@@ -6,7 +6,7 @@ of the world surfels around. Networks read the result, and clean it.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,9 +24,12 @@ from app.surfels.final_gather import LightAt, gather, sequence
 from app.surfels.tracked import TrackedSurfels
 
 RAYS = RayBudget(first_rays=2**17, max_first_samples=16, changed_rays=2**15, rays=2**14, max_samples=4)
-MAX_SAMPLES = {MotionKind.NONE: 4096.0, MotionKind.CAMERA: 64.0, MotionKind.OBJECTS: 16.0}  # of its history
+AT_REST = replace(RAYS, rays=2**16)  # where nothing moves
+LIGHT_FRAMES = 4.0  # whose cleaned light is averaged: the first ones were cleaned from few rays
+HISTORY_FRAMES = {MotionKind.NONE: 4096, MotionKind.CAMERA: 96, MotionKind.OBJECTS: 8}  # whose rays count at most
+TURN = np.array([[0, 1], [3, 2]])  # of the texels of 2×2, where not all of them can trace rays in each frame
 LIT_AT_ONCE = 128, 128  # ends of rays that direct light is drawn at together, as a grid
-SIZES = {"gathered_light": 4, "gathered_distance": 1}  # components of what is accumulated
+MEANS = "gathered_light", "gathered_surfels"  # light and number of rays; surfels' light and distance of rays
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,17 +52,15 @@ class Receivers:
 
 def declare(surfels: TrackedSurfels, lights: LightSet, grid: tuple[int, int], has_history: bool) -> Iterator[Pass]:
     """The passes over a ``grid`` of width and height; ``has_history`` says whether frames are accumulated."""
-    means: dict[str, Resource] = {name: Tex("f4", size, size=grid) for name, size in SIZES.items()}
+    means: dict[str, Resource] = {name: Tex("f4", 4, size=grid) for name in MEANS}
     now = {f"{name}_now": tex for name, tex in means.items()} if has_history else means
-    yield Pass("gather_rays", reads=("lowres_gbuffer", "surfel_indirect", *lights.shadow_maps),
-               writes={**now, "interpolated_light": Tex("f4", 4, size=grid)},
+    yield Pass("gather_rays", reads=("lowres_gbuffer", "surfel_indirect", *lights.shadow_maps), writes=now,
                make=lambda device, bound: make(device, bound, surfels, lights, grid, has_history))
     if has_history:
         yield Pass("gather_history",
-                   reads=(*now, "interpolated_light", "lowres_gbuffer", "motion", *(f"{name}@prev" for name in means),
-                          "lowres_gbuffer@prev"),
+                   reads=(*now, "lowres_gbuffer", "motion", *(f"{name}@prev" for name in means), "lowres_gbuffer@prev"),
                    writes=means, make=make_fullscreen("gather_history.frag", lambda frame: {
-                       "ratio": ratio_to(grid, frame), "max_rays": MAX_SAMPLES[frame.motion],
+                       "ratio": ratio_to(grid, frame), "max_rays": _max_rays(frame, math.prod(grid)),
                        "history_valid": frame.history_valid and not frame.relit}))
 
 
@@ -72,8 +73,8 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
         key = frame.view_and_lighting
         if not has_history and resources.is_current(key):
             return
-        chosen = RAYS.samples(frame, math.prod(grid), has_history)
-        receivers = _receivers(resources, frame, grid)
+        turns, chosen = _turns(frame, math.prod(grid), has_history)
+        receivers = _receivers(resources, frame, grid, turns)
         world, caster, lookup = surfels.world, surfels.caster, surfels.lookup
         indirect = resources.rows("surfel_indirect")
         light_at = LightAt(
@@ -83,17 +84,16 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
         position = receivers.position + (frame.view.eye - world.origin).astype(np.float32)
         off = receivers.normal - receivers.direction  # the surface, towards the eye, where nothing is in the way
         origin = position + off * caster.ray_epsilon
-        numbers = sequence(*grid, chosen.start, len(chosen), frame.noise_phase)[receivers.texel]
+        numbers = sequence(grid[0], receivers.texel, chosen.start, len(chosen), frame.noise_phase)
         rays = gather(caster, light_at, float(world.median_radius), origin, receivers.normal, numbers)
         interpolated = lookup.interpolate(indirect, position, receivers.normal)
         samples = np.full((len(position), 1), len(chosen), np.float32)
-        for name, values in (("gathered_light" + suffix, np.concatenate([rays.light.mean(axis=1), samples], axis=1)),
-                             ("gathered_distance" + suffix, rays.distance.mean(axis=1, keepdims=True)),
-                             ("interpolated_light", np.concatenate([interpolated, samples], axis=1))):
-            if name in bound.writes:
-                texels = np.zeros((math.prod(grid), values.shape[1]), np.float32)
-                texels[receivers.texel] = values
-                resources[name].write(texels.tobytes())
+        for name, *columns in ((MEANS[0], rays.light.mean(axis=1), samples),
+                               (MEANS[1], interpolated, rays.distance.mean(axis=1, keepdims=True))):
+            if name + suffix in bound.writes:
+                texels = np.zeros((math.prod(grid), 4), np.float32)
+                texels[receivers.texel] = np.concatenate(columns, axis=1)
+                resources[name + suffix].write(texels.tobytes())
         resources.set_current(key)
 
     return execute
@@ -117,10 +117,24 @@ def draw_direct(direct: DirectLight, frame: FrameState, resources: Resources, po
     return light
 
 
-def _receivers(resources: Resources, frame: FrameState, grid: tuple[int, int]) -> Receivers:
-    """What the texels of ``lowres_gbuffer`` show."""
+def _turns(frame: FrameState, texels: int, has_history: bool) -> tuple[int, range]:
+    """Of how many frames a texel traces rays in one, and the numbers of these rays."""
+    budget = AT_REST if frame.motion is MotionKind.NONE else RAYS
+    return budget.turns(frame, texels, has_history, TURN.size)
+
+
+def _max_rays(frame: FrameState, texels: int) -> float:
+    """How many rays of its history count for a texel."""
+    turns, chosen = _turns(frame, texels, has_history=True)
+    return max(1.0, HISTORY_FRAMES[frame.motion] * len(chosen) / turns)
+
+
+def _receivers(resources: Resources, frame: FrameState, grid: tuple[int, int], turns: int) -> Receivers:
+    """What those texels of ``lowres_gbuffer`` show whose turn it is."""
     surface = np.frombuffer(resources["lowres_gbuffer"].read(), np.float32).reshape(-1, 4)
-    texel = np.flatnonzero(np.isfinite(surface).all(axis=1) & (surface[:, 3] > 0))
+    y, x = np.divmod(np.arange(len(surface)), grid[0])
+    turn = TURN[y % 2, x % 2] % turns
+    texel = np.flatnonzero(np.isfinite(surface).all(axis=1) & (surface[:, 3] > 0) & (turn == frame.index % turns))
     y, x = np.divmod(texel, grid[0])
     pixel = np.floor((np.stack([x, y], axis=1) + 0.5) * ratio_to(grid, frame)) + 0.5
     offset, direction = frame.view.rays(pixel / frame.size * 2 - 1 - frame.jitter)

@@ -24,8 +24,8 @@ SOURCES: dict[str, tuple[str, ...]] = {
     "on_screen": (),
     "gathered.rgb": ("gathered_light",),
     "gathered.count": ("gathered_light",),
-    "gathered.distance": ("gathered_distance",),
-    "interpolated.rgb": ("interpolated_light",),
+    "gathered.distance": ("gathered_surfels",),
+    "interpolated.rgb": ("gathered_surfels",),
     "unshadowed_environment.diffuse.rgb": ("unshadowed_diffuse",),
     "unshadowed_environment.specular.rgb": ("unshadowed_specular?",),
 }

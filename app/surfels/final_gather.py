@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.arrays import F32, F64
+from app.arrays import F32, F64, Ints
 from app.math3d import R2
 from app.raycast.caster import Caster, Hits
 from app.surfels.random_walks import sample_cosine_hemisphere
@@ -64,42 +64,48 @@ def gather(caster: Caster, light_at: LightAt, reach: float, origin: F32, normal:
     distance = np.minimum(hits.distance / np.float32(reach), 1)
     met = np.flatnonzero(hits.body >= 0)
     ends = hits.select(met)
-    near = distance[met] < 1
-    irradiance = light_at.direct(ends.position, ends.normal)
-    irradiance[~near] += light_at.indirect(ends.position[~near], ends.normal[~near])
-    unused_digits = numbers.reshape(-1, 1, 2)[met[near]] * 2**20 % 1
-    irradiance[near] += _light_of_rays(caster, light_at, ends.select(near), unused_digits)
+    is_near = distance[met] < 1
+    unused_digits = numbers.reshape(-1, 1, 2)[met[is_near]] * 2**20 % 1
+    further = _cast_further(caster, ends.select(is_near), unused_digits)
+    met_further = np.flatnonzero(further.body >= 0)
+    last_ends = further.select(met_further)
+    at = np.concatenate([ends.position, last_ends.position])
+    facing = np.concatenate([ends.normal, last_ends.normal])
+    irradiance = light_at.direct(at, facing)
+    has_surfels = np.concatenate([~is_near, np.ones(len(met_further), np.bool_)])
+    irradiance[has_surfels] += light_at.indirect(at[has_surfels], facing[has_surfels])
+    indirect = further.traced_emission
+    indirect[met_further] += last_ends.albedo * irradiance[len(met):]
+    irradiance[:len(met)][is_near] += indirect
     light = hits.traced_emission
-    light[met] += ends.albedo * irradiance
+    light[met] += ends.albedo * irradiance[:len(met)]
     return GatheredRays(light.reshape(count, rays, 3), distance.reshape(count, rays))
 
 
-def _light_of_rays(caster: Caster, light_at: LightAt, starts: Hits, numbers: F64) -> F32:
-    """The light that one ray from each of N surfaces meets, shape (N, 3), for numbers of shape (N, 1, 2)."""
+def _cast_further(caster: Caster, starts: Hits, numbers: F64) -> Hits:
+    """What one ray from each of N surfaces meets, for numbers of shape (N, 1, 2)."""
     directions = sample_cosine_hemisphere(starts.normal, numbers).reshape(-1, 3)
-    hits = caster.cast(starts.position + caster.ray_epsilon * starts.normal, directions)
-    met = np.flatnonzero(hits.body >= 0)
-    ends = hits.select(met)
-    light = hits.traced_emission
-    light[met] += ends.albedo * (light_at.direct(ends.position, ends.normal)
-                                 + light_at.indirect(ends.position, ends.normal))
-    return light
+    return caster.cast(starts.position + caster.ray_epsilon * starts.normal, directions)
 
 
-def sequence(width: int, height: int, first: int, count: int, phase: float) -> F64:
-    """Numbers ``first`` to ``first + count`` of the sequence of each texel of a grid, shape (h · w, count, 2).
+def sequence(width: int, texel: Ints, first: int, count: int, phase: float) -> F64:
+    """Numbers ``first`` to ``first + count`` of the sequence of each of N texels of a grid, shape (N, count, 2).
 
     Roberts' R2 sequence, which the texels of a tile start at evenly spread places.
 
     Parameters
     ----------
+    width : int
+        Of the grid.
+    texel : ndarray of int, shape (N,)
+        Row by row.
     phase : float
         Shifts all sequences.
     """
-    y, x = np.divmod(np.arange(width * height), width)
+    y, x = np.divmod(texel, width)
     tile = y // TILE * (width // TILE + 1) + x // TILE
     lane = (x % TILE * TILE + y % TILE) * LANE_STEP % TILE**2
-    start = np.random.default_rng(int(phase * 2**16)).random((int(tile.max()) + 1, 2))[tile]
+    start = np.random.default_rng(int(phase * 2**16)).random((int(tile.max(initial=0)) + 1, 2))[tile]
     start = start + lane[:, None] * np.array(R2[::-1])
     numbers: F64 = (start[:, None] + np.arange(first, first + count)[:, None] * np.array(R2)) % 1.0
     return numbers

@@ -25,7 +25,7 @@ from export.dataset.scenes.found_emitters import with_found_emitters
 from export.dataset.scenes.generated_scene import FRAME_SECONDS, GeneratedScene
 from export.dataset.scenes.sources import SOURCES
 
-SIZE = (128, 96)  # texels, so many that a drawn frame traces one ray of each
+SIZE = (224, 168)  # texels, so many that a drawn frame traces one ray of each
 RAYS = 64         # of a texel
 SOURCE_NAMES = ("cluttered_room", "cluttered_room", "connected_rooms", "cluttered_room", "room", "corridor",
                 "cluttered_room", "courtyard")
@@ -131,6 +131,6 @@ def _gather(renderer: Renderer, camera: Camera, channels: dict[str, F32]) -> Gat
     for ray in range(RAYS):
         renderer.advance(camera, FRAME_SECONDS)
         light[:, :, ray] = np.minimum(renderer.resource("gathered_light_now")[..., :3] / mean, 6e4)
-        distance[:, :, ray] = renderer.resource("gathered_distance_now")[..., 0]
+        distance[:, :, ray] = renderer.resource("gathered_surfels_now")[..., 3]
     return GatheredFrame(light, distance, channels["interpolated.rgb"] / np.float32(mean),
                          channels["normal.view.xyz"], channels["position.view.xyz"])

@@ -16,16 +16,18 @@ from export.models.network import EXTENT, NEGATIVE_SLOPE, Network, sanitize
 
 CHANNELS = ("gathered.rgb", "gathered.count", "gathered.distance", "interpolated.rgb", "normal.view.xyz",
             "position.view.xyz")
-WIDTHS = (16, 32, 32)  # channels at full, half and quarter size
-DILATIONS = (4, 2, 1)
-SIDE = 5               # texels along the edge of a kernel
-TAPS = SIDE**2
+WIDTHS = (16, 32, 32)    # channels at half, quarter and eighth size
+SQUARE = (0, 0), (-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1), (1, -1), (-1, 1)  # taps, the middle one first
+TAPS = len(SQUARE)
+STEPS = 8, 4, 2, 1  # texels between the taps of each kernel
 # A prior that the logits are added to: minus
 NORMAL_WEIGHT = 16.0   # times 1 - the cosine between the normals,
 PLANE_SIGMA = 0.02     # and the squared distance from the texel's plane, in units of this share of the depth,
 MAX_LOGIT = 12.0
 MIN_EXPONENT, MAX_EXPONENT = -40.0, 30.0
 MIN_COUNT = 1e-3       # of rays, so that its logarithm is finite
+MIN_WEIGHT = 1e-30     # so that nothing divides by 0
+MAX_COUNT = 64.0       # of rays, that features tell apart; training has fewer
 MIN_DEPTH = 1e-3       # in the unit of EXTENT
 INTERPOLATED_BIAS = -2.0  # logit of the share of interpolated light before training
 
@@ -34,21 +36,23 @@ class FinalGather(Network):
     """A U-Net whose kernels average gathered light, blended with light that is interpolated between surfels.
 
     The output is a weighted mean of its inputs' light: it creates no energy, and is linear in light for given weights.
-    The weights depend on light only relative to the mean of the frame.
+    The weights depend on light only relative to the mean of the frame. Texels without rays get the light of those
+    around.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.contract = ModelContract(
             name="final-gather", paper="final gathering, with kernels as in Bako et al. 2017; docs/lighting.md",
-            inputs={"screen": TensorSpec(CHANNELS)}, outputs={"indirect": TensorSpec(("indirect.rgb",))}, scale=1 / 8,
-            multiple_of=4, exposure="mean-radiance", bounces="multi", scene_extent=EXTENT, licence="MIT")
-        full, half, quarter = WIDTHS
+            inputs={"screen": TensorSpec(CHANNELS)}, outputs={"indirect": TensorSpec(("indirect.rgb",))}, scale=1 / 4,
+            multiple_of=8, exposure="mean-radiance", bounces="multi", scene_extent=EXTENT, licence="MIT")
+        half, quarter, eighth = WIDTHS
         features = 3 + 1 + 1 + 3 + 3 + 1
-        self.down = nn.ModuleList([_conv(features, full), _conv(full, half), _conv(half, quarter)])
-        self.up = nn.ModuleList([_conv(quarter + half, half), _conv(half + full, full)])
-        self.last = nn.Conv2d(full, len(DILATIONS) * TAPS + 1, 1)
-        self.count_power = nn.Parameter(torch.ones(len(DILATIONS)))  # of a texel's rays, by which it counts
+        self.down = nn.ModuleList([_conv(4 * features, half), _conv(half, quarter), _conv(quarter, eighth)])
+        self.up = nn.ModuleList([_conv(eighth + quarter, quarter), _conv(quarter + half, half)])
+        self.last = nn.Conv2d(half, 4 * (len(STEPS) * TAPS + 1), 1)
+        self.count_power = nn.Parameter(torch.ones(1))  # of a texel's rays, by which it counts
+        self.centre_power = nn.Parameter(torch.zeros(len(STEPS)))  # of its rays, by which it counts for itself
         for parameter in self.last.parameters():  # so that training starts with the prior alone
             nn.init.zeros_(parameter)
 
@@ -58,7 +62,7 @@ class FinalGather(Network):
         Parameters
         ----------
         screen : Tensor, float32, shape (B, 14, h, w)
-            The contract's channels; radiance relative to the mean of the frame; h and w multiples of 4.
+            The contract's channels; radiance relative to the mean of the frame; h and w multiples of 8.
 
         Returns
         -------
@@ -69,58 +73,60 @@ class FinalGather(Network):
         gathered, count, distance, interpolated, normal, position = torch.split(screen, [3, 1, 1, 3, 3, 3], dim=1)
         surface = (normal.square().sum(1, keepdim=True) > 0).to(screen)
         depth = -position[:, 2:]
-        rays = (count + MIN_COUNT).log2()
+        rays = (count.clamp(max=MAX_COUNT) + MIN_COUNT).log2()
         features = torch.cat([gathered.log1p(), rays / 6, distance, interpolated.log1p(), normal,
                               depth.clamp(min=MIN_DEPTH).log2() / 4], 1) * surface
         logits = self._predict(features).clamp(-MAX_LOGIT, MAX_LOGIT)
-        for index, dilation in enumerate(DILATIONS):
-            weight = self.count_power[index] * math.log(2) * rays + (surface - 1) * 1e3
-            gathered = filter_light(gathered, normal, position, weight, logits[:, index * TAPS:(index + 1) * TAPS],
-                                    dilation)
         share = torch.sigmoid(logits[:, -1:] + INTERPOLATED_BIAS)
-        return (gathered + share * (interpolated - gathered)) * surface
+        light = gathered + share * (interpolated - gathered)
+        weight = (self.count_power * math.log(2) * rays).exp() * surface
+        own = (count + 1).log()
+        for index, step in enumerate(STEPS):
+            kernel = logits[:, index * TAPS:(index + 1) * TAPS]
+            light, weight = filter_light(light, normal, position, weight, kernel, self.centre_power[index] * own, step)
+        return light * surface
 
-    def _predict(self, x: Tensor) -> Tensor:
-        skips = []
+    def _predict(self, features: Tensor) -> Tensor:
+        x, skips = functional.pixel_unshuffle(features, 2), []
         for level, convolution in enumerate(self.down):
             x = functional.leaky_relu(convolution(functional.avg_pool2d(x, 2) if level else x), NEGATIVE_SLOPE)
             skips.append(x)
         for convolution, skip in zip(self.up, skips[-2::-1], strict=True):
             x = torch.cat([functional.interpolate(x, scale_factor=2.0), skip], 1)
             x = functional.leaky_relu(convolution(x), NEGATIVE_SLOPE)
-        return self.last(x)
+        return functional.pixel_shuffle(self.last(x), 2)
 
 
-def filter_light(light: Tensor, normal: Tensor, position: Tensor, weight: Tensor, logits: Tensor,
-                 dilation: int) -> Tensor:
-    """Mean of the light of ``SIDE``² texels around each one, ``dilation`` texels apart.
+def filter_light(light: Tensor, normal: Tensor, position: Tensor, weight: Tensor, logits: Tensor, own: Tensor,
+                 step: int) -> tuple[Tensor, Tensor]:
+    """Weighted mean of the light of the texels ``step`` away from each one, and of their weights.
 
     Parameters
     ----------
-    light : Tensor, shape (B, C, h, w)
-    normal, position : Tensor, shape (B, 3, h, w)
+    light, normal, position : Tensor, shape (B, 3, h, w)
     weight : Tensor, shape (B, 1, h, w)
-        Logarithm of how much each texel counts.
+        How much each texel counts.
     logits : Tensor, shape (B, ``TAPS``, h, w)
         Added to the prior of each texel's neighbours.
+    own : Tensor, shape (B, 1, h, w)
+        Added to the logit of the texel itself.
     """
-    channels = int(light.shape[1])
-    around = neighbours(torch.cat([light, normal, position, weight - MIN_EXPONENT], 1), dilation)
-    lights, normals, positions, weights = torch.split(around, [channels, 3, 3, 1], dim=1)
-    cosine = (normals * normal.unsqueeze(2)).sum(1)
-    offset = ((positions - position.unsqueeze(2)) * normal.unsqueeze(2)).sum(1)
-    plane = offset / (PLANE_SIGMA * (-position[:, 2:]).clamp(min=MIN_DEPTH))
-    exponent = logits - NORMAL_WEIGHT * (1 - cosine) - plane.square() + weights[:, 0] + MIN_EXPONENT
-    kernel = exponent.clamp(2 * MIN_EXPONENT, MAX_EXPONENT).exp()
-    return (lights * kernel.unsqueeze(1)).sum(2) / kernel.sum(1, keepdim=True)
+    cosine = (neighbours(normal, step) * normal.unsqueeze(2)).sum(1)
+    axis = normal / (PLANE_SIGMA * (-position[:, 2:]).clamp(min=MIN_DEPTH))
+    plane = (neighbours(position, step) * axis.unsqueeze(2)).sum(1) - (position * axis).sum(1, keepdim=True)
+    exponent = logits + NORMAL_WEIGHT * (cosine - 1) - plane.square()
+    exponent = torch.cat([exponent[:, :1] + own, exponent[:, 1:]], 1)
+    kernel = exponent.clamp(MIN_EXPONENT, MAX_EXPONENT).exp()
+    sums = (neighbours(torch.cat([light * weight, weight], 1), step) * kernel.unsqueeze(1)).sum(2)
+    return sums[:, :3] / (sums[:, 3:] + MIN_WEIGHT), sums[:, 3:] / kernel.sum(1, keepdim=True)
 
 
-def neighbours(x: Tensor, dilation: int) -> Tensor:
-    """The texels around each one, shape (B, C, ``TAPS``, h, w); zeros beyond the image."""
+def neighbours(x: Tensor, step: int) -> Tensor:
+    """The texels ``step`` away from each one as in ``SQUARE``, shape (B, C, ``TAPS``, h, w); 0 beyond the image."""
     height, width = x.shape[2:]
-    padded = functional.pad(x, (SIDE // 2 * dilation,) * 4)
-    return torch.stack([padded[:, :, dilation * i:dilation * i + height, dilation * j:dilation * j + width]
-                        for i in range(SIDE) for j in range(SIDE)], 2)
+    padded = functional.pad(x, (step,) * 4)
+    return torch.stack([padded[:, :, step * (1 + down):step * (1 + down) + height,
+                               step * (1 + right):step * (1 + right) + width] for right, down in SQUARE], 2)
 
 
 def _conv(inputs: int, outputs: int) -> nn.Conv2d:

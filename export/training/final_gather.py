@@ -19,7 +19,7 @@ from torch import Tensor
 from export.dataset.gathered_frames import GatheredFrame
 from export.models.final_gather import FinalGather
 
-BATCH, CROP = 2, 56             # frames of a step, and texels along the edge of what is taken of each
+BATCH, CROP = 2, 64             # frames of a step, and texels along the edge of what is taken of each
 LEARNING_RATE, MIN_LEARNING_RATE = 2.5e-3, 3e-5
 WARM_UP = 10                    # steps
 EMA = 0.985
@@ -28,6 +28,7 @@ HIDDEN_PROBABILITY = 0.4        # that a part of the frame has fewer rays
 EXPOSURE_STOPS = SIZE_STOPS = 1.0  # light and lengths are scaled by 2 to a power of at most this magnitude
 MIN_LIGHT = 0.1                 # of the frame's mean, that errors are relative to at least
 MAX_SQUARE = 50.0               # of a relative error
+MIN_NOISE = 0.01                # square of the relative error of targets, below which frames count alike
 
 Report = Callable[[int, float, float], object]  # completed steps, seconds, mean loss since the last report
 
@@ -40,14 +41,16 @@ def train(frames: Sequence[GatheredFrame], seconds: float, seed: int, report: Re
     network = FinalGather()
     average = copy.deepcopy(network)
     optimizer = torch.optim.Adam(network.parameters(), LEARNING_RATE, betas=(0.9, 0.99))
+    weights = torch.tensor([MIN_NOISE / (MIN_NOISE + noise_of(frame)) for frame in frames])
     start, step, losses = time.perf_counter(), 0, []
     while (passed := time.perf_counter() - start) < seconds:
         for group in optimizer.param_groups:
             fall = 0.5 * (1 + math.cos(math.pi * passed / seconds))
             group["lr"] = MIN_LEARNING_RATE + LEARNING_RATE * fall * min(1.0, (step + 1) / WARM_UP)
-        examples = [make_example(frames[int(rng.integers(len(frames)))], rng) for _ in range(BATCH)]
+        chosen = rng.integers(len(frames), size=BATCH)
+        examples = [make_example(frames[index], rng) for index in chosen]
         screen, target = (torch.stack(parts) for parts in zip(*examples, strict=True))
-        loss = relative_error(network(screen), target, screen[:, 8:11])
+        loss = relative_error(network(screen), target, screen[:, 8:11], weights[chosen])
         optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
@@ -63,16 +66,28 @@ def train(frames: Sequence[GatheredFrame], seconds: float, seed: int, report: Re
     return average.eval()
 
 
-def relative_error(output: Tensor, target: Tensor, normal: Tensor) -> Tensor:
+def noise_of(frame: GatheredFrame) -> float:
+    """Mean square of the relative error of a target of half of a frame's rays."""
+    light = frame.light.astype(np.float32).mean(axis=-1)
+    mean = light.mean(axis=-1)
+    variance = light.var(axis=-1) / (light.shape[-1] / 2)
+    surface = np.abs(frame.normal).sum(axis=0) > 0
+    return float(np.minimum(variance / (mean + MIN_LIGHT) ** 2, MAX_SQUARE)[surface].mean())
+
+
+def relative_error(output: Tensor, target: Tensor, normal: Tensor, weights: Tensor) -> Tensor:
     """Mean square of errors relative to the output, on surfaces; without bias for noisy targets.
 
     Parameters
     ----------
     output, target, normal : Tensor, shape (B, 3, h, w)
+    weights : Tensor, shape (B,)
+        Of the frames: the fewer, the noisier their targets are, which teach little else than noise.
     """
     surface = (normal.abs().sum(1, keepdim=True) > 0).to(output)
     scale = output.detach().mean(1, keepdim=True) + MIN_LIGHT
-    return (((output - target) / scale).square() * surface).clamp(max=MAX_SQUARE).mean()
+    square = (((output - target) / scale).square() * surface).clamp(max=MAX_SQUARE)
+    return (square.mean(dim=(1, 2, 3)) * weights).mean()
 
 
 def make_example(frame: GatheredFrame, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
@@ -83,17 +98,19 @@ def make_example(frame: GatheredFrame, rng: np.random.Generator) -> tuple[Tensor
     count = min(int(2 ** rng.uniform(0, math.log2(rays / 2) + 1)), rays - MIN_TARGET_RAYS)
     order = (rng.integers(rays) + np.arange(rays)) % rays
     counts = _random_counts(count, rng)
+    known = counts > 0  # nothing is interpolated where no ray has started yet
     used = (np.arange(count) < counts[..., None]).astype(np.float32)
     light, distance = frame.light[part][:, :, order], frame.distance[part][:, :, order].astype(np.float32)
-    gathered = np.einsum("hwkc,hwk->chw", light[:, :, :count].astype(np.float32), used) / counts
+    some = np.maximum(counts, 1)
+    gathered = np.einsum("hwkc,hwk->chw", light[:, :, :count].astype(np.float32), used) / some
     target = np.moveaxis(light[:, :, count:].astype(np.float32).mean(axis=2), -1, 0)
-    nearness = (distance[:, :, :count] * used).sum(axis=2) / counts
+    nearness = (distance[:, :, :count] * used).sum(axis=2) / some
     colors, exposure = rng.permutation(3), 2 ** rng.uniform(-EXPOSURE_STOPS, EXPOSURE_STOPS)
     interpolated, normal, position = (x[(slice(None), *part)] for x in (frame.interpolated, frame.normal,
                                                                         frame.position))
     size = 2 ** rng.uniform(-SIZE_STOPS, SIZE_STOPS)
     screen = np.concatenate([gathered[colors] * exposure, counts[None], nearness[None],
-                             interpolated[colors] * exposure, normal, position * size])
+                             interpolated[colors] * exposure * known, normal, position * size])
     target = target[colors] * exposure
     if rng.random() < 0.5:  # mirrored
         screen, target = screen[..., ::-1].copy(), target[..., ::-1].copy()
@@ -102,11 +119,17 @@ def make_example(frame: GatheredFrame, rng: np.random.Generator) -> tuple[Tensor
 
 
 def _random_counts(count: int, rng: np.random.Generator) -> np.ndarray:
-    """Rays of each texel, shape (h, w): often fewer in a band, as of a surface that was hidden until lately."""
+    """Rays of each texel, shape (h, w): often fewer in a band, as of a surface that was hidden until lately.
+
+    There, one texel of 2×2 gets a ray in each frame, in turn.
+    """
     counts = np.full((CROP, CROP), count)
     if rng.random() < HIDDEN_PROBABILITY:
         y, x = np.mgrid[:CROP, :CROP]
         angle, (a, b) = rng.uniform(0, 2 * math.pi), rng.uniform(0, CROP, 2)
         across = math.cos(angle) * (x - a) + math.sin(angle) * (y - b)
-        counts[(across > 0) & (across < rng.uniform(3, 40))] = max(1, int(count * rng.random() ** 2))
+        turn = rng.permutation(4)[2 * (y % 2) + x % 2]
+        hidden = (across > 0) & (across < rng.uniform(3, CROP))
+        frames = int(2 ** rng.uniform(0, 5))  # since it has been seen
+        counts = np.where(hidden, np.minimum((frames + turn) // 4, count), counts)
     return counts

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from app.network.selection import find_model
+from app.passes import final_gather
 from app.radiance_scale import radiance_scale
 from app.raycast.caster import Caster
 from app.renderer import Renderer
@@ -102,7 +104,7 @@ def many_rays(renderer: Renderer, points: NDArray[np.float32], rays: int = 1024)
     caster, lookup = surfels.caster, surfels.lookup
     up = np.tile(np.array([[0, 1, 0]], np.float32), (len(points), 1))
     origin = (points - caster.origin).astype(np.float32) + caster.ray_epsilon * up
-    numbers = np.broadcast_to(sequence(1, 1, 0, rays, 0.25), (len(points), rays, 2))
+    numbers = np.broadcast_to(sequence(1, np.zeros(1, np.int64), 0, rays, 0.25), (len(points), rays, 2))
     light_at = LightAt(lambda at, facing: lamp_light(caster, at, facing),
                        lambda at, facing: lookup.approximate(indirect, at, facing))
     return gather(caster, light_at, 0.3, origin, up, numbers).light.mean(axis=1)[:, 0]
@@ -138,6 +140,24 @@ def test_a_moving_camera_leaves_no_light_behind(table: Renderer) -> None:
     still = settled(table, camera, 48)["indirect"]
     assert relative_error(moving, still) < 0.08
     assert abs(float(moving.mean() / still.mean()) - 1) < 0.02
+
+
+def test_texels_take_turns_where_not_all_can_trace_rays_in_each_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    few = replace(final_gather.RAYS, rays=64 * 48 // 4)
+    monkeypatch.setattr(final_gather, "RAYS", few)
+    monkeypatch.setattr(final_gather, "AT_REST", few)
+    with Renderer(table_in_a_room(), settings("indirect"), MODEL) as renderer:
+        renderer.advance(CAMERA)
+        first = renderer.resource("gathered_light")
+        traced = []
+        for _ in range(4):
+            renderer.advance(CAMERA)
+            traced.append(renderer.resource("gathered_light_now")[..., 3] > 0)
+        light, surfels = renderer.resource("gathered_light"), renderer.resource("gathered_surfels")
+    assert all(t.mean() == 0.25 for t in traced)
+    assert np.sum(traced, axis=0).min() == 1
+    np.testing.assert_allclose(light[..., 3], first[..., 3] + 1, rtol=1e-3)
+    assert (surfels[..., :3] > 0).all()
 
 
 def test_two_renderers_agree_to_the_bit() -> None:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from app.arrays import F32
+from app.gl.frame_state import MotionKind
+from app.gl.ray_budget import RayBudget
 from app.math3d import View
 from app.raycast.caster import Caster
 from app.scene import Camera, Material, Scene
@@ -21,6 +24,7 @@ INSIDE = (2.0, 1.5, 3.5)
 ROOM = box((0, 0, 0), (4, 3, 4))
 UP = (0.0, 1.0, 0.0)
 RAYS = 256
+WHOLE = np.arange(2 * TILE**2)  # texels of a grid of two tiles
 
 
 def constant(value: float) -> Callable[[F32, F32], F32]:
@@ -37,7 +41,7 @@ def gather_at(parts: list[Part], point: Point, normal: Point = UP, reach: float 
     caster = Caster(scene)
     facing = np.array([normal], np.float32)
     origin = (np.array([point]) - caster.origin).astype(np.float32) + caster.ray_epsilon * facing
-    return gather(caster, light_at, reach, origin, facing, sequence(1, 1, 0, RAYS, 0.0))
+    return gather(caster, light_at, reach, origin, facing, sequence(1, np.zeros(1, np.int64), 0, RAYS, 0.0))
 
 
 @pytest.mark.parametrize(("point", "normal"), [((2.0, 0.0, 2.0), UP), ((0.0, 0.01, 0.01), (1.0, 0.0, 0.0))],
@@ -76,16 +80,32 @@ def test_distances_are_short_beside_a_wall_and_never_beyond_the_reach() -> None:
     assert far == 1
 
 
+@pytest.mark.parametrize(("texels", "turns", "count"), [(1000, 1, 4), (10_000, 1, 1), (20_000, 2, 1), (49_152, 4, 1),
+                                                        (10**6, 4, 1)])
+def test_texels_take_turns_where_rays_are_few_and_no_ray_is_traced_twice(texels: int, turns: int, count: int) -> None:
+    budget = RayBudget(first_rays=2**17, max_first_samples=16, changed_rays=2**15, rays=2**14, max_samples=4)
+    numbers: set[int] = set()
+    for index in range(8):
+        frame = SimpleNamespace(history_valid=True, motion=MotionKind.CAMERA, index=index, size=(64, 48),
+                                output_size=(64, 48))
+        found, chosen = budget.turns(frame, texels, has_history=True, most=4)
+        assert (found, len(chosen)) == (turns, count)
+        if index % turns == 0:
+            assert not numbers & set(chosen)
+            numbers |= set(chosen)
+        assert chosen.start >= min(16, max(1, 2**17 // texels))
+
+
 def test_texels_of_a_tile_share_an_even_sequence_that_goes_on_in_the_next_frame() -> None:
-    numbers = sequence(2 * TILE, TILE, 0, 1, 0.0).reshape(TILE, 2 * TILE, 2)
+    numbers = sequence(2 * TILE, WHOLE, 0, 1, 0.0).reshape(TILE, 2 * TILE, 2)
     assert ((numbers >= 0) & (numbers < 1)).all()
     tile = numbers[:, :TILE].reshape(-1, 2)
     cells = np.floor(tile * 4).astype(int)
     counts = np.bincount(cells[:, 0] * 4 + cells[:, 1], minlength=16)
     assert counts.min() >= 2 and counts.max() <= 6  # 4 each; of random numbers some cell has 0 or 1, and one 8
-    later = sequence(2 * TILE, TILE, 3, 2, 0.0)
-    np.testing.assert_array_equal(later, sequence(2 * TILE, TILE, 0, 5, 0.0)[:, 3:])
-    assert (sequence(2 * TILE, TILE, 0, 1, 0.5)[:, 0] != numbers.reshape(-1, 2)).all()
+    later = sequence(2 * TILE, WHOLE, 3, 2, 0.0)
+    np.testing.assert_array_equal(later, sequence(2 * TILE, WHOLE, 0, 5, 0.0)[:, 3:])
+    assert (sequence(2 * TILE, WHOLE, 0, 1, 0.5)[:, 0] != numbers.reshape(-1, 2)).all()
 
 
 def test_light_that_is_constant_in_cells_stays_near_the_interpolated_light() -> None:
