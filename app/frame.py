@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -351,8 +350,8 @@ def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:
         yield from _absent("a network was chosen", *SSGI_PASSES)
         yield from _network(inputs, model, grid, target)
     if settings.taa:
-        yield accumulate.declare(grid, noisy=isinstance(model, str),
-                                 max_frames=math.inf if inputs.models.surfels is None else final_gather.LIGHT_FRAMES)
+        still_frames = {} if inputs.models.surfels is None else {"still_frames": final_gather.STILL_FRAMES}
+        yield accumulate.declare(grid, noisy=isinstance(model, str), **still_frames)
     else:
         yield Absent("accumulate", "switched off by --no-taa")
     yield push_pull.declare("push_pull", grid, "indirect_low", "lowres_gbuffer", "indirect_filled")

@@ -25,7 +25,7 @@ from app.surfels.tracked import TrackedSurfels
 
 RAYS = RayBudget(first_rays=2**17, max_first_samples=16, changed_rays=2**15, rays=2**14, max_samples=4)
 AT_REST = replace(RAYS, rays=2**16)  # where nothing moves
-LIGHT_FRAMES = 4.0  # whose cleaned light is averaged: the first ones were cleaned from few rays
+STILL_FRAMES = 4.0  # whose cleaned light is averaged at rest, since the first ones were cleaned from few rays
 HISTORY_FRAMES = {MotionKind.NONE: 4096, MotionKind.CAMERA: 96, MotionKind.OBJECTS: 8}  # whose rays count at most
 TURN = np.array([[0, 1], [3, 2]])  # of the texels of 2×2, where not all of them can trace rays in each frame
 LIT_AT_ONCE = 128, 128  # ends of rays that direct light is drawn at together, as a grid
@@ -84,7 +84,7 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
         position = receivers.position + (frame.view.eye - world.origin).astype(np.float32)
         off = receivers.normal - receivers.direction  # the surface, towards the eye, where nothing is in the way
         origin = position + off * caster.ray_epsilon
-        numbers = sequence(grid[0], receivers.texel, chosen.start, len(chosen), frame.noise_phase)
+        numbers = sequence(grid, receivers.texel, chosen.start, len(chosen), frame.noise_phase)
         rays = gather(caster, light_at, float(world.median_radius), origin, receivers.normal, numbers)
         interpolated = lookup.interpolate(indirect, position, receivers.normal)
         samples = np.full((len(position), 1), len(chosen), np.float32)

@@ -5,6 +5,8 @@ Reichert 1992, "A Two-Pass Radiosity Method Driven by Lights and Viewer Position
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import permutations
 
 import numpy as np
 
@@ -13,8 +15,8 @@ from app.math3d import R2
 from app.raycast.caster import Caster, Hits
 from app.surfels.random_walks import sample_cosine_hemisphere
 
-TILE = 8       # texels along the edge of a tile whose rays share one sequence (Keller and Heidrich 2001)
-LANE_STEP = 29  # without a factor in common with the texels of a tile, so that neighbours start far apart
+SPREAD_BITS = 28            # of the points that sequences start at: grids of up to 2^14 by 2^14 texels
+SHUFFLE = 0x9E3779B97F4A7C15  # multiplied by an index, its middle bits are as good as random
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,24 +90,43 @@ def _cast_further(caster: Caster, starts: Hits, numbers: F64) -> Hits:
     return caster.cast(starts.position + caster.ray_epsilon * starts.normal, directions)
 
 
-def sequence(width: int, texel: Ints, first: int, count: int, phase: float) -> F64:
+def sequence(grid: tuple[int, int], texel: Ints, first: int, count: int, phase: float) -> F64:
     """Numbers ``first`` to ``first + count`` of the sequence of each of N texels of a grid, shape (N, count, 2).
 
-    Roberts' R2 sequence, which the texels of a tile start at evenly spread places.
+    Roberts' R2 sequence, whose start differs among texels so that those of any 2×2, 4×4 … together are spread evenly.
 
     Parameters
     ----------
-    width : int
-        Of the grid.
+    grid : tuple of int
+        Width and height.
     texel : ndarray of int, shape (N,)
         Row by row.
     phase : float
         Shifts all sequences.
     """
-    y, x = np.divmod(texel, width)
-    tile = y // TILE * (width // TILE + 1) + x // TILE
-    lane = (x % TILE * TILE + y % TILE) * LANE_STEP % TILE**2
-    start = np.random.default_rng(int(phase * 2**16)).random((int(tile.max(initial=0)) + 1, 2))[tile]
-    start = start + lane[:, None] * np.array(R2[::-1])
+    start = spread_evenly(*grid)[texel] + np.random.default_rng(int(phase * 2**16)).random(2)
     numbers: F64 = (start[:, None] + np.arange(first, first + count)[:, None] * np.array(R2)) % 1.0
     return numbers
+
+
+@lru_cache(maxsize=4)
+def spread_evenly(width: int, height: int) -> F64:
+    """A point of the unit square for each texel, shape (h · w, 2): those of blocks of 2^k × 2^k form (0, 2k, 2)-nets.
+
+    Sobol's sequence along a Z-order curve whose quarters are shuffled (Ahmed and Wonka 2020, "Screen-Space Blue-Noise
+    Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of Pixels").
+    """
+    y, x = (n.astype(np.uint64) for n in np.divmod(np.arange(width * height), width))
+    orders = np.array(list(permutations(range(4))), np.uint64)
+    index = np.ones_like(x)
+    for bit in range(SPREAD_BITS // 2 - 1, -1, -1):
+        shuffle = (index * np.uint64(SHUFFLE) >> np.uint64(32)) % np.uint64(len(orders))
+        quarter = (x >> np.uint64(bit) & np.uint64(1)) + 2 * (y >> np.uint64(bit) & np.uint64(1))
+        index = 4 * index + orders[shuffle, quarter]
+    points = np.zeros((len(x), 2), np.uint64)
+    directions = np.full(2, 1 << SPREAD_BITS - 1, np.uint64)  # of Sobol's first two dimensions
+    for bit in range(SPREAD_BITS):
+        points ^= np.where((index >> np.uint64(bit) & np.uint64(1) > 0)[:, None], directions, np.uint64(0))
+        directions[0] >>= np.uint64(1)
+        directions[1] ^= directions[1] >> np.uint64(1)
+    return points / 2.0**SPREAD_BITS

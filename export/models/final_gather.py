@@ -19,7 +19,7 @@ CHANNELS = ("gathered.rgb", "gathered.count", "gathered.distance", "interpolated
 WIDTHS = (16, 32, 32)    # channels at half, quarter and eighth size
 SQUARE = (0, 0), (-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1), (1, -1), (-1, 1)  # taps, the middle one first
 TAPS = len(SQUARE)
-STEPS = 8, 4, 2, 1  # texels between the taps of each kernel
+STEPS = 8, 4, 2, 1, 1  # texels between the taps of each kernel; the last one joins what even steps keep apart
 # A prior that the logits are added to: minus
 NORMAL_WEIGHT = 16.0   # times 1 - the cosine between the normals,
 PLANE_SIGMA = 0.02     # and the squared distance from the texel's plane, in units of this share of the depth,
@@ -94,7 +94,7 @@ class FinalGather(Network):
         for convolution, skip in zip(self.up, skips[-2::-1], strict=True):
             x = torch.cat([functional.interpolate(x, scale_factor=2.0), skip], 1)
             x = functional.leaky_relu(convolution(x), NEGATIVE_SLOPE)
-        return functional.pixel_shuffle(self.last(x), 2)
+        return spread(self.last(x))
 
 
 def filter_light(light: Tensor, normal: Tensor, position: Tensor, weight: Tensor, logits: Tensor, own: Tensor,
@@ -127,6 +127,13 @@ def neighbours(x: Tensor, step: int) -> Tensor:
     padded = functional.pad(x, (step,) * 4)
     return torch.stack([padded[:, :, step * (1 + down):step * (1 + down) + height,
                                step * (1 + right):step * (1 + right) + width] for right, down in SQUARE], 2)
+
+
+def spread(x: Tensor) -> Tensor:
+    """``pixel_shuffle`` by 2 in operators that onnxruntime has CUDA kernels for: (B, 4 C, h, w) to (B, C, 2 h, 2 w)."""
+    batch, _, height, width = x.shape
+    parts = x.reshape(batch, -1, 2, 2, height, width).permute(0, 1, 4, 2, 5, 3)
+    return parts.reshape(batch, -1, 2 * height, 2 * width)
 
 
 def _conv(inputs: int, outputs: int) -> nn.Conv2d:

@@ -96,7 +96,7 @@ def test_timing_file(tmp_path: Path) -> None:
     check_timing(report)
     assert {"shadow_rays", "gbuffer", "direct", "network", "upsample", "composite", "taa", "tonemap", "copy"} \
         <= set(report["passes"])
-    assert report["model"] == "ember" and report["size"] == [96, 72] and report["frames"] == 1
+    assert report["model"] == "final-gather" and report["size"] == [96, 72] and report["frames"] == 1
     assert report["triangles"] == embedded_scene().triangles
     assert all(entry["non_finite"] == 0 for name, entry in report["passes"].items() if name != "copy")
     spent = sum(e["cpu_ms"]["median"] for name, e in report["passes"].items() if name not in ("copy", "shadow_rays"))

@@ -104,7 +104,7 @@ def many_rays(renderer: Renderer, points: NDArray[np.float32], rays: int = 1024)
     caster, lookup = surfels.caster, surfels.lookup
     up = np.tile(np.array([[0, 1, 0]], np.float32), (len(points), 1))
     origin = (points - caster.origin).astype(np.float32) + caster.ray_epsilon * up
-    numbers = np.broadcast_to(sequence(1, np.zeros(1, np.int64), 0, rays, 0.25), (len(points), rays, 2))
+    numbers = np.broadcast_to(sequence((1, 1), np.zeros(1, np.int64), 0, rays, 0.25), (len(points), rays, 2))
     light_at = LightAt(lambda at, facing: lamp_light(caster, at, facing),
                        lambda at, facing: lookup.approximate(indirect, at, facing))
     return gather(caster, light_at, 0.3, origin, up, numbers).light.mean(axis=1)[:, 0]

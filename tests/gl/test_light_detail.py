@@ -66,7 +66,7 @@ class Pictures:
                            lambda at, facing: lookup.approximate(indirect, at, facing))
         normal = self.normal.reshape(-1, 3)[rows]
         origin = (self.position.reshape(-1, 3)[rows] - caster.origin).astype(np.float32)
-        numbers = np.broadcast_to(sequence(1, 1, 0, RAYS, 0.25), (len(rows), RAYS, 2))
+        numbers = np.broadcast_to(sequence((1, 1), np.zeros(1, np.int64), 0, RAYS, 0.25), (len(rows), RAYS, 2))
         return gather(caster, light_at, float(surfels.world.median_radius), origin + caster.ray_epsilon * normal,
                       normal, numbers).light.mean(axis=1)[:, 0]
 

@@ -134,7 +134,7 @@ def test_the_loss_has_its_minimum_at_the_mean_of_noisy_targets() -> None:
     normal = torch.ones_like(targets)
 
     def loss(value: float) -> Tensor:
-        return relative_error(torch.full_like(targets, value), targets, normal) * (value + 0.1) ** 2
+        return relative_error(torch.full_like(targets, value), targets, normal, torch.ones(1)) * (value + 0.1) ** 2
 
     assert loss(1.0) < loss(0.95) and loss(1.0) < loss(1.05)
 

@@ -17,6 +17,7 @@ from app.load import embedded_scene, load_scene
 from app.network import selection
 from app.network.contract_json import contract_to_json, read_contract
 from app.network.selection import (
+    DEFAULT_MODEL,
     HALF_SUFFIX,
     UNSHADOWED,
     all_models,
@@ -128,11 +129,11 @@ def test_bad_models_are_refused_by_the_name_of_the_option(command: str, models: 
     assert done.exit_code == 2 and said in done.stderr
 
 
-def test_ember_is_measured_with_each_model_that_shades_an_environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert sky_models()[0] == "ember+unshadowed_environment"
+def test_the_default_model_is_measured_beside_models_that_shade_skies(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert sky_models()[0] == f"{DEFAULT_MODEL}+unshadowed_environment"
     files = dict.fromkeys(("sky", f"sky{HALF_SUFFIX}"), PROBE_ENVIRONMENT)
     monkeypatch.setattr(selection, "bundled_models", lambda: files)
-    assert sky_models() == ("ember+unshadowed_environment", "ember+sky")
+    assert sky_models() == (f"{DEFAULT_MODEL}+unshadowed_environment", f"{DEFAULT_MODEL}+sky")
 
 
 @pytest.mark.parametrize(("lighting", "lights"), [("sky", 0), ("sun", 1)])

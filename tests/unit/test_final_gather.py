@@ -15,7 +15,7 @@ from app.gl.ray_budget import RayBudget
 from app.math3d import View
 from app.raycast.caster import Caster
 from app.scene import Camera, Material, Scene
-from app.surfels.final_gather import TILE, GatheredRays, LightAt, gather, sequence
+from app.surfels.final_gather import GatheredRays, LightAt, gather, sequence, spread_evenly
 from app.surfels.lookup import SurfelLookup
 from app.surfels.world import WorldSurfels
 from tests.gl.scenes import GREY, Part, Point, box, floor, make_scene, quad
@@ -24,7 +24,8 @@ INSIDE = (2.0, 1.5, 3.5)
 ROOM = box((0, 0, 0), (4, 3, 4))
 UP = (0.0, 1.0, 0.0)
 RAYS = 256
-WHOLE = np.arange(2 * TILE**2)  # texels of a grid of two tiles
+GRID = 48, 32
+EVERY = np.arange(GRID[0] * GRID[1])  # texel of the grid
 
 
 def constant(value: float) -> Callable[[F32, F32], F32]:
@@ -41,7 +42,7 @@ def gather_at(parts: list[Part], point: Point, normal: Point = UP, reach: float 
     caster = Caster(scene)
     facing = np.array([normal], np.float32)
     origin = (np.array([point]) - caster.origin).astype(np.float32) + caster.ray_epsilon * facing
-    return gather(caster, light_at, reach, origin, facing, sequence(1, np.zeros(1, np.int64), 0, RAYS, 0.0))
+    return gather(caster, light_at, reach, origin, facing, sequence((1, 1), np.zeros(1, np.int64), 0, RAYS, 0.0))
 
 
 @pytest.mark.parametrize(("point", "normal"), [((2.0, 0.0, 2.0), UP), ((0.0, 0.01, 0.01), (1.0, 0.0, 0.0))],
@@ -96,16 +97,25 @@ def test_texels_take_turns_where_rays_are_few_and_no_ray_is_traced_twice(texels:
         assert chosen.start >= min(16, max(1, 2**17 // texels))
 
 
-def test_texels_of_a_tile_share_an_even_sequence_that_goes_on_in_the_next_frame() -> None:
-    numbers = sequence(2 * TILE, WHOLE, 0, 1, 0.0).reshape(TILE, 2 * TILE, 2)
+def test_sequences_go_on_in_the_next_frame_and_differ_among_phases() -> None:
+    numbers = sequence(GRID, EVERY, 0, 1, 0.0)
     assert ((numbers >= 0) & (numbers < 1)).all()
-    tile = numbers[:, :TILE].reshape(-1, 2)
-    cells = np.floor(tile * 4).astype(int)
-    counts = np.bincount(cells[:, 0] * 4 + cells[:, 1], minlength=16)
-    assert counts.min() >= 2 and counts.max() <= 6  # 4 each; of random numbers some cell has 0 or 1, and one 8
-    later = sequence(2 * TILE, WHOLE, 3, 2, 0.0)
-    np.testing.assert_array_equal(later, sequence(2 * TILE, WHOLE, 0, 5, 0.0)[:, 3:])
-    assert (sequence(2 * TILE, WHOLE, 0, 1, 0.5)[:, 0] != numbers.reshape(-1, 2)).all()
+    later = sequence(GRID, EVERY, 3, 2, 0.0)
+    np.testing.assert_array_equal(later, sequence(GRID, EVERY, 0, 5, 0.0)[:, 3:])
+    np.testing.assert_array_equal(sequence(GRID, EVERY[5:9], 3, 2, 0.0), later[5:9])
+    assert (sequence(GRID, EVERY, 0, 1, 0.5) != numbers).all()
+
+
+@pytest.mark.parametrize("side", [2, 4, 8, 16])
+def test_blocks_of_texels_start_at_evenly_spread_points(side: int) -> None:
+    """Each cell of the unit square, cut into as many as a block has texels, in any of three ways, has one of them."""
+    points = spread_evenly(*GRID).reshape(*GRID[::-1], 2)
+    for top in range(0, GRID[1], side):
+        for left in range(0, GRID[0], side):
+            u, v = points[top:top + side, left:left + side].reshape(-1, 2).T
+            for columns in (1, side, side**2):
+                cell = np.floor(u * columns) * (side**2 // columns) + np.floor(v * (side**2 // columns))
+                assert len(set(cell.tolist())) == side**2
 
 
 def test_light_that_is_constant_in_cells_stays_near_the_interpolated_light() -> None:
