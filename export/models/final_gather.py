@@ -19,7 +19,7 @@ CHANNELS = ("gathered.rgb", "gathered.count", "gathered.distance", "interpolated
 WIDTHS = (16, 32, 32)    # channels at half, quarter and eighth size
 SQUARE = (0, 0), (-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1), (1, -1), (-1, 1)  # taps, the middle one first
 TAPS = len(SQUARE)
-STEPS = 8, 4, 2, 1, 1  # texels between the taps of each kernel; the last one joins what even steps keep apart
+STEPS = 8, 4, 2, 1  # texels between the taps of each kernel
 # A prior that the logits are added to: minus
 NORMAL_WEIGHT = 16.0   # times 1 - the cosine between the normals,
 PLANE_SIGMA = 0.02     # and the squared distance from the texel's plane, in units of this share of the depth,

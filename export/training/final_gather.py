@@ -96,11 +96,13 @@ def make_example(frame: GatheredFrame, rng: np.random.Generator) -> tuple[Tensor
     top, left = (4 * int(rng.integers((n - CROP) // 4 + 1)) for n in (height, width))
     part = np.s_[top:top + CROP, left:left + CROP]
     count = min(int(2 ** rng.uniform(0, math.log2(rays / 2) + 1)), rays - MIN_TARGET_RAYS)
-    order = (rng.integers(rays) + np.arange(rays)) % rays
+    # Each texel begins elsewhere, so that the noise of neighbours has no pattern that a network could learn.
+    order = (rng.integers(rays, size=(CROP, CROP, 1)) + np.arange(rays)) % rays
     counts = _random_counts(count, rng)
     known = counts > 0  # nothing is interpolated where no ray has started yet
     used = (np.arange(count) < counts[..., None]).astype(np.float32)
-    light, distance = frame.light[part][:, :, order], frame.distance[part][:, :, order].astype(np.float32)
+    light = np.take_along_axis(frame.light[part], order[..., None], axis=2)
+    distance = np.take_along_axis(frame.distance[part], order, axis=2).astype(np.float32)
     some = np.maximum(counts, 1)
     gathered = np.einsum("hwkc,hwk->chw", light[:, :, :count].astype(np.float32), used) / some
     target = np.moveaxis(light[:, :, count:].astype(np.float32).mean(axis=2), -1, 0)
