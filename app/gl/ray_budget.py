@@ -29,7 +29,7 @@ class RayBudget:
     max_samples: int
 
     def samples(self, frame: FrameState, texels: int, has_history: bool) -> range:
-        """Which samples of its sequence each of ``texels`` takes in a frame, none of them twice."""
+        """Which samples of its sequence each of ``texels`` takes: others in each frame while the same things move."""
         return self.turns(frame, texels, has_history, 1)[1]
 
     def turns(self, frame: FrameState, texels: int, has_history: bool, most: int) -> tuple[int, range]:

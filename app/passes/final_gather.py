@@ -28,6 +28,7 @@ AT_REST = replace(RAYS, rays=2**16)  # where nothing moves
 STILL_FRAMES = 4.0  # whose cleaned light is averaged at rest, since the first ones were cleaned from few rays
 HISTORY_FRAMES = {MotionKind.NONE: 4096, MotionKind.CAMERA: 96, MotionKind.OBJECTS: 8}  # whose rays count at most
 TURN = np.array([[0, 1], [3, 2]])  # of the texels of 2×2, where not all of them can trace rays in each frame
+INTERPOLATED_FROM = 4  # surfels, where the light without rays matters little
 LIT_AT_ONCE = 128, 128  # ends of rays that direct light is drawn at together, as a grid
 MEANS = "gathered_light", "gathered_surfels"  # light and number of rays; surfels' light and distance of rays
 
@@ -86,7 +87,7 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
         origin = position + off * caster.ray_epsilon
         numbers = sequence(grid, receivers.texel, chosen.start, len(chosen), frame.noise_phase)
         rays = gather(caster, light_at, float(world.median_radius), origin, receivers.normal, numbers)
-        interpolated = lookup.interpolate(indirect, position, receivers.normal)
+        interpolated = lookup.interpolate(indirect, position, receivers.normal, INTERPOLATED_FROM)
         samples = np.full((len(position), 1), len(chosen), np.float32)
         for name, *columns in ((MEANS[0], rays.light.mean(axis=1), samples),
                                (MEANS[1], interpolated, rays.distance.mean(axis=1, keepdims=True))):
@@ -120,7 +121,7 @@ def draw_direct(direct: DirectLight, frame: FrameState, resources: Resources, po
 def _turns(frame: FrameState, texels: int, has_history: bool) -> tuple[int, range]:
     """Of how many frames a texel traces rays in one, and the numbers of these rays."""
     budget = AT_REST if frame.motion is MotionKind.NONE else RAYS
-    return budget.turns(frame, texels, has_history, TURN.size)
+    return budget.turns(frame, texels, has_history, 1 if frame.relit else TURN.size)  # no history knows the new light
 
 
 def _max_rays(frame: FrameState, texels: int) -> float:

@@ -15,7 +15,7 @@ from app.math3d import R2
 from app.raycast.caster import Caster, Hits
 from app.surfels.random_walks import sample_cosine_hemisphere
 
-SPREAD_BITS = 28            # of the points that sequences start at: grids of up to 2^14 by 2^14 texels
+SPREAD_BITS = 20            # of the points that sequences start at: blocks of up to 2^10 by 2^10 texels
 SHUFFLE = 0x9E3779B97F4A7C15  # multiplied by an index, its middle bits are as good as random
 
 
@@ -67,7 +67,7 @@ def gather(caster: Caster, light_at: LightAt, reach: float, origin: F32, normal:
     met = np.flatnonzero(hits.body >= 0)
     ends = hits.select(met)
     is_near = distance[met] < 1
-    unused_digits = numbers.reshape(-1, 1, 2)[met[is_near]] * 2**20 % 1
+    unused_digits = numbers.reshape(-1, 1, 2)[met[is_near]] * 2**SPREAD_BITS % 1
     further = _cast_further(caster, ends.select(is_near), unused_digits)
     met_further = np.flatnonzero(further.body >= 0)
     last_ends = further.select(met_further)
@@ -114,7 +114,7 @@ def spread_evenly(width: int, height: int) -> F64:
     """A point of the unit square for each texel, shape (h · w, 2): those of blocks of 2^k × 2^k form (0, 2k, 2)-nets.
 
     Sobol's sequence along a Z-order curve whose quarters are shuffled (Ahmed and Wonka 2020, "Screen-Space Blue-Noise
-    Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of Pixels").
+    Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of Pixels"). Further digits are random.
     """
     y, x = (n.astype(np.uint64) for n in np.divmod(np.arange(width * height), width))
     orders = np.array(list(permutations(range(4))), np.uint64)
@@ -129,4 +129,4 @@ def spread_evenly(width: int, height: int) -> F64:
         points ^= np.where((index >> np.uint64(bit) & np.uint64(1) > 0)[:, None], directions, np.uint64(0))
         directions[0] >>= np.uint64(1)
         directions[1] ^= directions[1] >> np.uint64(1)
-    return points / 2.0**SPREAD_BITS
+    return (points + np.random.default_rng(0).random(points.shape)) / 2.0**SPREAD_BITS

@@ -160,6 +160,15 @@ def test_texels_take_turns_where_not_all_can_trace_rays_in_each_frame(monkeypatc
     assert (surfels[..., :3] > 0).all()
 
 
+def test_every_texel_traces_rays_when_the_light_has_changed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(final_gather, "RAYS", replace(final_gather.RAYS, changed_rays=64 * 48 // 4))
+    with Renderer(table_in_a_room(), settings("indirect"), MODEL) as renderer:
+        for brightness in (8.0, 4.0, 2.0):
+            assert renderer.relight((replace(LAMP, radiance=(brightness,) * 3),))
+            renderer.advance(CAMERA)
+            assert (renderer.resource("gathered_light")[..., 3] >= 1).all()
+
+
 def test_two_renderers_agree_to_the_bit() -> None:
     def frames() -> NDArray[np.float32]:
         with Renderer(table_in_a_room(), settings("indirect"), MODEL) as renderer:

@@ -15,7 +15,7 @@ from app.gl.ray_budget import RayBudget
 from app.math3d import View
 from app.raycast.caster import Caster
 from app.scene import Camera, Material, Scene
-from app.surfels.final_gather import GatheredRays, LightAt, gather, sequence, spread_evenly
+from app.surfels.final_gather import SPREAD_BITS, GatheredRays, LightAt, gather, sequence, spread_evenly
 from app.surfels.lookup import SurfelLookup
 from app.surfels.world import WorldSurfels
 from tests.gl.scenes import GREY, Part, Point, box, floor, make_scene, quad
@@ -104,6 +104,13 @@ def test_sequences_go_on_in_the_next_frame_and_differ_among_phases() -> None:
     np.testing.assert_array_equal(later, sequence(GRID, EVERY, 0, 5, 0.0)[:, 3:])
     np.testing.assert_array_equal(sequence(GRID, EVERY[5:9], 3, 2, 0.0), later[5:9])
     assert (sequence(GRID, EVERY, 0, 1, 0.5) != numbers).all()
+
+
+def test_rays_that_go_on_from_near_ends_differ_among_texels() -> None:
+    """Their directions are the digits that no block of texels shares."""
+    digits = sequence(GRID, EVERY, 0, 1, 0.3)[:, 0] * 2**SPREAD_BITS % 1
+    assert np.abs(digits.mean(axis=0) - 0.5).max() < 0.03
+    assert np.abs(digits.std(axis=0) - 12**-0.5).max() < 0.03
 
 
 @pytest.mark.parametrize("side", [2, 4, 8, 16])
