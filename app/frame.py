@@ -350,8 +350,9 @@ def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:
         yield from _absent("a network was chosen", *SSGI_PASSES)
         yield from _network(inputs, model, grid, target)
     if settings.taa:
-        still_frames = {} if inputs.models.surfels is None else {"still_frames": final_gather.STILL_FRAMES}
-        yield accumulate.declare(grid, noisy=isinstance(model, str), **still_frames)
+        rays_are_gathered = inputs.models.surfels is not None
+        yield accumulate.declare(grid, noisy=isinstance(model, str), still_frames=(
+            final_gather if rays_are_gathered else accumulate).STILL_FRAMES)
     else:
         yield Absent("accumulate", "switched off by --no-taa")
     yield push_pull.declare("push_pull", grid, "indirect_low", "lowres_gbuffer", "indirect_filled")

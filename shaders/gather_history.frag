@@ -45,6 +45,7 @@ void main()
     float share = light_now.a / max(rays, 1e-6);
     weight = max(weight, 1e-6);
     out_gathered_light = vec4(mix(light.rgb / weight, light_now.rgb, share), rays);
-    out_gathered_surfels = vec4(traced ? surfels_now.rgb : surfels.rgb / weight, mix(surfels.a / weight, surfels_now.a, share));
+    out_gathered_surfels.rgb = traced ? surfels_now.rgb : surfels.rgb / weight;
+    out_gathered_surfels.a = mix(surfels.a / weight, surfels_now.a, share);
     if (rays <= 0.0) out_gathered_light = out_gathered_surfels = vec4(0.0);
 }

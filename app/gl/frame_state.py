@@ -101,6 +101,11 @@ class FrameState:
         return view.eye.tobytes(), view.rotation.tobytes(), view.half_size, view.center, self.lighting
 
     @property
+    def stands_alone(self) -> bool:
+        """Whether the frame depends on none before it, to the bit: the first one whose surfels are those of viewpoints."""
+        return bool(self.viewpoints) and not self.history_valid
+
+    @property
     def settled(self) -> bool:
         """Whether all history shows what is visible now."""
         return self.still >= REFRESH_FRAMES

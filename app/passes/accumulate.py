@@ -6,8 +6,10 @@ from app.gl.fullscreen import make_fullscreen, ratio_to
 from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
 
+STILL_FRAMES = MAX_HISTORY[MotionKind.NONE]
 
-def declare(grid: tuple[int, int], noisy: bool = False, still_frames: float = MAX_HISTORY[MotionKind.NONE]) -> Pass:
+
+def declare(grid: tuple[int, int], noisy: bool = False, still_frames: float = STILL_FRAMES) -> Pass:
     """Over a low-resolution ``grid`` of width and height; the history is 32-bit like that of TAA.
 
     Parameters
@@ -23,8 +25,7 @@ def declare(grid: tuple[int, int], noisy: bool = False, still_frames: float = MA
                 make=lambda device, bound: make(device, bound, grid, noisy, still_frames))
 
 
-def make(device: Device, bound: BoundPass, grid: tuple[int, int], noisy: bool,
-         still_frames: float) -> Execute:
+def make(device: Device, bound: BoundPass, grid: tuple[int, int], noisy: bool, still_frames: float) -> Execute:
     max_frames = {**MAX_HISTORY, MotionKind.NONE: still_frames}
     draw = make_fullscreen("accumulate.frag", lambda frame: {
         "ratio": ratio_to(grid, frame), "max_frames": max_frames[frame.motion],

@@ -136,8 +136,7 @@ def _receivers(resources: Resources, frame: FrameState, grid: tuple[int, int], t
     y, x = np.divmod(np.arange(len(surface)), grid[0])
     turn = TURN[y % 2, x % 2] % turns
     texel = np.flatnonzero(np.isfinite(surface).all(axis=1) & (surface[:, 3] > 0) & (turn == frame.index % turns))
-    y, x = np.divmod(texel, grid[0])
-    pixel = np.floor((np.stack([x, y], axis=1) + 0.5) * ratio_to(grid, frame)) + 0.5
+    pixel = np.floor((np.stack([x[texel], y[texel]], axis=1) + 0.5) * ratio_to(grid, frame)) + 0.5
     offset, direction = frame.view.rays(pixel / frame.size * 2 - 1 - frame.jitter)
     position = offset + direction * surface[texel, 3:]
     return Receivers(texel, position.astype(np.float32), surface[texel, :3], unit_rows(direction).astype(np.float32))

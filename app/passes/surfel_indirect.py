@@ -39,8 +39,7 @@ def make(device: Device, bound: BoundPass, network: Network, tensors: dict[str, 
 
     def execute(frame: FrameState, resources: Resources) -> None:
         key = surfels.version, resources.read_stamps("surfel_light")  # the view moves surfels, and changes no light
-        alone = bool(frame.viewpoints) and not frame.history_valid  # then a frame depends on no other, to the bit
-        if not alone and resources.is_current(key):
+        if not frame.stands_alone and resources.is_current(key):
             return
         inputs = empty | {tensor: resources.array(name) for tensor, name in tensors.items()}
         resources.write_array("surfel_indirect", network.run(inputs)[SURFEL_INDIRECT])

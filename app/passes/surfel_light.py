@@ -32,8 +32,8 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
 
     def execute(frame: FrameState, resources: Resources) -> None:
         surfels.update(frame.view, frame.geometry.time, frame.viewpoints)
-        if frame.viewpoints and not frame.history_valid:
-            surfels.forget_lookup()  # so that the frame depends on no other
+        if frame.stands_alone:
+            surfels.forget_lookup()
         key = surfels.version, frame.lighting, resources.read_stamps()
         if resources.is_current(key):
             return

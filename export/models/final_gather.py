@@ -1,6 +1,6 @@
 """Final gathering cleaned by predicted kernels: a few rays a texel in, their light without noise out.
 
-A U-Net writes the logits of three filters, which an edge-avoiding à-trous scheme applies one after the other (Dammertz
+A U-Net writes the logits of four filters, which an edge-avoiding à-trous scheme applies one after the other (Dammertz
 et al. 2010, "Edge-Avoiding À-Trous Wavelet Transform for fast Global Illumination Filtering"; kernel prediction: Bako
 et al. 2017, "Kernel-Predicting Convolutional Networks for Denoising Monte Carlo Renderings").
 """
