@@ -19,6 +19,7 @@ CHANNELS = ("gathered.rgb", "gathered.count", "gathered.distance", "interpolated
 WIDTHS = (16, 32, 32)    # channels at half, quarter and eighth size
 SQUARE = (0, 0), (-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1), (1, -1), (-1, 1)  # taps, the middle one first
 TAPS = len(SQUARE)
+CORNERS = 4  # texels of 2×2
 STEPS = 8, 4, 2, 1  # texels between the taps of each kernel
 # A prior that the logits are added to: minus
 NORMAL_WEIGHT = 16.0   # times 1 - the cosine between the normals,
@@ -87,7 +88,7 @@ class FinalGather(Network):
         return light * surface
 
     def _predict(self, features: Tensor) -> Tensor:
-        x, skips = functional.pixel_unshuffle(features, 2), []
+        x, skips = fold(features), []
         for level, convolution in enumerate(self.down):
             x = functional.leaky_relu(convolution(functional.avg_pool2d(x, 2) if level else x), NEGATIVE_SLOPE)
             skips.append(x)
@@ -111,14 +112,14 @@ def filter_light(light: Tensor, normal: Tensor, position: Tensor, weight: Tensor
     own : Tensor, shape (B, 1, h, w)
         Added to the logit of the texel itself.
     """
-    cosine = (neighbours(normal, step) * normal.unsqueeze(2)).sum(1)
+    cosine = _dot(neighbours(normal, step), normal)
     axis = normal / (PLANE_SIGMA * (-position[:, 2:]).clamp(min=MIN_DEPTH))
-    plane = (neighbours(position, step) * axis.unsqueeze(2)).sum(1) - (position * axis).sum(1, keepdim=True)
+    plane = _dot(neighbours(position, step), axis) - (position * axis).sum(1, keepdim=True)
     exponent = logits + NORMAL_WEIGHT * (cosine - 1) - plane.square()
     exponent = torch.cat([exponent[:, :1] + own, exponent[:, 1:]], 1)
     kernel = exponent.clamp(MIN_EXPONENT, MAX_EXPONENT).exp()
-    sums = (neighbours(torch.cat([light * weight, weight], 1), step) * kernel.unsqueeze(1)).sum(2)
-    return sums[:, :3] / (sums[:, 3:] + MIN_WEIGHT), sums[:, 3:] / kernel.sum(1, keepdim=True)
+    sums = _sum_taps(neighbours(torch.cat([light * weight, weight], 1), step) * kernel.unsqueeze(1))
+    return sums[:, :3] / (sums[:, 3:] + MIN_WEIGHT), sums[:, 3:] / _sum_taps(kernel.unsqueeze(1))
 
 
 def neighbours(x: Tensor, step: int) -> Tensor:
@@ -129,11 +130,33 @@ def neighbours(x: Tensor, step: int) -> Tensor:
                                step * (1 + right):step * (1 + right) + width] for right, down in SQUARE], 2)
 
 
+def fold(x: Tensor) -> Tensor:
+    """``pixel_unshuffle`` by 2: (B, C, 2 h, 2 w) to (B, 4 C, h, w); in onnxruntime faster as a convolution."""
+    channels = int(x.shape[1])
+    return functional.conv2d(x, _corners(channels, x), stride=2, groups=channels)
+
+
 def spread(x: Tensor) -> Tensor:
-    """``pixel_shuffle`` by 2 in operators that onnxruntime has CUDA kernels for: (B, 4 C, h, w) to (B, C, 2 h, 2 w)."""
-    batch, _, height, width = x.shape
-    parts = x.reshape(batch, -1, 2, 2, height, width).permute(0, 1, 4, 2, 5, 3)
-    return parts.reshape(batch, -1, 2 * height, 2 * width)
+    """``pixel_shuffle`` by 2, the inverse of ``fold``."""
+    channels = int(x.shape[1]) // CORNERS
+    return functional.conv_transpose2d(x, _corners(channels, x), stride=2, groups=channels)
+
+
+def _corners(channels: int, like: Tensor) -> Tensor:
+    """Kernels [4 · channels, 1, 2, 2] that each select one texel of 2×2."""
+    return torch.eye(CORNERS, dtype=like.dtype).reshape(CORNERS, 1, 2, 2).repeat(channels, 1, 1, 1)
+
+
+def _sum_taps(x: Tensor) -> Tensor:
+    """Sum over ``TAPS`` of [B, C, ``TAPS``, h, w]; in onnxruntime faster as a convolution."""
+    channels = int(x.shape[1])
+    return functional.conv2d(x.flatten(1, 2), x.new_ones(channels, TAPS, 1, 1), groups=channels)
+
+
+def _dot(x: Tensor, y: Tensor) -> Tensor:
+    """Products of the vectors at all taps, [B, 3, ``TAPS``, h, w], with [B, 3, h, w]."""
+    a, b, c = (x * y.unsqueeze(2)).unbind(1)
+    return a + b + c
 
 
 def _conv(inputs: int, outputs: int) -> nn.Conv2d:
