@@ -192,6 +192,14 @@ class FrameInputs:
         return self.why_no_reflections is None and any(map(reflection.needs_rays, self.scene.materials))
 
     @property
+    def indirect_grid(self) -> Size | None:
+        """Width and height of the grid that indirect light is computed on; None without a model."""
+        model, size = self.models.indirect, self.settings.render_size
+        if model is None:
+            return None
+        return ssgi.grid(size) if isinstance(model, str) else model.contract.screen_size(size)
+
+    @property
     def has_surfel_indirect(self) -> bool:
         """Whether a network gives the indirect light of surfels."""
         model = self.models.surfels or self.models.indirect
@@ -228,6 +236,7 @@ def _steps(inputs: FrameInputs, finished: str) -> Iterator[Step]:
         yield background.declare(scene.environment)
         yield from _environment_light(inputs, scene.environment)
     yield from _traced_shadows(inputs)
+    yield from _low_resolution_surfaces(inputs)
     shadow_grid = shadow_rays.grid(settings.render_size) if inputs.is_traced else None
     yield direct.declare(lights, inputs.has_specular, shadow_grid, inputs.has_sky, inputs.layers,
                          inputs.has_normal_maps, sky_is_reflected=inputs.has_reflected_rays)
@@ -327,12 +336,25 @@ def _environment_network(inputs: FrameInputs, environment: Environment, model: N
     yield network.declare("environment_network", model, inputs.exchanges, tensors, grid, targets)
 
 
+def _low_resolution_surfaces(inputs: FrameInputs) -> Iterator[Step]:
+    """The points of the grid of indirect light; before direct light, which is drawn while their rays are traced."""
+    grid = inputs.indirect_grid
+    if grid is None:
+        yield Absent("lowres_gbuffer", "no model was chosen")
+    else:
+        yield lowres_gbuffer.declare("lowres_gbuffer", grid)
+    if grid is None or inputs.models.surfels is None:
+        yield Absent("gather_surfaces", "no network reads gathered light")
+    else:
+        yield final_gather.declare_surfaces(grid)
+
+
 def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:
     """Indirect light at low resolution, accumulated over frames, and upsampled."""
-    settings, model = inputs.settings, inputs.models.indirect
-    if model is None:
-        yield from _absent("no model was chosen", "surfel_light", *NETWORK_PASSES, *SSGI_PASSES, "lowres_gbuffer",
-                           "accumulate", "push_pull", *MISSED_PASSES, "upsample")
+    settings, model, grid = inputs.settings, inputs.models.indirect, inputs.indirect_grid
+    if model is None or grid is None:
+        yield from _absent("no model was chosen", "surfel_light", *NETWORK_PASSES, *SSGI_PASSES, "accumulate",
+                           "push_pull", *MISSED_PASSES, "upsample")
         return
     target = "indirect_now" if settings.taa else "indirect_low"
     if inputs.models.surfels_read is not None or inputs.has_reflected_rays:
@@ -340,13 +362,9 @@ def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:
     else:
         yield Absent("surfel_light", "neither the model nor a reflection reads surfels")
     if isinstance(model, str):
-        grid = ssgi.grid(settings.render_size)
-        yield lowres_gbuffer.declare("lowres_gbuffer", grid)
         yield from _absent("the model is no network", *NETWORK_PASSES)
         yield from ssgi.declare(grid, settings.taa, target)
     else:
-        grid = model.contract.screen_size(settings.render_size)
-        yield lowres_gbuffer.declare("lowres_gbuffer", grid)
         yield from _absent("a network was chosen", *SSGI_PASSES)
         yield from _network(inputs, model, grid, target)
     if settings.taa:

@@ -133,6 +133,10 @@ class Device:
             raise DeviceError(f"can't map a buffer of {size} bytes", self.renderer, "expected OpenGL 4.5")
         return buffer, address
 
+    def flush(self) -> None:
+        """Let the GPU begin with what it has been told, without waiting for it."""
+        self._functions.call("glFlush")
+
     def collect(self) -> None:
         """Release GL objects that nobody refers to any more."""
         gc.collect()  # passes are closures, which may refer to themselves

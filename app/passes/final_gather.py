@@ -18,7 +18,7 @@ from app.gl.fullscreen import make_fullscreen, ratio_to, read_defines
 from app.gl.lights import LightSet
 from app.gl.pool import Resources
 from app.gl.ray_budget import RayBudget
-from app.graph import BoundPass, Pass, Resource, Tex
+from app.graph import BoundPass, Buf, Pass, Resource, Tex
 from app.math3d import unit_rows
 from app.surfels.final_gather import LightAt, gather, sequence
 from app.surfels.tracked import TrackedSurfels
@@ -55,7 +55,7 @@ def declare(surfels: TrackedSurfels, lights: LightSet, grid: tuple[int, int], ha
     """The passes over a ``grid`` of width and height; ``has_history`` says whether frames are accumulated."""
     means: dict[str, Resource] = {name: Tex("f4", 4, size=grid) for name in MEANS}
     now = {f"{name}_now": tex for name, tex in means.items()} if has_history else means
-    yield Pass("gather_rays", reads=("lowres_gbuffer", "surfel_indirect", *lights.shadow_maps), writes=now,
+    yield Pass("gather_rays", reads=("gather_surfaces", "surfel_indirect", *lights.shadow_maps), writes=now,
                make=lambda device, bound: make(device, bound, surfels, lights, grid, has_history))
     if has_history:
         yield Pass("gather_history",
@@ -63,6 +63,14 @@ def declare(surfels: TrackedSurfels, lights: LightSet, grid: tuple[int, int], ha
                    writes=means, make=make_fullscreen("gather_history.frag", lambda frame: {
                        "ratio": ratio_to(grid, frame), "max_rays": _max_rays(frame, math.prod(grid)),
                        "history_valid": frame.history_valid and not frame.relit}))
+
+
+def declare_surfaces(grid: tuple[int, int]) -> Pass:
+    """Bring what the ``grid`` shows to the CPU: a pass of its own, so that others can be drawn before its rays end."""
+    shape = grid[1], grid[0], 4
+    return Pass("gather_surfaces", reads=("lowres_gbuffer",), writes={"gather_surfaces": Buf(shape, on_host=True)},
+                make=lambda device, bound: lambda frame, resources: resources.write_array(
+                    "gather_surfaces", np.frombuffer(resources["lowres_gbuffer"].read(), np.float32).reshape(shape)))
 
 
 def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: LightSet, grid: tuple[int, int],
@@ -74,20 +82,21 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
         key = frame.view_and_lighting
         if not has_history and resources.is_current(key):
             return
+        device.flush()  # what is waiting is drawn while the CPU traces rays
         turns, chosen = _turns(frame, math.prod(grid), has_history)
-        receivers = _receivers(resources, frame, grid, turns)
+        receivers = _receivers(resources.array("gather_surfaces"), frame, grid, turns)
         world, caster, lookup = surfels.world, surfels.caster, surfels.lookup
         indirect = resources.rows("surfel_indirect")
         light_at = LightAt(
-            lambda at, facing: (draw_direct(direct, frame, resources, at, facing)
-                                + lookup.approximate(world.sky_irradiance, at, facing)),
+            lambda at, facing: (lookup.approximate(world.sky_irradiance, at, facing)
+                                + draw_direct(direct, frame, resources, at, facing)),
             lambda at, facing: lookup.approximate(indirect, at, facing))
         position = receivers.position + (frame.view.eye - world.origin).astype(np.float32)
         off = receivers.normal - receivers.direction  # the surface, towards the eye, where nothing is in the way
         origin = position + off * caster.ray_epsilon
         numbers = sequence(grid, receivers.texel, chosen.start, len(chosen), frame.noise_phase)
-        rays = gather(caster, light_at, float(world.median_radius), origin, receivers.normal, numbers)
         interpolated = lookup.interpolate(indirect, position, receivers.normal, INTERPOLATED_FROM)
+        rays = gather(caster, light_at, float(world.median_radius), origin, receivers.normal, numbers)
         samples = np.full((len(position), 1), len(chosen), np.float32)
         for name, *columns in ((MEANS[0], rays.light.mean(axis=1), samples),
                                (MEANS[1], interpolated, rays.distance.mean(axis=1, keepdims=True))):
@@ -130,9 +139,9 @@ def _max_rays(frame: FrameState, texels: int) -> float:
     return max(1.0, HISTORY_FRAMES[frame.motion] * len(chosen) / turns)
 
 
-def _receivers(resources: Resources, frame: FrameState, grid: tuple[int, int], turns: int) -> Receivers:
-    """What those texels of ``lowres_gbuffer`` show whose turn it is."""
-    surface = np.frombuffer(resources["lowres_gbuffer"].read(), np.float32).reshape(-1, 4)
+def _receivers(surfaces: F32, frame: FrameState, grid: tuple[int, int], turns: int) -> Receivers:
+    """What those texels of ``gather_surfaces`` show whose turn it is."""
+    surface = surfaces.reshape(-1, 4)
     y, x = np.divmod(np.arange(len(surface)), grid[0])
     turn = TURN[y % 2, x % 2] % turns
     texel = np.flatnonzero(np.isfinite(surface).all(axis=1) & (surface[:, 3] > 0) & (turn == frame.index % turns))

@@ -73,9 +73,10 @@ def gather(caster: Caster, light_at: LightAt, reach: float, origin: F32, normal:
     last_ends = further.select(met_further)
     at = np.concatenate([ends.position, last_ends.position])
     facing = np.concatenate([ends.normal, last_ends.normal])
-    irradiance = light_at.direct(at, facing)
     has_surfels = np.concatenate([~is_near, np.ones(len(met_further), np.bool_)])
-    irradiance[has_surfels] += light_at.indirect(at[has_surfels], facing[has_surfels])
+    irradiance = np.zeros_like(at)
+    irradiance[has_surfels] = light_at.indirect(at[has_surfels], facing[has_surfels])
+    irradiance += light_at.direct(at, facing)
     indirect = further.traced_emission
     indirect[met_further] += last_ends.albedo * irradiance[len(met):]
     irradiance[:len(met)][is_near] += indirect
