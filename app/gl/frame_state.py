@@ -102,7 +102,7 @@ class FrameState:
 
     @property
     def stands_alone(self) -> bool:
-        """Whether the frame depends on none before it, to the bit: the first one whose surfels are those of viewpoints."""
+        """Whether the frame depends on none before it, to the bit: a first one with the surfels of viewpoints."""
         return bool(self.viewpoints) and not self.history_valid
 
     @property

@@ -1,12 +1,14 @@
 """Frames with the light of single rays, from which a network learns to clean gathered light.
 
-Of the rays of a texel some become the network's input and the others its target, anew in each step of the training.
+Half of the rays of a texel are there for the network's input, the others for its target. Each half is a sequence of its
+own: rays of one sequence are spread evenly, so that where some find too much light the others find too little, and a
+network would learn that.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,14 +21,14 @@ from app.network.contract_json import read_contract
 from app.network.selection import find_model
 from app.renderer import Renderer
 from app.scene import Camera
-from app.settings import Settings
+from app.settings import MAX_SEED, Settings
 from export.dataset.cameras import MAX_NEAR_SHARE, MIN_DEPTH, MIN_DEPTH_SPREAD, MIN_MEAN_DEPTH, random_camera
 from export.dataset.scenes.found_emitters import with_found_emitters
 from export.dataset.scenes.generated_scene import FRAME_SECONDS, GeneratedScene
 from export.dataset.scenes.sources import SOURCES
 
 SIZE = (224, 168)  # texels, so many that a drawn frame traces one ray of each
-RAYS = 64         # of a texel
+RAYS = 64         # of a texel, half of them for targets
 SOURCE_NAMES = ("cluttered_room", "cluttered_room", "connected_rooms", "cluttered_room", "room", "corridor",
                 "cluttered_room", "courtyard")
 FRAMES_PER_SCENE, CAMERAS = 2, 30  # and cameras that are tried for them
@@ -42,7 +44,7 @@ class GatheredFrame:
     Attributes
     ----------
     light : ndarray, float16, shape (h, w, K, 3)
-        Of each ray, relative to the mean of ``interpolated``.
+        Of each ray, relative to the mean of ``interpolated``; the first half are one sequence, the others another.
     distance : ndarray, float16, shape (h, w, K)
         Of each ray's end, as in the channel ``gathered.distance``.
     interpolated, normal, position : ndarray, float32, shape (3, h, w)
@@ -101,7 +103,7 @@ def _frames(generated: GeneratedScene, rng: np.random.Generator) -> Iterator[Gat
             renderer.advance(camera, FRAME_SECONDS)
             channels = _channels(renderer)
             if _is_suitable(-channels["position.view.xyz"][2], channels["interpolated.rgb"]):
-                yield _gather(renderer, camera, channels)
+                yield _gather(renderer, camera, channels, rng)
                 found += 1
                 if found == FRAMES_PER_SCENE:
                     return
@@ -124,11 +126,13 @@ def _is_suitable(depth: F32, light: F32) -> bool:
                 and (light.max(axis=0)[hit] > 0).mean() >= MIN_LIT_SHARE)
 
 
-def _gather(renderer: Renderer, camera: Camera, channels: dict[str, F32]) -> GatheredFrame:
+def _gather(renderer: Renderer, camera: Camera, channels: dict[str, F32], rng: np.random.Generator) -> GatheredFrame:
     """The rays of ``RAYS`` drawn frames, one of each texel."""
     mean = max(float(channels["interpolated.rgb"].mean()), 1e-20)
     light, distance = np.zeros((*SIZE[::-1], RAYS, 3), np.float16), np.ones((*SIZE[::-1], RAYS), np.float16)
     for ray in range(RAYS):
+        if ray % (RAYS // 2) == 0:
+            renderer.settings = replace(renderer.settings, seed=int(rng.integers(MAX_SEED)))  # where sequences start
         renderer.advance(camera, FRAME_SECONDS)
         light[:, :, ray] = np.minimum(renderer.resource("gathered_light_now")[..., :3] / mean, 6e4)
         distance[:, :, ray] = renderer.resource("gathered_surfels_now")[..., 3]

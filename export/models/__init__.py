@@ -9,7 +9,7 @@ from torch import nn
 from app.errors import ModelError
 from export.models import bcnn, gfa, ndr, surround
 from export.models.ember import Ember
-from export.models.final_gather import FinalGather
+from export.models.gather_cleaners import CLEANERS
 from export.models.network import Network
 from export.models.pix2pix import ConditionalPatchGan
 from export.models.radiosity import Gather, Radiosity
@@ -20,7 +20,7 @@ __all__ = ["DISCRIMINATORS", "PRESETS", "UNTRAINED", "Network", "count_weights",
 UNTRAINED: Mapping[str, type[Network]] = {"ember": Ember, "gather": Gather, "radiosity": Radiosity}
 PRESETS: Mapping[str, Callable[..., Network]] = {
     **UNTRAINED,
-    "final-gather": FinalGather,
+    **CLEANERS,
     **{name: partial(bcnn.Bcnn, name) for name in bcnn.PRESETS},
     **{name: partial(gfa.Gfa, name) for name in gfa.PRESETS},
     **{name: partial(ndr.Ndr, name) for name in ndr.PRESETS},

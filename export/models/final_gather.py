@@ -5,7 +5,11 @@ et al. 2010, "Edge-Avoiding À-Trous Wavelet Transform for fast Global Illuminat
 et al. 2017, "Kernel-Predicting Convolutional Networks for Denoising Monte Carlo Renderings").
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
@@ -19,8 +23,10 @@ CHANNELS = ("gathered.rgb", "gathered.count", "gathered.distance", "interpolated
 WIDTHS = (16, 32, 32)    # channels at half, quarter and eighth size
 SQUARE = (0, 0), (-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1), (1, -1), (-1, 1)  # taps, the middle one first
 TAPS = len(SQUARE)
+FEATURES = 12  # light and the number of its rays, the distance of their ends, interpolated light, normal, depth
 CORNERS = 4  # texels of 2×2
 STEPS = 8, 4, 2, 1  # texels between the taps of each kernel
+OUTPUTS = len(STEPS) * TAPS + 1  # logits of all taps, and of the share of interpolated light
 # A prior that the logits are added to: minus
 NORMAL_WEIGHT = 16.0   # times 1 - the cosine between the normals,
 PLANE_SIGMA = 0.02     # and the squared distance from the texel's plane, in units of this share of the depth,
@@ -28,9 +34,31 @@ MAX_LOGIT = 12.0
 MIN_EXPONENT, MAX_EXPONENT = -40.0, 30.0
 MIN_COUNT = 1e-3       # of rays, so that its logarithm is finite
 MIN_WEIGHT = 1e-30     # so that nothing divides by 0
-MAX_COUNT = 64.0       # of rays, that features tell apart; training has fewer
+MAX_COUNT = 32.0       # of rays, that features tell apart; training has no more
 MIN_DEPTH = 1e-3       # in the unit of EXTENT
 INTERPOLATED_BIAS = -2.0  # logit of the share of interpolated light before training
+
+
+@dataclass(frozen=True)
+class Texels:
+    """The network's input, each of shape (B, C, h, w).
+
+    Attributes
+    ----------
+    rays : Tensor
+        log2 of their number, ``count``, up to ``MAX_COUNT``.
+    surface : Tensor
+        1 on surfaces, 0 in the sky.
+    """
+
+    gathered: Tensor
+    count: Tensor
+    rays: Tensor
+    distance: Tensor
+    interpolated: Tensor
+    normal: Tensor
+    position: Tensor
+    surface: Tensor
 
 
 class FinalGather(Network):
@@ -39,23 +67,31 @@ class FinalGather(Network):
     The output is a weighted mean of its inputs' light: it creates no energy, and is linear in light for given weights.
     The weights depend on light only relative to the mean of the frame. Texels without rays get the light of those
     around.
+
+    Attributes
+    ----------
+    body : Module
+        Makes ``widths[0]`` channels at half of the grid, from the features and the surface there.
+    reads_prior : bool
+        Whether it reads interpolated light; False for ablations.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, name: str = "final-gather", widths: Sequence[int] = WIDTHS, reads_prior: bool = True) -> None:
         super().__init__()
+        self.reads_prior = reads_prior
         self.contract = ModelContract(
-            name="final-gather", paper="final gathering, with kernels as in Bako et al. 2017; docs/lighting.md",
+            name=name, paper="final gathering, with kernels as in Bako et al. 2017; docs/lighting.md",
             inputs={"screen": TensorSpec(CHANNELS)}, outputs={"indirect": TensorSpec(("indirect.rgb",))}, scale=1 / 4,
             multiple_of=8, exposure="mean-radiance", bounces="multi", scene_extent=EXTENT, licence="MIT")
-        half, quarter, eighth = WIDTHS
-        features = 3 + 1 + 1 + 3 + 3 + 1
-        self.down = nn.ModuleList([_conv(4 * features, half), _conv(half, quarter), _conv(quarter, eighth)])
-        self.up = nn.ModuleList([_conv(eighth + quarter, quarter), _conv(quarter + half, half)])
-        self.last = nn.Conv2d(half, 4 * (len(STEPS) * TAPS + 1), 1)
+        self.body = self._make_body(CORNERS * FEATURES, widths)
+        self.last = nn.Conv2d(widths[0], CORNERS * OUTPUTS, 1)
         self.count_power = nn.Parameter(torch.ones(1))  # of a texel's rays, by which it counts
         self.centre_power = nn.Parameter(torch.zeros(len(STEPS)))  # of its rays, by which it counts for itself
         for parameter in self.last.parameters():  # so that training starts with the prior alone
             nn.init.zeros_(parameter)
+
+    def _make_body(self, inputs: int, widths: Sequence[int]) -> nn.Module:
+        return UNet(inputs, widths)
 
     def forward(self, screen: Tensor) -> Tensor:
         """Clean one batch of frames.
@@ -70,32 +106,52 @@ class FinalGather(Network):
         Tensor, float32, shape (B, 3, h, w)
             Indirect radiance / albedo; 0 in the sky.
         """
-        screen = sanitize(screen, self.contract.inputs["screen"])
+        texels = self._read(sanitize(screen, self.contract.inputs["screen"]))
+        surface = texels.surface
+        depth = -texels.position[:, 2:]
+        features = torch.cat([texels.gathered.log1p(), texels.rays / 6, texels.distance, texels.interpolated.log1p(),
+                              texels.normal, depth.clamp(min=MIN_DEPTH).log2() / 4], 1) * surface
+        return self._light(spread(self.last(self.body(fold(features), fold(surface)))), texels) * surface
+
+    def _read(self, screen: Tensor) -> Texels:
         gathered, count, distance, interpolated, normal, position = torch.split(screen, [3, 1, 1, 3, 3, 3], dim=1)
         surface = (normal.square().sum(1, keepdim=True) > 0).to(screen)
-        depth = -position[:, 2:]
         rays = (count.clamp(max=MAX_COUNT) + MIN_COUNT).log2()
-        features = torch.cat([gathered.log1p(), rays / 6, distance, interpolated.log1p(), normal,
-                              depth.clamp(min=MIN_DEPTH).log2() / 4], 1) * surface
-        logits = self._predict(features).clamp(-MAX_LOGIT, MAX_LOGIT)
+        return Texels(gathered, count, rays, distance, interpolated if self.reads_prior else gathered, normal, position,
+                      surface)
+
+    def _light(self, predicted: Tensor, texels: Texels) -> Tensor:
+        """Light [B, 3, h, w] by kernels of logits [B, ``OUTPUTS``, h, w]."""
+        logits = predicted.clamp(-MAX_LOGIT, MAX_LOGIT)
         share = torch.sigmoid(logits[:, -1:] + INTERPOLATED_BIAS)
-        light = gathered + share * (interpolated - gathered)
-        weight = (self.count_power * math.log(2) * rays).exp() * surface
-        own = (count + 1).log()
+        light = texels.gathered + share * (texels.interpolated - texels.gathered)
+        weight = (self.count_power * math.log(2) * texels.rays).exp() * texels.surface
+        own = (texels.count + 1).log()
         for index, step in enumerate(STEPS):
             kernel = logits[:, index * TAPS:(index + 1) * TAPS]
-            light, weight = filter_light(light, normal, position, weight, kernel, self.centre_power[index] * own, step)
-        return light * surface
+            light, weight = filter_light(light, texels.normal, texels.position, weight, kernel,
+                                         self.centre_power[index] * own, step)
+        return light
 
-    def _predict(self, features: Tensor) -> Tensor:
-        x, skips = fold(features), []
+
+class UNet(nn.Module):
+    """Three levels with one convolution each, down and up."""
+
+    def __init__(self, inputs: int, widths: Sequence[int]) -> None:
+        super().__init__()
+        a, b, c = widths
+        self.down = nn.ModuleList([conv(inputs, a), conv(a, b), conv(b, c)])
+        self.up = nn.ModuleList([conv(c + b, b), conv(b + a, a)])
+
+    def forward(self, x: Tensor, surface: Tensor) -> Tensor:
+        skips: list[Tensor] = []
         for level, convolution in enumerate(self.down):
             x = functional.leaky_relu(convolution(functional.avg_pool2d(x, 2) if level else x), NEGATIVE_SLOPE)
             skips.append(x)
         for convolution, skip in zip(self.up, skips[-2::-1], strict=True):
             x = torch.cat([functional.interpolate(x, scale_factor=2.0), skip], 1)
             x = functional.leaky_relu(convolution(x), NEGATIVE_SLOPE)
-        return spread(self.last(x))
+        return x
 
 
 def filter_light(light: Tensor, normal: Tensor, position: Tensor, weight: Tensor, logits: Tensor, own: Tensor,
@@ -159,5 +215,5 @@ def _dot(x: Tensor, y: Tensor) -> Tensor:
     return a + b + c
 
 
-def _conv(inputs: int, outputs: int) -> nn.Conv2d:
+def conv(inputs: int, outputs: int) -> nn.Conv2d:
     return nn.Conv2d(inputs, outputs, 3, padding=1)

@@ -18,7 +18,7 @@ from app.network.contract_json import contract_to_json
 from app.network.selection import HALF_SUFFIX
 from app.network.static_cache import StaticCache
 from export.models import UNTRAINED, Network, bcnn, make_network
-from export.models.final_gather import FinalGather
+from export.models.gather_cleaners import CLEANERS
 from export.models.network import outputs_of
 from export.models.radiosity import Radiosity
 from export.onnx.card import card, summary
@@ -68,18 +68,19 @@ def export_checkpoint(checkpoint: Checkpoint, folder: Path,
     return list(differences)
 
 
-def export_final_gather(weights: Path, trained_on: str, folder: Path) -> Path:
-    """Write ``final-gather.onnx`` with the weights of ``python -m export gather train``.
+def export_cleaner(weights: Path, trained_on: str, folder: Path) -> Path:
+    """Write the network of ``python -m export gather train`` as ``NAME.onnx``.
 
     Raises
     ------
     ModelError
-        When the weights are those of another network, or onnxruntime disagrees with torch.
+        When the file is none of that command, or onnxruntime disagrees with torch.
     """
-    network = FinalGather()
     try:
-        network.load_state_dict(torch.load(weights, weights_only=True))
-    except (OSError, RuntimeError, pickle.UnpicklingError) as error:
+        saved = torch.load(weights, weights_only=True)
+        network = CLEANERS[saved["name"]]()
+        network.load_state_dict(saved["weights"])
+    except (OSError, RuntimeError, KeyError, TypeError, pickle.UnpicklingError) as error:
         raise ModelError(f"can't read the weights ({type(error).__name__})", weights,
                          "expected a file of python -m export gather train") from None
     network.contract = replace(network.contract, trained_on=trained_on)

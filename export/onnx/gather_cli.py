@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from app.errors import SettingsError
 from app.io.atomic_files import prepare_folders, replace_file
 from app.io.terminal import counting_progress, say
 
@@ -27,18 +28,25 @@ def make(out: Annotated[Path, typer.Option(help="Folder of the frames; those tha
 def train(frames: Annotated[Path, typer.Argument(help="Folder of frames.", metavar="DIR")],
           out: Annotated[Path, typer.Option(help="File of the weights.", metavar="FILE.pt")] = Path("final-gather.pt"),
           minutes: Annotated[float, typer.Option(help="How long to train.", min=0.01)] = 30.0,
-          seed: Annotated[int, typer.Option(help="Seed of all random numbers.", min=0)] = 0) -> None:
-    """Train the network, and write its weights."""
+          seed: Annotated[int, typer.Option(help="Seed of all random numbers.", min=0)] = 0,
+          network: Annotated[str, typer.Option(help="Which network: final-gather, one with parts of a published one, "
+                                                    "or one of the ablations.", metavar="NAME")] = "final-gather"
+          ) -> None:
+    """Train a network, and write its weights."""
     import torch
 
     from export.dataset.gathered_frames import read_frames
+    from export.models.gather_cleaners import CLEANERS
     from export.training.final_gather import train as train_network
 
+    if network not in CLEANERS:
+        raise SettingsError(f"no network {network!r} for gathered light", "--network",
+                            f"expected one of: {', '.join(CLEANERS)}")
     prepare_folders(out.parent)
-    network = train_network(read_frames(frames), 60 * minutes, seed, lambda step, seconds, loss: say(
-        f"step {step}, {seconds:.0f} s, loss {loss:.4f}"))
+    trained = train_network(read_frames(frames), 60 * minutes, seed, lambda step, seconds, loss: say(
+        f"step {step}, {seconds:.0f} s, loss {loss:.4f}"), name=network)
     with replace_file(out) as temporary:
-        torch.save(network.state_dict(), temporary)
+        torch.save({"name": network, "weights": trained.state_dict()}, temporary)
 
 
 @cli.command()
@@ -47,6 +55,6 @@ def write(weights: Annotated[Path, typer.Argument(help="File of gather train.", 
           out: Annotated[Path | None, typer.Option(help="Folder to write to.", show_default="nets/")] = None) -> None:
     """Write the network as an ONNX file, compared with torch."""
     from app.paths import nets_dir
-    from export.onnx.export import export_final_gather
+    from export.onnx.export import export_cleaner
 
-    say(str(export_final_gather(weights, trained_on, out or nets_dir())))
+    say(str(export_cleaner(weights, trained_on, out or nets_dir())))

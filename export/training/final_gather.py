@@ -1,8 +1,9 @@
 """Trains the network that cleans gathered light, on frames with the light of single rays.
 
 In each step a random number of consecutive rays of each texel is the input, fewer where a surface has just come into
-view, and the mean of the others the target. Errors of the target don't matter on the mean: it is as often too bright as
-too dark (Lehtinen et al. 2018, "Noise2Noise: Learning Image Restoration without Clean Data").
+view, and the mean of the rays of another sequence the target. Errors of the target don't matter on the mean: it is as
+often too bright as too dark, whatever the input's error is (Lehtinen et al. 2018, "Noise2Noise: Learning Image
+Restoration without Clean Data").
 """
 
 from __future__ import annotations
@@ -18,12 +19,12 @@ from torch import Tensor
 
 from export.dataset.gathered_frames import GatheredFrame
 from export.models.final_gather import FinalGather
+from export.models.gather_cleaners import CLEANERS
 
 BATCH, CROP = 2, 64             # frames of a step, and texels along the edge of what is taken of each
 LEARNING_RATE, MIN_LEARNING_RATE = 2.5e-3, 3e-5
 WARM_UP = 10                    # steps
 EMA = 0.985
-MIN_TARGET_RAYS = 24            # of a texel
 HIDDEN_PROBABILITY = 0.4        # that a part of the frame has fewer rays
 EXPOSURE_STOPS = SIZE_STOPS = 1.0  # light and lengths are scaled by 2 to a power of at most this magnitude
 MIN_LIGHT = 0.1                 # of the frame's mean, that errors are relative to at least
@@ -33,12 +34,12 @@ MIN_NOISE = 0.01                # square of the relative error of targets, below
 Report = Callable[[int, float, float], object]  # completed steps, seconds, mean loss since the last report
 
 
-def train(frames: Sequence[GatheredFrame], seconds: float, seed: int, report: Report,
-          report_steps: int = 50) -> FinalGather:
-    """Train for a time; returns the network with the moving average of its weights."""
+def train(frames: Sequence[GatheredFrame], seconds: float, seed: int, report: Report, report_steps: int = 50,
+          name: str = "final-gather") -> FinalGather:
+    """Train the network ``name`` of ``CLEANERS`` for a time; returns it with the moving average of its weights."""
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
-    network = FinalGather()
+    network = CLEANERS[name]()
     average = copy.deepcopy(network)
     optimizer = torch.optim.Adam(network.parameters(), LEARNING_RATE, betas=(0.9, 0.99))
     weights = torch.tensor([MIN_NOISE / (MIN_NOISE + noise_of(frame)) for frame in frames])
@@ -95,18 +96,17 @@ def make_example(frame: GatheredFrame, rng: np.random.Generator) -> tuple[Tensor
     height, width, rays = frame.distance.shape
     top, left = (4 * int(rng.integers((n - CROP) // 4 + 1)) for n in (height, width))
     part = np.s_[top:top + CROP, left:left + CROP]
-    count = min(int(2 ** rng.uniform(0, math.log2(rays / 2) + 1)), rays - MIN_TARGET_RAYS)
-    # Each texel begins elsewhere, so that the noise of neighbours has no pattern that a network could learn.
-    order = (rng.integers(rays, size=(CROP, CROP, 1)) + np.arange(rays)) % rays
+    half = rays // 2
+    count = min(int(2 ** rng.uniform(0, math.log2(half) + 1)), half)
+    first = int(rng.integers(half - count + 1))
+    inputs, targets = slice(first, first + count), slice(half, None)
     counts = _random_counts(count, rng)
     known = counts > 0  # nothing is interpolated where no ray has started yet
     used = (np.arange(count) < counts[..., None]).astype(np.float32)
-    light = np.take_along_axis(frame.light[part], order[..., None], axis=2)
-    distance = np.take_along_axis(frame.distance[part], order, axis=2).astype(np.float32)
-    some = np.maximum(counts, 1)
-    gathered = np.einsum("hwkc,hwk->chw", light[:, :, :count].astype(np.float32), used) / some
-    target = np.moveaxis(light[:, :, count:].astype(np.float32).mean(axis=2), -1, 0)
-    nearness = (distance[:, :, :count] * used).sum(axis=2) / some
+    light, some = frame.light[part], np.maximum(counts, 1)
+    gathered = np.einsum("hwkc,hwk->chw", light[:, :, inputs].astype(np.float32), used) / some
+    nearness = (frame.distance[part][:, :, inputs].astype(np.float32) * used).sum(axis=2) / some
+    target = np.moveaxis(light[:, :, targets].astype(np.float32).mean(axis=2), -1, 0)
     colors, exposure = rng.permutation(3), 2 ** rng.uniform(-EXPOSURE_STOPS, EXPOSURE_STOPS)
     interpolated, normal, position = (x[(slice(None), *part)] for x in (frame.interpolated, frame.normal,
                                                                         frame.position))
