@@ -143,6 +143,17 @@ def test_nothing_is_kept_over_a_cut(cut: bool, expected: float) -> None:
     np.testing.assert_allclose(found, expected, rtol=0.01)
 
 
+def test_nothing_is_kept_over_a_cut_of_the_same_view() -> None:
+    with Renderer(make_scene([WALL, POST]), Settings(SIZE, ("indirect",), provider="cpu"), find_model("gather")) as r:
+        override(r, "indirect_now", np.full((SIZE[1] // 4, SIZE[0] // 4, 1), 9.0))
+        override(r, "indirect", lambda light: np.where(np.arange(4) < 3, 5.0, light))
+        r.advance(beside(0))
+        override(r, "indirect", None)
+        r.cut()
+        light = r.render(beside(0))["indirect"]
+    np.testing.assert_allclose(light, 9.0, rtol=0.01)
+
+
 def test_light_that_went_out_is_held_down() -> None:
     found = second_frame([POST], (beside(-2), lit(100.0, 1.0)), (beside(0), lit(1.0, 1.0)))
     np.testing.assert_allclose(found, 1 + 3 * KEPT, rtol=0.01)  # at most four times what is now
