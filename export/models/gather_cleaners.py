@@ -78,7 +78,7 @@ class AttentiveUNet(nn.Module):
         for level, (encode, convolve) in enumerate(zip(self.geometry, self.down, strict=True)):
             if level:
                 light, guide = functional.avg_pool2d(light, 2), functional.avg_pool2d(guide, 2)
-                surface = functional.max_pool2d(surface, 2)
+                surface = functional.avg_pool2d(surface, 2).sign()
             guide = functional.leaky_relu(encode(guide), NEGATIVE_SLOPE)
             light = self._modulate(level, convolve(light), guide)
             guides.append(guide)

@@ -92,7 +92,7 @@ def camera_paths(scenes: Path, quick: bool = False) -> list[CameraPathCase]:
     """
     frames = QUICK_FRAMES if quick else FRAMES
     files = [scenes / FILE] if (scenes / FILE).is_file() else []
-    return [_furnished_room(frames), *(_scene_file(file, frames) for file in files), off_screen(frames),
+    return [_furnished_room(frames), _cluttered_room(frames), *(_scene_file(file, frames) for file in files), off_screen(frames),
             sun_enters(frames)]
 
 
@@ -166,6 +166,13 @@ def _furnished_room(frames: int) -> CameraPathCase:
     scene = SOURCES["room"](np.random.default_rng([CAMERA_PATHS, 1])).scene
     path = _path({0: ((1.4, 1.3, 3.0), (1.3, 0.9, -1.0)), 15: ((1.1, 1.3, 2.8), (0.6, 0.9, -1.2))})
     return _consecutive("room", scene, path, frames)
+
+
+def _cluttered_room(frames: int) -> CameraPathCase:
+    """Past tables with pots and boxes, sideways at 0.7 m/s."""
+    scene = SOURCES["cluttered_room"](np.random.default_rng([CAMERA_PATHS, 2])).scene
+    path = _path({0: ((-0.43, 1.45, 2.07), (0.61, 0.87, 0.45)), 15: ((-0.15, 1.45, 2.25), (0.75, 0.87, 0.54))})
+    return _consecutive("cluttered-room", scene, path, frames)
 
 
 def _scene_file(file: Path, frames: int) -> CameraPathCase:

@@ -94,7 +94,7 @@ def test_bundled_networks_are_kept_repeated_or_refused() -> None:
         except SettingsError as error:
             outcomes[name] = error.what
     every = {name: f"{name} always computes all bounces" for name in (
-        "bcnn-8", "bcnn-8-half", "final-gather", "gfa-8", "gfa-8-half", "surround-16")}
+        "bcnn-8", "bcnn-8-half", "bcnn-gather", "final-gather", "gfa-8", "gfa-8-half", "gfa-gather", "surround-16")}
     assert outcomes == {
         "ember": "Network", "radiosity": "Network", "gather": "gather computes a single bounce", **every,
         "bcnn-8-single": "RepeatedNetwork", "bcnn-8-single-half": "RepeatedNetwork"}
