@@ -92,8 +92,8 @@ def camera_paths(scenes: Path, quick: bool = False) -> list[CameraPathCase]:
     """
     frames = QUICK_FRAMES if quick else FRAMES
     files = [scenes / FILE] if (scenes / FILE).is_file() else []
-    return [_furnished_room(frames), _cluttered_room(frames), *(_scene_file(file, frames) for file in files), off_screen(frames),
-            sun_enters(frames)]
+    return [_furnished_room(frames), _cluttered_room(frames), *(_scene_file(file, frames) for file in files),
+            off_screen(frames), sun_enters(frames)]
 
 
 def off_screen(frames: int = FRAMES) -> CameraPathCase:
