@@ -10,13 +10,17 @@ import pytest
 pytest.importorskip("torch", reason="export needs torch")
 
 import torch
+from onnxruntime import InferenceSession
 from torch import Tensor
 
-from app.errors import SettingsError
+from app.errors import ModelError, SettingsError
 from app.network.selection import find_model
 from app.network.session import Network
 from export.dataset.gathered_frames import GatheredFrame, make_frames, read_frames
 from export.models.final_gather import FinalGather
+from export.models.gather_cleaners import CLEANERS
+from export.onnx.export import export_cleaner
+from export.onnx.gather_cli import train as train_command
 from export.training.final_gather import CROP, make_example, relative_error, train
 
 SIZE = (48, 32)
@@ -171,3 +175,34 @@ def test_a_folder_without_frames_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "0000-0.npz", other=np.zeros(1))
     with pytest.raises(SettingsError, match="not a frame"):
         read_frames(tmp_path)
+
+
+@pytest.mark.parametrize("name", CLEANERS)
+def test_every_cleaner_is_written_with_the_weights_of_its_training(name: str, tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    network = CLEANERS[name]().eval()
+    torch.nn.init.normal_(network.last.weight, std=0.1)
+    torch.save({"name": name, "weights": network.state_dict()}, tmp_path / "weights.pt")
+    file = export_cleaner(tmp_path / "weights.pt", "nothing", tmp_path)
+    assert file.name == f"{name}.onnx"
+    screen = wall(np.random.default_rng(7).exponential(1.0, (3, *SIZE[::-1])).astype(np.float32))
+    with torch.no_grad():
+        expected = network(torch.from_numpy(screen)[None])[0].numpy()
+    session = InferenceSession(file, providers=["CPUExecutionProvider"])
+    np.testing.assert_allclose(session.run(None, {"screen": screen[None]})[0][0], expected, rtol=1e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize("saved", [torch.ones(3), {"name": "other", "weights": {}}, {"weights": {}}, 5])
+def test_weights_of_something_else_are_refused(saved: object, tmp_path: Path) -> None:
+    torch.save(saved, tmp_path / "weights.pt")
+    with pytest.raises(ModelError, match="can't read the weights"):
+        export_cleaner(tmp_path / "weights.pt", "nothing", tmp_path)
+    (tmp_path / "weights.pt").write_bytes(b".")
+    with pytest.raises(ModelError, match="can't read the weights"):
+        export_cleaner(tmp_path / "weights.pt", "nothing", tmp_path)
+    assert not list(tmp_path.glob("*.onnx"))
+
+
+def test_an_unknown_network_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match="no network 'other'"):
+        train_command(tmp_path, tmp_path / "weights.pt", network="other")
