@@ -344,7 +344,7 @@ def _low_resolution_surfaces(inputs: FrameInputs) -> Iterator[Step]:
     else:
         yield lowres_gbuffer.declare("lowres_gbuffer", grid)
     if grid is None or inputs.models.surfels is None:
-        yield Absent("gather_surfaces", "no network reads gathered light")
+        yield Absent("gather_surfaces", "the network reads no gathered light" if grid else "no model was chosen")
     else:
         yield final_gather.declare_surfaces(grid)
 

@@ -1,15 +1,16 @@
 """Frames with the light of single rays, from which a network learns to clean gathered light.
 
-Half of the rays of a texel are there for the network's input, the others for its target. Each half is a sequence of its
-own: rays of one sequence are spread evenly, so that where some find too much light the others find too little, and a
-network would learn that.
+Some rays of a texel are there for the network's input, others for its target. These are another sequence: rays of one
+sequence are spread evenly, so that where some find too much light the others find too little, and a network would learn
+that.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from export.dataset.scenes.generated_scene import FRAME_SECONDS, GeneratedScene
 from export.dataset.scenes.sources import SOURCES
 
 SIZE = (224, 168)  # texels, so many that a drawn frame traces one ray of each
-RAYS = 64         # of a texel, half of them for targets
+RAYS = 32         # of a texel for the input, and as many for the target
 SOURCE_NAMES = ("cluttered_room", "cluttered_room", "connected_rooms", "cluttered_room", "room", "corridor",
                 "cluttered_room", "courtyard")
 FRAMES_PER_SCENE, CAMERAS = 2, 30  # and cameras that are tried for them
@@ -43,15 +44,16 @@ class GatheredFrame:
 
     Attributes
     ----------
-    light : ndarray, float16, shape (h, w, K, 3)
-        Of each ray, relative to the mean of ``interpolated``; the first half are one sequence, the others another.
+    light, target : ndarray, float16, shape (h, w, K, 3)
+        Of each ray of the input and of the target, relative to the mean of ``interpolated``.
     distance : ndarray, float16, shape (h, w, K)
-        Of each ray's end, as in the channel ``gathered.distance``.
+        Of the ends of the input's rays, as in the channel ``gathered.distance``.
     interpolated, normal, position : ndarray, float32, shape (3, h, w)
         The channels of these names.
     """
 
     light: np.ndarray
+    target: np.ndarray
     distance: np.ndarray
     interpolated: F32
     normal: F32
@@ -81,11 +83,12 @@ def read_frames(folder: Path) -> list[GatheredFrame]:
     """
     frames = []
     for path in sorted(folder.glob("*.npz")):
-        with np.load(path) as values:
-            if set(values) != {field.name for field in fields(GatheredFrame)}:
-                raise SettingsError("not a frame with gathered light", path,
-                                    "expected files of python -m export gather make")
-            frames.append(GatheredFrame(**values))
+        try:
+            with np.load(path) as values:
+                frames.append(GatheredFrame(**values))
+        except (OSError, EOFError, TypeError, ValueError, BadZipFile):
+            raise SettingsError("not a frame with gathered light", path,
+                                "expected files of python -m export gather make") from None
     if not frames:
         raise SettingsError("no frames", folder, "expected a folder of python -m export gather make")
     return frames
@@ -127,14 +130,15 @@ def _is_suitable(depth: F32, light: F32) -> bool:
 
 
 def _gather(renderer: Renderer, camera: Camera, channels: dict[str, F32], rng: np.random.Generator) -> GatheredFrame:
-    """The rays of ``RAYS`` drawn frames, one of each texel."""
+    """The rays of twice ``RAYS`` drawn frames, one of each texel."""
     mean = max(float(channels["interpolated.rgb"].mean()), 1e-20)
-    light, distance = np.zeros((*SIZE[::-1], RAYS, 3), np.float16), np.ones((*SIZE[::-1], RAYS), np.float16)
-    for ray in range(RAYS):
-        if ray % (RAYS // 2) == 0:
-            renderer.settings = replace(renderer.settings, seed=int(rng.integers(MAX_SEED)))  # where sequences start
-        renderer.advance(camera, FRAME_SECONDS)
-        light[:, :, ray] = np.minimum(renderer.resource("gathered_light_now")[..., :3] / mean, 6e4)
-        distance[:, :, ray] = renderer.resource("gathered_surfels_now")[..., 3]
-    return GatheredFrame(light, distance, channels["interpolated.rgb"] / np.float32(mean),
+    light, distance = np.zeros((2, *SIZE[::-1], RAYS, 3), np.float16), np.ones((*SIZE[::-1], RAYS), np.float16)
+    for sequence, rays in enumerate(light):
+        renderer.settings = replace(renderer.settings, seed=int(rng.integers(MAX_SEED)))  # where sequences start
+        for ray in range(RAYS):
+            renderer.advance(camera, FRAME_SECONDS)
+            rays[:, :, ray] = np.minimum(renderer.resource("gathered_light_now")[..., :3] / mean, 6e4)
+            if sequence == 0:
+                distance[:, :, ray] = renderer.resource("gathered_surfels_now")[..., 3]
+    return GatheredFrame(light[0], light[1], distance, channels["interpolated.rgb"] / np.float32(mean),
                          channels["normal.view.xyz"], channels["position.view.xyz"])

@@ -76,11 +76,13 @@ class FinalGather(Network):
         Whether it reads interpolated light; False for ablations.
     """
 
+    paper = "final gathering, with kernels as in Bako et al. 2017; docs/lighting.md"
+
     def __init__(self, name: str = "final-gather", widths: Sequence[int] = WIDTHS, reads_prior: bool = True) -> None:
         super().__init__()
         self.reads_prior = reads_prior
         self.contract = ModelContract(
-            name=name, paper="final gathering, with kernels as in Bako et al. 2017; docs/lighting.md",
+            name=name, paper=self.paper,
             inputs={"screen": TensorSpec(CHANNELS)}, outputs={"indirect": TensorSpec(("indirect.rgb",))}, scale=1 / 4,
             multiple_of=8, exposure="mean-radiance", bounces="multi", scene_extent=EXTENT, licence="MIT")
         self.body = self._make_body(CORNERS * FEATURES, widths)
@@ -200,7 +202,7 @@ def spread(x: Tensor) -> Tensor:
 
 def _corners(channels: int, like: Tensor) -> Tensor:
     """Kernels [4 · channels, 1, 2, 2] that each select one texel of 2×2."""
-    return torch.eye(CORNERS, dtype=like.dtype).reshape(CORNERS, 1, 2, 2).repeat(channels, 1, 1, 1)
+    return torch.eye(CORNERS, dtype=like.dtype, device=like.device).reshape(CORNERS, 1, 2, 2).repeat(channels, 1, 1, 1)
 
 
 def _sum_taps(x: Tensor) -> Tensor:

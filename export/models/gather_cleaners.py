@@ -1,4 +1,4 @@
-"""Other networks that clean gathered light, with the kernels of ``final-gather`` and the parts of published ones."""
+"""Other networks that clean gathered light: with the parts of published ones, and for ablations."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -20,14 +20,18 @@ NARROW, WIDE = (8, 16, 16), (32, 64, 64)
 
 
 class BcnnGather(FinalGather):
-    """Its U-Net's convolutions are bilateral (Xin et al. 2021): no texel mixes with those across a depth edge."""
+    """Its U-Net's convolutions are bilateral (Xin et al. 2021): the difference of depths weights their taps."""
+
+    paper = "Xin et al. 2021, with kernels as in Bako et al. 2017; docs/ablations.md"
 
     def _make_body(self, inputs: int, widths: Sequence[int]) -> nn.Module:
         return BilateralUNet(inputs, widths)
 
 
 class GfaGather(FinalGather):
-    """A second U-Net modulates its U-Net and computes attention from geometry (Gai, Wang and Li 2025)."""
+    """An encoder of geometry modulates its U-Net and computes attention (Gai, Wang and Li 2025)."""
+
+    paper = "Gai, Wang and Li 2025, with kernels as in Bako et al. 2017; docs/ablations.md"
 
     def _make_body(self, inputs: int, widths: Sequence[int]) -> nn.Module:
         return AttentiveUNet(inputs, widths)
@@ -97,7 +101,7 @@ class AttentiveUNet(nn.Module):
 
 
 class DirectGather(FinalGather):
-    """Predicts light instead of kernels, for ablations."""
+    """Predicts light instead of kernels, for ablations; not linear in light, and two parameters do nothing."""
 
     def _light(self, predicted: Tensor, texels: Texels) -> Tensor:
         return functional.softplus(predicted[:, :3]).clamp(max=MAX_LOGIT).exp() - 1

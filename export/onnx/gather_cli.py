@@ -14,7 +14,7 @@ cli = typer.Typer(no_args_is_help=True, help="Make frames with gathered light, a
 
 @cli.command()
 def make(out: Annotated[Path, typer.Option(help="Folder of the frames; those that exist are kept.", metavar="DIR")],
-         scenes: Annotated[int, typer.Option(help="Generated scenes, up to 3 frames each.", min=1, metavar="N")] = 32,
+         scenes: Annotated[int, typer.Option(help="Generated scenes, up to 2 frames each.", min=1, metavar="N")] = 32,
          seed: Annotated[int, typer.Option(help="Seed of all random numbers.", min=0)] = 0) -> None:
     """Make the missing frames."""
     from export.dataset.gathered_frames import make_frames
@@ -26,7 +26,8 @@ def make(out: Annotated[Path, typer.Option(help="Folder of the frames; those tha
 
 @cli.command()
 def train(frames: Annotated[Path, typer.Argument(help="Folder of frames.", metavar="DIR")],
-          out: Annotated[Path, typer.Option(help="File of the weights.", metavar="FILE.pt")] = Path("final-gather.pt"),
+          out: Annotated[Path | None, typer.Option(help="File of the weights.", metavar="FILE.pt",
+                                                   show_default="NAME.pt")] = None,
           minutes: Annotated[float, typer.Option(help="How long to train.", min=0.01)] = 30.0,
           seed: Annotated[int, typer.Option(help="Seed of all random numbers.", min=0)] = 0,
           network: Annotated[str, typer.Option(help="Which network: final-gather, one with parts of a published one, "
@@ -42,8 +43,9 @@ def train(frames: Annotated[Path, typer.Argument(help="Folder of frames.", metav
     if network not in CLEANERS:
         raise SettingsError(f"no network {network!r} for gathered light", "--network",
                             f"expected one of: {', '.join(CLEANERS)}")
+    out, examples = out or Path(f"{network}.pt"), read_frames(frames)
     prepare_folders(out.parent)
-    trained = train_network(read_frames(frames), 60 * minutes, seed, lambda step, seconds, loss: say(
+    trained = train_network(examples, 60 * minutes, seed, lambda step, seconds, loss: say(
         f"step {step}, {seconds:.0f} s, loss {loss:.4f}"), name=network)
     with replace_file(out) as temporary:
         torch.save({"name": network, "weights": trained.state_dict()}, temporary)

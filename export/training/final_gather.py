@@ -68,10 +68,10 @@ def train(frames: Sequence[GatheredFrame], seconds: float, seed: int, report: Re
 
 
 def noise_of(frame: GatheredFrame) -> float:
-    """Mean square of the relative error of a target of half of a frame's rays."""
-    light = frame.light.astype(np.float32).mean(axis=-1)
+    """Mean square of the relative error of a frame's target."""
+    light = frame.target.astype(np.float32).mean(axis=-1)
     mean = light.mean(axis=-1)
-    variance = light.var(axis=-1) / (light.shape[-1] / 2)
+    variance = light.var(axis=-1) / light.shape[-1]
     surface = np.abs(frame.normal).sum(axis=0) > 0
     return float(np.minimum(variance / (mean + MIN_LIGHT) ** 2, MAX_SQUARE)[surface].mean())
 
@@ -96,17 +96,16 @@ def make_example(frame: GatheredFrame, rng: np.random.Generator) -> tuple[Tensor
     height, width, rays = frame.distance.shape
     top, left = (4 * int(rng.integers((n - CROP) // 4 + 1)) for n in (height, width))
     part = np.s_[top:top + CROP, left:left + CROP]
-    half = rays // 2
-    count = min(int(2 ** rng.uniform(0, math.log2(half) + 1)), half)
-    first = int(rng.integers(half - count + 1))
-    inputs, targets = slice(first, first + count), slice(half, None)
+    count = min(int(2 ** rng.uniform(0, math.log2(rays) + 1)), rays)
+    first = int(rng.integers(rays - count + 1))
+    inputs = slice(first, first + count)
     counts = _random_counts(count, rng)
     known = counts > 0  # nothing is interpolated where no ray has started yet
     used = (np.arange(count) < counts[..., None]).astype(np.float32)
-    light, some = frame.light[part], np.maximum(counts, 1)
-    gathered = np.einsum("hwkc,hwk->chw", light[:, :, inputs].astype(np.float32), used) / some
+    some = np.maximum(counts, 1)
+    gathered = np.einsum("hwkc,hwk->chw", frame.light[part][:, :, inputs].astype(np.float32), used) / some
     nearness = (frame.distance[part][:, :, inputs].astype(np.float32) * used).sum(axis=2) / some
-    target = np.moveaxis(light[:, :, targets].astype(np.float32).mean(axis=2), -1, 0)
+    target = np.moveaxis(frame.target[part].astype(np.float32).mean(axis=2), -1, 0)
     colors, exposure = rng.permutation(3), 2 ** rng.uniform(-EXPOSURE_STOPS, EXPOSURE_STOPS)
     interpolated, normal, position = (x[(slice(None), *part)] for x in (frame.interpolated, frame.normal,
                                                                         frame.position))

@@ -16,6 +16,7 @@ from torch import Tensor
 from app.errors import ModelError, SettingsError
 from app.network.selection import find_model
 from app.network.session import Network
+from app.surfels.final_gather import sequence
 from export.dataset.gathered_frames import GatheredFrame, make_frames, read_frames
 from export.models.final_gather import FinalGather
 from export.models.gather_cleaners import CLEANERS
@@ -103,13 +104,13 @@ def test_texels_of_the_sky_and_poison_leave_finite_light(network: Network) -> No
         assert np.isfinite(clean(network, np.full_like(screen, value))).all()
 
 
-def frame(rays: int = 48) -> GatheredFrame:
+def frame(rays: int = 24) -> GatheredFrame:
     """A wall with a bright and a dark half."""
     size = 72, 96
     rng = np.random.default_rng(4)
     screen = wall(np.where(np.arange(size[1]) < 48, 2.0, 0.5) * np.ones((3, *size)))
-    light = screen[:3].transpose(1, 2, 0)[:, :, None] * rng.exponential(1.0, (*size, rays, 1))
-    return GatheredFrame(light.astype(np.float16), np.ones((*size, rays), np.float16), screen[5:8], screen[8:11],
+    light = screen[:3].transpose(1, 2, 0)[:, :, None] * rng.exponential(1.0, (2, *size, rays, 1))
+    return GatheredFrame(*light.astype(np.float16), np.ones((*size, rays), np.float16), screen[5:8], screen[8:11],
                          screen[11:])
 
 
@@ -119,7 +120,7 @@ def test_examples_have_inputs_and_targets_of_the_same_light() -> None:
         screen, target = make_example(frame(), rng)
         assert screen.shape == (14, CROP, CROP) and target.shape == (3, CROP, CROP)
         known = screen[3] > 0
-        assert known.sum() > 0 and screen[3].max() <= 24  # half of the rays
+        assert known.sum() > 0 and screen[3].max() <= 24
         assert not screen[:8, ~known].any()
         before, after, expected = (x[:, known] for x in (screen[:3], target, screen[5:8]))
         assert abs(float(after.mean() / expected.mean()) - 1) < 0.1
@@ -155,7 +156,10 @@ def test_training_lowers_the_loss_and_counts_its_steps() -> None:
 @pytest.mark.usefixtures("egl")
 def test_frames_have_rays_whose_mean_is_near_the_interpolated_light(tmp_path: Path,
                                                                      monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("export.dataset.gathered_frames.RAYS", 8)
+    monkeypatch.setattr("export.dataset.gathered_frames.RAYS", 4)
+    phases: list[float] = []
+    monkeypatch.setattr("app.passes.final_gather.sequence",
+                        lambda *arguments: phases.append(arguments[-1]) or sequence(*arguments))
     done: list[int] = []
     make_frames(tmp_path, 1, 0, done.append)
     frames = read_frames(tmp_path)
@@ -166,15 +170,22 @@ def test_frames_have_rays_whose_mean_is_near_the_interpolated_light(tmp_path: Pa
         mean = made.light[shown].astype(np.float64).mean()
         assert mean == pytest.approx(made.interpolated[:, shown].mean(), rel=0.25)
         assert not made.light[~shown].any()
-        assert (made.light[shown][:, 0] != made.light[shown][:, 4]).any(axis=-1).mean() > 0.5  # another sequence
+        assert made.target[shown].astype(np.float64).mean() == pytest.approx(mean, rel=0.1)
+    assert len({*phases[-4:]}) == len({*phases[-8:-4]}) == 1 and phases[-4] != phases[-8]  # two sequences
 
 
 def test_a_folder_without_frames_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match="no frames"):
         read_frames(tmp_path)
-    np.savez(tmp_path / "0000-0.npz", other=np.zeros(1))
-    with pytest.raises(SettingsError, match="not a frame"):
-        read_frames(tmp_path)
+    file = tmp_path / "0000-0.npz"
+    parts = vars(frame())
+    np.savez(file, **{name: values for name, values in parts.items() if name != "target"})  # as before 0.1.0
+    for content in (file.read_bytes(), b"", b"text", file.read_bytes()[:1000]):
+        file.write_bytes(content)
+        with pytest.raises(SettingsError, match="not a frame"):
+            read_frames(tmp_path)
+    np.savez(file, **parts)
+    assert len(read_frames(tmp_path)) == 1
 
 
 @pytest.mark.parametrize("name", CLEANERS)
