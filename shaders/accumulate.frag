@@ -13,7 +13,7 @@ layout(location = 0) out vec4 out_indirect_low;
 void add(ivec2 low, float closeness, inout vec4 sum, inout float weight)
 {
     vec4 old = texelFetch(indirect_low_prev, low, 0);
-    bool healthy = closeness > 0.0 && is_finite(dot(old, vec4(1.0))) && old.a >= 1.0;
+    bool healthy = is_finite(dot(old, vec4(1.0))) && old.a >= 1.0;
     sum += healthy ? vec4(max(old.rgb, 0.0), old.a) * closeness : vec4(0.0);
     weight += healthy ? closeness : 0.0;
 }
@@ -30,7 +30,7 @@ void main()
     add(r.base + ivec2(0, 1), r.weights.z, sum, weight);
     add(r.base + ivec2(1, 1), r.weights.w, sum, weight);
     bool keep = weight > MIN_SHARE;
-    vec4 history = sum / max(weight, 1e-6);
+    vec4 history = sum / weight;  // if it is kept
     vec3 bright = now;
 #ifdef NOISY
     vec2 here = gl_FragCoord.xy / vec2(textureSize(indirect_now, 0));

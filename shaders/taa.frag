@@ -86,7 +86,7 @@ void main()
     bool is_new = !expected && accumulated.a >= MIN_SAMPLES, is_thin = around <= THIN * own;
     if (is_new && !is_thin && own > past) share = 1.0;
     float max_luma = !is_new ? MAX_SPECK * max(past, around) : (is_thin ? MAX_SPECK : MAX_BRIGHTENING) * brightest;
-    if (keep && max_luma > 0.0) now *= min(max_luma / max(own, 1e-8), 1.0);
+    if (keep && max_luma > 0.0) now *= min(max_luma / own, 1.0);
     float kept = accumulated.a * (accumulated.a < MIN_SAMPLES ? 1.0 : mix(0.25, 1.0, share));
 #else
     float share = clip_share(offset, CLIP_GAMMA * deviation);
@@ -105,7 +105,7 @@ void main()
     float blur = 2.0 * dot(fraction, 1.0 - fraction);
     float resamplings = texelFetch(resampled_prev, clamp(before, ivec2(0), last), 0).r;
     resamplings = is_finite(resamplings) ? max(resamplings, 0.0) + blur : blur;
-    out_resampled = keep ? min(resamplings, MOVING_FRAMES) * (1.0 - 1.0 / frames) : 0.0;
+    out_resampled = min(resamplings, MOVING_FRAMES) * (1.0 - 1.0 / frames);
 #endif
     out_taa = vec4(keep ? min(mix(history, now, 1.0 / frames), HALF_MAX) : now, frames);
 }

@@ -55,7 +55,7 @@ vec4 missed(ivec2 texel, BilateralReceiver r)
         ivec2 tile = base + ivec2(i & 1, i >> 1);
         if (any(lessThan(tile, ivec2(0))) || any(greaterThanEqual(tile, textureSize(missed_light, 0)))) continue;
         vec4 light = texelFetch(missed_light, tile, 0);
-        ivec2 at = missed_texel(tile, max(int(light.a) - 1, 0));
+        ivec2 at = missed_texel(tile, int(light.a) - 1);
         vec2 away = vec2(at - texel) / REACH, along = along_normal(at, r);
         float weight = max(1.0 - dot(away, away), MIN_WEIGHT)
             * similarity(texelFetch(missed_surface, tile, 0), along.x + along.y, r);
@@ -117,7 +117,7 @@ void main()
         + tap(ivec2(t.high.x, t.low.y), t.along_high.x + t.along_low.y, f.x * g.y, r)
         + tap(ivec2(t.low.x, t.high.y), t.along_low.x + t.along_high.y, g.x * f.y, r)
         + tap(t.high, t.along_high.x + t.along_high.y, f.x * f.y, r);
-    float shown = min(sum.a / SHOWN, 1.0), found = 1.0;
+    float shown = sum.a / SHOWN, found = 1.0;
 #ifdef HAS_MISSED_LIGHT
     if (is_surface(d) && shown < 1.0) {
         vec4 own = missed(texel, r);

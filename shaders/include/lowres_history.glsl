@@ -22,7 +22,7 @@ float history_weight(ivec2 low, vec2 away, vec3 normal, float previous, vec2 slo
 {
     vec4 surface = texelFetch(lowres_gbuffer_prev, low, 0);
     bool same = all(greaterThanEqual(low, ivec2(0))) && all(lessThan(low, textureSize(lowres_gbuffer_prev, 0)))
-        && same_surface(surface.a > 0.0 ? 1.0 / surface.a : 0.0, previous * (1.0 + dot(slope * ratio, away)), slope,
+        && same_surface(1.0 / surface.a, previous * (1.0 + dot(slope * ratio, away)), slope,
                         surface.xyz, normal);
     return same ? (1.0 - abs(away.x)) * (1.0 - abs(away.y)) : 0.0;
 }
@@ -36,10 +36,9 @@ Reprojection reproject(ivec2 low)
     float previous = 1.0 / (surface.a * moved.z);
     vec2 at = vec2(low) - moved.xy * vec2(1.0, -1.0) / ratio, f = fract(at);
     ivec2 base = ivec2(floor(at));
-    bool seen = history_valid && is_surface(surface.a);
     vec4 weights = vec4(history_weight(base, -f, surface.xyz, previous, slope),
                         history_weight(base + ivec2(1, 0), vec2(1.0, 0.0) - f, surface.xyz, previous, slope),
                         history_weight(base + ivec2(0, 1), vec2(0.0, 1.0) - f, surface.xyz, previous, slope),
                         history_weight(base + ivec2(1, 1), vec2(1.0, 1.0) - f, surface.xyz, previous, slope));
-    return Reprojection(base, seen ? weights : vec4(0.0));
+    return Reprojection(base, history_valid ? weights : vec4(0.0));
 }
