@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from app.gl.pool import Pool
 from app.graph import BoundPass
 from app.renderer import Renderer
+from app.scene import Camera
 
 Image = NDArray[Any]
 Value = Image | float | Callable[[Image], Image]
@@ -38,6 +39,16 @@ def override(renderer: Renderer, resource: str, value: Value | None) -> None:
 
 def is_overridden(renderer: Renderer, resource: str) -> bool:
     return resource in _VALUES.get(renderer, {})
+
+
+def draw_replaced(renderer: Renderer, cameras: Sequence[Camera], *values: Mapping[str, Value]) -> None:
+    """Draw one frame for each of ``values``, which replaces these resources in it; cameras follow one another."""
+    for camera, replaced in zip(cameras, values, strict=True):
+        for resource, value in replaced.items():
+            override(renderer, resource, value)
+        renderer.advance(camera)
+        for resource in replaced:
+            override(renderer, resource, None)
 
 
 def _replace(values: dict[str, Value], bound: BoundPass, pool: Pool) -> None:

@@ -5,7 +5,6 @@ The table itself is checked in every run; repeating the mutations takes minutes 
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import pytest
@@ -13,6 +12,7 @@ import pytest
 from app.golden import catalogue, check
 from app.paths import SHADERS, shader_dir
 from tests.golden.mutations import PAGE, Mutation, page_with_table, read_mutations
+from tests.mutated_shaders import assert_replaces_one_text, mutated_shaders
 
 IMAGES = Path(__file__).parent / "images"
 MUTATIONS = read_mutations()
@@ -31,8 +31,7 @@ def test_the_documentation_has_the_table() -> None:
 
 @pytest.mark.parametrize("mutation", MUTATIONS, ids=str)
 def test_a_mutation_replaces_one_text_on_one_line(mutation: Mutation) -> None:
-    assert (shader_dir() / mutation.shader).read_text("utf-8").count(mutation.old) == 1
-    assert "\n" not in mutation.old and mutation.old != mutation.new
+    assert_replaces_one_text(mutation)
     assert mutation.scene in catalogue()
 
 
@@ -40,10 +39,7 @@ def test_a_mutation_replaces_one_text_on_one_line(mutation: Mutation) -> None:
 @pytest.mark.mutation
 @pytest.mark.parametrize("mutation", MUTATIONS, ids=str)
 def test_a_mutation_breaks_its_stage_first(mutation: Mutation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    shaders = Path(shutil.copytree(shader_dir(), tmp_path / "shaders"))
-    path = shaders / mutation.shader
-    path.write_text(path.read_text("utf-8").replace(mutation.old, mutation.new), "utf-8")
-    monkeypatch.setenv(SHADERS, str(shaders))
+    monkeypatch.setenv(SHADERS, str(mutated_shaders(mutation, tmp_path)))
     broken = check([catalogue()[mutation.scene]], IMAGES).broken
     assert broken, "the check noticed nothing"
     assert (broken[0].stage, broken[0].verdict) == (mutation.stage, "differs")

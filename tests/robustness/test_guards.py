@@ -1,13 +1,12 @@
-"""Each guard of ``guards.toml`` is needed: without it, its test fails.
+"""Each guard of ``guards.toml`` protects from something: a test fails without it.
 
-The table itself is checked in every run; running the tests without the guards takes minutes and has the marker
-``mutation``.
+The table itself is checked in every run; removing the guards takes minutes and has the marker ``mutation``.
 """
 
 from __future__ import annotations
 
+import ast
 import os
-import shutil
 import subprocess
 import sys
 import tomllib
@@ -16,14 +15,15 @@ from pathlib import Path
 
 import pytest
 
-from app.paths import SHADERS, shader_dir
+from app.paths import SHADERS
+from tests.mutated_shaders import assert_replaces_one_text, mutated_shaders
 
 ROOT = Path(__file__).parents[2]
 
 
 @dataclass(frozen=True)
 class Guard:
-    """Replacing ``old`` by ``new`` in ``shader`` makes ``test`` fail."""
+    """With ``new`` in place of ``old``, ``shader`` lacks the guard, and ``test``, a node of pytest, fails."""
 
     shader: str
     old: str
@@ -31,28 +31,29 @@ class Guard:
     test: str
 
     def __str__(self) -> str:
-        return f"{self.shader} {self.test.partition('::')[2]}"
+        return f"{self.shader} {self.test.rpartition('::')[2]}"
 
 
-TABLE = Path(__file__).with_name("guards.toml")
-GUARDS = [Guard(**entry) for entry in tomllib.loads(TABLE.read_text("utf-8"))["guard"]]
+TABLE = tomllib.loads(Path(__file__).with_name("guards.toml").read_text("utf-8"))
+GUARDS = [Guard(**entry) for entry in TABLE["guard"]]
 
 
 @pytest.mark.parametrize("guard", GUARDS, ids=str)
-def test_a_guard_is_one_text_on_one_line_and_has_a_test(guard: Guard) -> None:
-    assert (shader_dir() / guard.shader).read_text("utf-8").count(guard.old) == 1
-    assert "\n" not in guard.old and guard.old != guard.new
-    file, _, name = guard.test.partition("::")
-    assert f"def {name.partition('[')[0]}(" in (ROOT / file).read_text("utf-8")
+def test_an_entry_removes_one_text_and_names_a_test(guard: Guard) -> None:
+    assert_replaces_one_text(guard)
+    file, function = guard.test.partition("[")[0].split("::")
+    tree = ast.parse((ROOT / file).read_text("utf-8"))
+    assert function in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
 
 
 @pytest.mark.gl
 @pytest.mark.mutation
+@pytest.mark.usefixtures("egl")
 @pytest.mark.parametrize("guard", GUARDS, ids=str)
-def test_without_the_guard_its_test_fails(guard: Guard, tmp_path: Path) -> None:
-    shaders = Path(shutil.copytree(shader_dir(), tmp_path / "shaders"))
-    path = shaders / guard.shader
-    path.write_text(path.read_text("utf-8").replace(guard.old, guard.new), "utf-8")
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "0", "-p", "no:cacheprovider", guard.test]
-    found = subprocess.run(command, cwd=ROOT, env={**os.environ, SHADERS: str(shaders)}, capture_output=True, text=True)
-    assert found.returncode == pytest.ExitCode.TESTS_FAILED, found.stdout
+def test_without_a_guard_its_test_fails(guard: Guard, tmp_path: Path) -> None:
+    """By what it asserts, not by an error such as that of a shader that doesn't compile."""
+    child = subprocess.run([sys.executable, "-m", "pytest", "-x", "--tb=native", "-p", "no:cacheprovider", guard.test],
+                           cwd=ROOT, env={**os.environ, SHADERS: str(mutated_shaders(guard, tmp_path))},
+                           capture_output=True, text=True, check=False)
+    assert child.returncode == pytest.ExitCode.TESTS_FAILED, child.stdout + child.stderr
+    assert "AssertionError" in child.stdout, child.stdout
