@@ -5,7 +5,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from app.errors import ModelError  # noqa: E402
-from export.models import PRESETS, count_weights, make_network  # noqa: E402
+from export.models import bcnn, count_weights, make_network  # noqa: E402
 from export.models.bcnn import Bcnn, Bilateral, bilateral_taps  # noqa: E402
 
 GRID = (24, 32)
@@ -25,7 +25,7 @@ def test_the_papers_preset_has_its_weights() -> None:
 
 
 def test_lighter_presets_are_lighter() -> None:
-    weights = [count_weights(make_network(name)) for name in PRESETS if name.startswith("bcnn")]
+    weights = [count_weights(make_network(name)) for name in bcnn.PRESETS]
     assert weights == sorted(weights, reverse=True)
 
 

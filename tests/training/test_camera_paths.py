@@ -41,7 +41,7 @@ from export.validation.temporal import (
 
 F32 = np.ndarray
 SHAPE = (5, 96, 128, 3)
-PATHS = ("room", "off-screen", "sun-enters")  # without scene files
+PATHS = ("room", "cluttered-room", "off-screen", "sun-enters")  # without scene files
 
 
 def noise(seed: int) -> F32:
