@@ -340,11 +340,11 @@ def _low_resolution_surfaces(inputs: FrameInputs) -> Iterator[Step]:
     """The points of the grid of indirect light; before direct light, which is drawn while their rays are traced."""
     grid = inputs.indirect_grid
     if grid is None:
-        yield Absent("lowres_gbuffer", "no model was chosen")
-    else:
-        yield lowres_gbuffer.declare("lowres_gbuffer", grid)
-    if grid is None or inputs.models.surfels is None:
-        yield Absent("gather_surfaces", "the network reads no gathered light" if grid else "no model was chosen")
+        yield from _absent("no model was chosen", "lowres_gbuffer", "gather_surfaces")
+        return
+    yield lowres_gbuffer.declare("lowres_gbuffer", grid)
+    if inputs.models.surfels is None:
+        yield Absent("gather_surfaces", "the network reads no gathered light")
     else:
         yield final_gather.declare_surfaces(grid)
 
@@ -368,9 +368,8 @@ def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:
         yield from _absent("a network was chosen", *SSGI_PASSES)
         yield from _network(inputs, model, grid, target)
     if settings.taa:
-        rays_are_gathered = inputs.models.surfels is not None
-        yield accumulate.declare(grid, noisy=isinstance(model, str), still_frames=(
-            final_gather if rays_are_gathered else accumulate).STILL_FRAMES)
+        still_frames = accumulate.STILL_FRAMES if inputs.models.surfels is None else final_gather.STILL_FRAMES
+        yield accumulate.declare(grid, noisy=isinstance(model, str), still_frames=still_frames)
     else:
         yield Absent("accumulate", "switched off by --no-taa")
     yield push_pull.declare("push_pull", grid, "indirect_low", "lowres_gbuffer", "indirect_filled")

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 from app.paths import shader_dir
 
 
-class Replacement(Protocol):
+@dataclass(frozen=True)
+class Replacement:
     """Of the text ``old`` by ``new`` in ``shader``."""
 
-    @property
-    def shader(self) -> str: ...
-    @property
-    def old(self) -> str: ...
-    @property
-    def new(self) -> str: ...
+    shader: str
+    old: str
+    new: str
 
 
 def assert_replaces_one_text(replacement: Replacement) -> None:

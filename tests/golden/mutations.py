@@ -9,18 +9,17 @@ import tomllib
 from dataclasses import astuple, dataclass
 from pathlib import Path
 
+from tests.mutated_shaders import Replacement
+
 FILE = Path(__file__).with_name("mutations.toml")
 PAGE = Path(__file__).parents[2] / "docs" / "testing.md"
 HEAD = "| shader | text | replacement | scene | first broken stage |\n|---|---|---|---|---|\n"
 
 
 @dataclass(frozen=True)
-class Mutation:
-    """Replacing ``old`` by ``new`` in ``shader`` breaks the goldens of ``scene``, those of ``stage`` first."""
+class Mutation(Replacement):
+    """It breaks the goldens of ``scene``, those of ``stage`` first."""
 
-    shader: str
-    old: str
-    new: str
     scene: str
     stage: str
 

@@ -16,18 +16,15 @@ from pathlib import Path
 import pytest
 
 from app.paths import SHADERS
-from tests.mutated_shaders import assert_replaces_one_text, mutated_shaders
+from tests.mutated_shaders import Replacement, assert_replaces_one_text, mutated_shaders
 
 ROOT = Path(__file__).parents[2]
 
 
 @dataclass(frozen=True)
-class Guard:
-    """With ``new`` in place of ``old``, ``shader`` lacks the guard, and ``test``, a node of pytest, fails."""
+class Guard(Replacement):
+    """It removes the guard, and ``test``, a node of pytest, fails."""
 
-    shader: str
-    old: str
-    new: str
     test: str
 
     def __str__(self) -> str:
