@@ -7,6 +7,7 @@ of the world surfels around. Networks read the result, and clean it.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -87,19 +88,22 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
         receivers = _receivers(resources.array("gather_surfaces"), frame, grid, turns)
         world, caster, lookup = surfels.world, surfels.caster, surfels.lookup
         indirect = resources.rows("surfel_indirect")
-        light_at = LightAt(
-            lambda at, facing: (lookup.approximate(world.sky_irradiance, at, facing)
-                                + draw_direct(direct, frame, resources, at, facing)),
-            lambda at, facing: lookup.approximate(indirect, at, facing))
+        has_sky = bool(world.sky_irradiance.any())
+
+        def direct_at(at: F32, facing: F32) -> F32:
+            light = draw_direct(direct, frame, resources, at, facing)
+            return light + lookup.approximate(world.sky_irradiance, at, facing) if has_sky else light
+
+        light_at = LightAt(direct_at, lambda at, facing: lookup.approximate(indirect, at, facing))
         position = receivers.position + (frame.view.eye - world.origin).astype(np.float32)
         off = receivers.normal - receivers.direction  # the surface, towards the eye, where nothing is in the way
         origin = position + off * caster.ray_epsilon
         numbers = sequence(grid, receivers.texel, chosen.start, len(chosen), frame.noise_phase)
         interpolated = lookup.interpolate(indirect, position, receivers.normal, INTERPOLATED_FROM)
         rays = gather(caster, light_at, float(world.median_radius), origin, receivers.normal, numbers)
-        samples = np.full((len(position), 1), len(chosen), np.float32)
-        for name, *columns in ((MEANS[0], rays.light.mean(axis=1), samples),
-                               (MEANS[1], interpolated, rays.distance.mean(axis=1, keepdims=True))):
+        count = np.full((len(position), 1), len(chosen), np.float32)
+        for name, *columns in ((MEANS[0], np.einsum("nkc->nc", rays.light) / count, count),
+                               (MEANS[1], interpolated, np.einsum("nk->n", rays.distance)[:, None] / count)):
             if name + suffix in bound.writes:
                 texels = np.zeros((math.prod(grid), 4), np.float32)
                 texels[receivers.texel] = np.concatenate(columns, axis=1)
@@ -141,11 +145,19 @@ def _max_rays(frame: FrameState, texels: int) -> float:
 
 def _receivers(surfaces: F32, frame: FrameState, grid: tuple[int, int], turns: int) -> Receivers:
     """What those texels of ``gather_surfaces`` show whose turn it is."""
-    surface = surfaces.reshape(-1, 4)
-    y, x = np.divmod(np.arange(len(surface)), grid[0])
-    turn = TURN[y % 2, x % 2] % turns
-    texel = np.flatnonzero(np.isfinite(surface).all(axis=1) & (surface[:, 3] > 0) & (turn == frame.index % turns))
-    pixel = np.floor((np.stack([x[texel], y[texel]], axis=1) + 0.5) * ratio_to(grid, frame)) + 0.5
+    candidates, at = _texels_of_turn(grid, turns, frame.index % turns)
+    surface = surfaces.reshape(-1, 4)[candidates]
+    is_surface = np.isfinite(np.einsum("nc->n", surface)) & (surface[:, 3] > 0)
+    texel, surface = candidates[is_surface], surface[is_surface]
+    pixel = np.floor((at[is_surface] + 0.5) * ratio_to(grid, frame)) + 0.5
     offset, direction = frame.view.rays(pixel / frame.size * 2 - 1 - frame.jitter)
-    position = offset + direction * surface[texel, 3:]
-    return Receivers(texel, position.astype(np.float32), surface[texel, :3], unit_rows(direction).astype(np.float32))
+    position = offset + direction * surface[:, 3:]
+    return Receivers(texel, position.astype(np.float32), surface[:, :3], unit_rows(direction).astype(np.float32))
+
+
+@lru_cache(maxsize=2 * TURN.size)
+def _texels_of_turn(grid: tuple[int, int], turns: int, turn: int) -> tuple[Ints, Ints]:
+    """The texels of a ``grid`` whose turn it is, shape (N,), and their columns and rows, shape (N, 2)."""
+    y, x = np.divmod(np.arange(math.prod(grid)), grid[0])
+    texel = np.flatnonzero(TURN[y % 2, x % 2] % turns == turn)
+    return texel, np.stack([x[texel], y[texel]], axis=1)

@@ -10,7 +10,7 @@ from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from app.arrays import F32, F64, Bools, Ints
-from app.math3d import normal_matrix, unit_rows
+from app.math3d import normal_matrix, row_dots, row_lengths, unit_rows
 from app.network.channels import HALF_MAX
 from app.raycast.prefiltered_textures import PrefilteredTextures, sample_nearest
 from app.scene import Instance, Material, Scene, Texture
@@ -132,8 +132,8 @@ class Body:
         uv[hit] = np.stack([hits["u"], hits["v"]], 1)[hit]
         distance[hit] = hits["tfar"][hit]
         normal = hits["Ng"][hit].astype(np.float64)  # as long as the area, whose square may overflow float32
-        normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
-        away = (normal * directions[hit]).sum(axis=1) > 0
+        normal = unit_rows(normal)
+        away = row_dots(normal, directions[hit]) > 0
         face[hit] = np.where(away[:, None], -normal, normal)
         return distance, triangle, uv, face
 
@@ -239,9 +239,9 @@ class Body:
     def interact(self, triangle: Ints, uv: F32, face: F32, directions: F32) -> SurfaceInteraction:
         """Evaluate the surface at hits of ``cast``, none of them a miss."""
         normal = self._interpolate(self._normals, triangle, uv)
-        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        length = row_lengths(normal)[:, None]
         normal = np.where(length > 1e-6, normal / np.maximum(length, 1e-30), face)
-        normal = np.where((normal * face).sum(axis=1, keepdims=True) < 0, -normal, normal)
+        normal = np.where(row_dots(normal, face)[:, None] < 0, -normal, normal)
         material = self._material[triangle]
         albedo = self._albedo[material]
         if self._colors is not None:
@@ -262,14 +262,14 @@ class Body:
                 emission[rows] = np.where(emits, emitted, 0.0)
         shiny = self._has_specular[material]
         towards = directions[shiny]
-        n_v = np.abs((normal[shiny] * towards).sum(axis=1)) / np.linalg.norm(towards, axis=1)
+        n_v = np.abs(row_dots(normal[shiny], towards)) / row_lengths(towards)
         albedo[shiny] = _reflectance(np.clip(albedo[shiny], 0, 1), specular[shiny], roughness[shiny], metallic[shiny],
                                      n_v[:, None])
         return SurfaceInteraction(normal.astype(np.float32), np.clip(albedo, 0.0, 1.0), np.maximum(emission, 0.0))
 
     def _is_front(self, triangle: Ints, directions: F32) -> Bools:
         a, b, c = (self.positions[self.triangles[triangle, i]] for i in range(3))
-        return ((np.cross(b - a, c - a) * directions).sum(axis=1) < 0) != self._mirrored[triangle]
+        return (row_dots(np.cross(b - a, c - a), directions) < 0) != self._mirrored[triangle]
 
     def _interpolate(self, values: F32, triangle: Ints, uv: F32) -> F32:
         """Vertex values at barycentric coordinates."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.arrays import F32, F64, Bools, Ints
-from app.math3d import affine_inverse, normal_matrix, translation
+from app.math3d import affine_inverse, normal_matrix, row_dots, row_lengths, translation, unit_rows
 from app.raycast.body import MAX_PASSED, Body
 from app.raycast.prefiltered_textures import PrefilteredTextures
 from app.scene import Instance, Scene
@@ -210,7 +210,7 @@ class Caster:
             blocked = body.meets_opaque(start, along, proxies_block)
             if body.has_passable:
                 left = np.flatnonzero(~blocked)
-                steps = self.ray_epsilon / np.maximum(np.linalg.norm(vectors[rows[left]], axis=1), np.float32(1e-30))
+                steps = np.asarray(self.ray_epsilon / np.maximum(row_lengths(vectors[rows[left]]), 1e-30), np.float32)
                 blocked[left] = body.meets_passable(start[left], along[left], steps, proxies_block)
             occluded[rows] = blocked
         return occluded
@@ -249,7 +249,7 @@ class Caster:
             start = (start @ inverse[:3, :3].T + inverse[:3, 3]).astype(np.float32)
             along = (along @ inverse[:3, :3].T).astype(np.float32)
         passed = np.zeros(len(rows), np.float32)
-        step = self.ray_epsilon / np.maximum(np.linalg.norm(directions[rows], axis=1), 1e-30)
+        step = np.asarray(self.ray_epsilon / np.maximum(row_lengths(directions[rows]), 1e-30), np.float32)
         for _ in range(MAX_PASSED):
             distance, triangle, uv, face = body.cast(start + along * passed[:, None], along,
                                                      hits.distance[rows] - passed)
@@ -335,14 +335,16 @@ def _turn(position: F32, normal: F32, axes: F32) -> tuple[F32, F32]:
 def transform_normals(normals: F32, matrix: F64) -> F32:
     """Unit normals, shape (N, 3), in the space that ``matrix`` leads to."""
     normals = normals @ normal_matrix(matrix).T * np.sign(np.linalg.det(matrix[:3, :3]))
-    return (normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)).astype(np.float32)
+    return unit_rows(normals).astype(np.float32)
 
 
 def _rays_towards(center: F32, radius: float, origins: F32, directions: F32, t_max: F32) -> Ints:
     """Indices of rays that may meet a sphere before ``t_max``."""
     to = center - origins
-    along = (to * directions).sum(axis=1) / np.maximum((directions**2).sum(axis=1), 1e-30)
-    off = ((to - directions * along[:, None])**2).sum(axis=1)
-    inside = (to**2).sum(axis=1) <= radius**2
-    near = along - radius / np.maximum(np.linalg.norm(directions, axis=1), 1e-30) <= t_max
+    square = np.maximum(row_dots(directions, directions), 1e-30)
+    along = row_dots(to, directions) / square
+    past = to - directions * along[:, None]
+    off = row_dots(past, past)
+    inside = row_dots(to, to) <= radius**2
+    near = along - radius / np.sqrt(square) <= t_max
     return np.flatnonzero(inside | ((off <= radius**2) & (along > 0) & near))

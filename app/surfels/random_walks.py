@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from app.arrays import F32, F64
-from app.math3d import View
+from app.math3d import View, row_lengths
 from app.raycast.caster import Caster, Hits, concatenate
 
 BOUNCES = 7
@@ -60,7 +60,7 @@ def sample_cosine_hemisphere(normal: F32, u: F64) -> F32:
     """
     side = np.where(np.abs(normal[:, :1]) > 0.9, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]])
     tangent = np.cross(normal, side)
-    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-9)
+    tangent /= np.maximum(row_lengths(tangent)[:, None], 1e-9)
     bitangent = np.cross(normal, tangent)
     radius, angle = np.sqrt(u[..., :1]), 2 * np.pi * u[..., 1:]
     return (radius * np.cos(angle) * tangent[:, None] + radius * np.sin(angle) * bitangent[:, None]

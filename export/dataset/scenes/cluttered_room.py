@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from app.math3d import translation
 from export.dataset.scenes import lights
+from export.dataset.scenes.curved import SMALL, STANDING
 from export.dataset.scenes.furniture import chair, random_furniture, shelf, table
 from export.dataset.scenes.generated_scene import GeneratedScene, GeneratedSceneBuilder, Pieces, Rng
 from export.dataset.scenes.indoors import add_local_lights, furnish
@@ -74,9 +76,11 @@ def _on_wall(wall: Wall, left: float, right: float, bottom: float, top: float, f
 
 def _crowded(rng: Rng) -> Pieces:
     """Furniture with things on, below or beside it, or a lamp."""
-    kind = rng.integers(6)
+    kind = rng.integers(9)
     if kind == 0:
         return _floor_lamp(rng)
+    if kind > 5:
+        return STANDING[rng.integers(len(STANDING))](rng)
     pieces = (table, shelf, chair, random_furniture, random_furniture)[kind - 1](rng)
     bounds = merge([part for part, _ in pieces]).bounds
     low, high = bounds
@@ -84,6 +88,10 @@ def _crowded(rng: Rng) -> Pieces:
         size = rng.uniform(0.02, 0.12)
         x, z = (float(rng.uniform(low[axis] + size, high[axis] - size)) for axis in (0, 2))
         at = (x, 0.0 if rng.random() < 0.3 else float(high[1]), z)
+        if rng.random() < 0.4:
+            small = SMALL[rng.integers(len(SMALL))](rng)
+            pieces += [(part.transformed(translation(np.array(at))), material) for part, material in small]
+            continue
         tall = float(rng.uniform(0.02, 0.3))
         part = (block((2 * size, tall, 1.3 * size), at), cylinder(size, tall, at),
                 sphere(size, (at[0], at[1] + size, at[2]), rows=6))[rng.integers(3)]
