@@ -77,7 +77,7 @@ def declare_gathering(grid: Size, has_history: bool) -> Iterator[Pass]:
 
 def surfaces_read(has_rays: bool) -> tuple[str, ...]:
     """What ``reflected_light.glsl`` reads, beside indirect light."""
-    return ("normal", "depth", "specular_roughness", *(("reflection_filtered",) if has_rays else ()))
+    return ("normal", "specular_roughness", *(("depth", "reflection_filtered") if has_rays else ()))
 
 
 def declare(grid: Size, has_rays: bool) -> Pass:

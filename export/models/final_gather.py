@@ -21,12 +21,11 @@ from export.models.network import EXTENT, NEGATIVE_SLOPE, Network, sanitize
 CHANNELS = ("gathered.rgb", "gathered.count", "gathered.distance", "interpolated.rgb", "normal.view.xyz",
             "position.view.xyz")
 WIDTHS = (16, 32, 32)    # channels at half, quarter and eighth size
-SQUARE = (0, 0), (-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1), (1, -1), (-1, 1)  # taps, the middle one first
-TAPS = len(SQUARE)
+AROUND = (-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1), (1, -1), (-1, 1)  # taps beside the middle one
+TAPS = 1 + len(AROUND)
 FEATURES = 12  # light and the number of its rays, the distance of their ends, interpolated light, normal, depth
 CORNERS = 4  # texels of 2×2
 STEPS = 8, 4, 2, 1  # texels between the taps of each kernel
-OUTPUTS = len(STEPS) * TAPS + 1  # logits of all taps, and of the share of interpolated light
 # A prior that the logits are added to: minus
 NORMAL_WEIGHT = 16.0   # times 1 - the cosine between the normals,
 PLANE_SIGMA = 0.02     # and the squared distance from the texel's plane, in units of this share of the depth,
@@ -74,21 +73,25 @@ class FinalGather(Network):
         Makes ``widths[0]`` channels at half of the grid, from the features and the surface there.
     reads_prior : bool
         Whether it reads interpolated light; False for ablations.
+    steps : sequence of int
+        Texels between the taps of each kernel.
     """
 
     paper = "final gathering, with kernels as in Bako et al. 2017; docs/lighting.md"
 
-    def __init__(self, name: str = "final-gather", widths: Sequence[int] = WIDTHS, reads_prior: bool = True) -> None:
+    def __init__(self, name: str = "final-gather", widths: Sequence[int] = WIDTHS, reads_prior: bool = True,
+                 steps: Sequence[int] = STEPS) -> None:
         super().__init__()
-        self.reads_prior = reads_prior
+        self.reads_prior, self.steps = reads_prior, steps
         self.contract = ModelContract(
             name=name, paper=self.paper,
             inputs={"screen": TensorSpec(CHANNELS)}, outputs={"indirect": TensorSpec(("indirect.rgb",))}, scale=1 / 4,
             multiple_of=8, exposure="mean-radiance", bounces="multi", scene_extent=EXTENT, licence="MIT")
         self.body = self._make_body(CORNERS * FEATURES, widths)
-        self.last = nn.Conv2d(widths[0], CORNERS * OUTPUTS, 1)
+        # Logits of all taps, and of the share of interpolated light.
+        self.last = nn.Conv2d(widths[0], CORNERS * (len(steps) * TAPS + 1), 1)
         self.count_power = nn.Parameter(torch.ones(1))  # of a texel's rays, by which it counts
-        self.centre_power = nn.Parameter(torch.zeros(len(STEPS)))  # of its rays, by which it counts for itself
+        self.centre_power = nn.Parameter(torch.zeros(len(steps)))  # of its rays, by which it counts for itself
         for parameter in self.last.parameters():  # so that training starts with the prior alone
             nn.init.zeros_(parameter)
 
@@ -123,16 +126,15 @@ class FinalGather(Network):
                       surface)
 
     def _light(self, predicted: Tensor, texels: Texels) -> Tensor:
-        """Light [B, 3, h, w] by kernels of logits [B, ``OUTPUTS``, h, w]."""
-        logits = predicted.clamp(-MAX_LOGIT, MAX_LOGIT)
-        share = torch.sigmoid(logits[:, -1:] + INTERPOLATED_BIAS)
+        """Light [B, 3, h, w] by kernels of logits [B, N, h, w]."""
+        logits = torch.split(predicted.clamp(-MAX_LOGIT, MAX_LOGIT), 1, 1)
+        share = torch.sigmoid(logits[-1] + INTERPOLATED_BIAS)
         light = texels.gathered + share * (texels.interpolated - texels.gathered)
         weight = (self.count_power * math.log(2) * texels.rays).exp() * texels.surface
-        own = (texels.count + 1).log()
-        for index, step in enumerate(STEPS):
-            kernel = logits[:, index * TAPS:(index + 1) * TAPS]
-            light, weight = filter_light(light, texels.normal, texels.position, weight, kernel,
-                                         self.centre_power[index] * own, step)
+        own, surfaces = (texels.count + 1).log(), surfaces_of(texels.normal, texels.position)
+        for index, step in enumerate(self.steps):
+            middle, *around = logits[index * TAPS:(index + 1) * TAPS]
+            light, weight = filter_light(light, weight, surfaces, middle + self.centre_power[index] * own, around, step)
         return light
 
 
@@ -156,36 +158,80 @@ class UNet(nn.Module):
         return x
 
 
-def filter_light(light: Tensor, normal: Tensor, position: Tensor, weight: Tensor, logits: Tensor, own: Tensor,
+@dataclass(frozen=True)
+class Surfaces:
+    """What the prior compares, each of shape (B, C, h, w).
+
+    Attributes
+    ----------
+    found : Tensor
+        Normal and position of each texel.
+    expected : Tensor
+        What a texel multiplies these of others with, to tell whether they show its surface: its normal times
+        ``NORMAL_WEIGHT``, and its normal in units of the tolerated distance from its plane.
+    plane : Tensor
+        Where its own plane is, in that unit.
+    """
+
+    found: Tensor
+    expected: Tensor
+    plane: Tensor
+
+
+def surfaces_of(normal: Tensor, position: Tensor) -> Surfaces:
+    """For normals and positions of shape (B, 3, h, w)."""
+    axis = normal / (PLANE_SIGMA * (-position[:, 2:]).clamp(min=MIN_DEPTH))
+    return Surfaces(torch.cat([normal, position], 1), torch.cat([NORMAL_WEIGHT * normal, axis], 1),
+                    (position * axis).sum(1, keepdim=True))
+
+
+def filter_light(light: Tensor, weight: Tensor, surfaces: Surfaces, middle: Tensor, around: Sequence[Tensor],
                  step: int) -> tuple[Tensor, Tensor]:
     """Weighted mean of the light of the texels ``step`` away from each one, and of their weights.
 
+    Tap by tap, since tensors of all taps would not stay in the CPU's cache.
+
     Parameters
     ----------
-    light, normal, position : Tensor, shape (B, 3, h, w)
+    light : Tensor, shape (B, 3, h, w)
     weight : Tensor, shape (B, 1, h, w)
         How much each texel counts.
-    logits : Tensor, shape (B, ``TAPS``, h, w)
-        Added to the prior of each texel's neighbours.
-    own : Tensor, shape (B, 1, h, w)
-        Added to the logit of the texel itself.
+    middle : Tensor, shape (B, 1, h, w)
+        Logit of each texel itself.
+    around : sequence of Tensor, shape (B, 1, h, w)
+        Logits of those ``AROUND``, which are added to the prior.
     """
-    cosine = _dot(neighbours(normal, step), normal)
-    axis = normal / (PLANE_SIGMA * (-position[:, 2:]).clamp(min=MIN_DEPTH))
-    plane = _dot(neighbours(position, step), axis) - (position * axis).sum(1, keepdim=True)
-    exponent = logits + NORMAL_WEIGHT * (cosine - 1) - plane.square()
-    exponent = torch.cat([exponent[:, :1] + own, exponent[:, 1:]], 1)
-    kernel = exponent.clamp(MIN_EXPONENT, MAX_EXPONENT).exp()
-    sums = _sum_taps(neighbours(torch.cat([light * weight, weight], 1), step) * kernel.unsqueeze(1))
-    return sums[:, :3] / (sums[:, 3:] + MIN_WEIGHT), sums[:, 3:] / _sum_taps(kernel.unsqueeze(1))
+    lit = torch.cat([light * weight, weight], 1)
+    kernel = _kernel(middle)
+    total, sums = kernel, lit * kernel
+    found, others = _padded(surfaces.found, step), _padded(lit, step)
+    for (right, down), logit in zip(AROUND, around, strict=True):
+        products = surfaces.expected * _shifted(found, light, step * right, step * down, step)
+        cosine, plane = torch.split(_sum_threes(products), 1, 1)
+        kernel = _kernel(logit + cosine - NORMAL_WEIGHT - (plane - surfaces.plane).square())
+        sums = sums + _shifted(others, light, step * right, step * down, step) * kernel
+        total = total + kernel
+    return sums[:, :3] / (sums[:, 3:] + MIN_WEIGHT), sums[:, 3:] / total
 
 
-def neighbours(x: Tensor, step: int) -> Tensor:
-    """The texels ``step`` away from each one as in ``SQUARE``, shape (B, C, ``TAPS``, h, w); 0 beyond the image."""
-    height, width = x.shape[2:]
-    padded = functional.pad(x, (step,) * 4)
-    return torch.stack([padded[:, :, step * (1 + down):step * (1 + down) + height,
-                               step * (1 + right):step * (1 + right) + width] for right, down in SQUARE], 2)
+def _kernel(exponent: Tensor) -> Tensor:
+    return exponent.clamp(MIN_EXPONENT, MAX_EXPONENT).exp()
+
+
+def _padded(x: Tensor, margin: int) -> Tensor:
+    return functional.pad(x, (margin,) * 4)
+
+
+def _shifted(padded: Tensor, like: Tensor, right: int, down: int, margin: int) -> Tensor:
+    """The texels to the right and below of each one, of a padded image; 0 beyond it."""
+    height, width = like.shape[2:]
+    return padded[:, :, margin + down:margin + down + height, margin + right:margin + right + width]
+
+
+def _sum_threes(x: Tensor) -> Tensor:
+    """Sums of the first three and the last three of six channels; in onnxruntime fastest as a matrix product."""
+    sums = torch.eye(2, dtype=x.dtype, device=x.device).repeat_interleave(3, 1)
+    return torch.matmul(sums, x.flatten(2)).reshape(-1, 2, *x.shape[2:])
 
 
 def fold(x: Tensor) -> Tensor:
@@ -203,18 +249,6 @@ def spread(x: Tensor) -> Tensor:
 def _corners(channels: int, like: Tensor) -> Tensor:
     """Kernels [4 · channels, 1, 2, 2] that each select one texel of 2×2."""
     return torch.eye(CORNERS, dtype=like.dtype, device=like.device).reshape(CORNERS, 1, 2, 2).repeat(channels, 1, 1, 1)
-
-
-def _sum_taps(x: Tensor) -> Tensor:
-    """Sum over ``TAPS`` of [B, C, ``TAPS``, h, w]; in onnxruntime faster as a convolution."""
-    channels = int(x.shape[1])
-    return functional.conv2d(x.flatten(1, 2), x.new_ones(channels, TAPS, 1, 1), groups=channels)
-
-
-def _dot(x: Tensor, y: Tensor) -> Tensor:
-    """Products of the vectors at all taps, [B, 3, ``TAPS``, h, w], with [B, 3, h, w]."""
-    a, b, c = (x * y.unsqueeze(2)).unbind(1)
-    return a + b + c
 
 
 def conv(inputs: int, outputs: int) -> nn.Conv2d:

@@ -7,9 +7,9 @@
 #include "specular_albedo.glsl"
 
 uniform sampler2D normal;
-uniform sampler2D depth;
 uniform sampler2D specular_roughness;
 #ifdef HAS_REFLECTION_FILTERED
+uniform sampler2D depth;
 uniform sampler2D reflection_filtered;  // radiance; a: depth of its surface, 0 where no light is known
 uniform vec2 ratio;  // full-resolution texels per low-resolution texel
 
@@ -45,15 +45,14 @@ vec3 upsampled(vec3 n, float d, int count, vec3 otherwise)
 // Radiance; arriving: the diffuse light that arrives at the texel, irradiance / pi.
 vec3 reflected_light(ivec2 texel, vec3 arriving)
 {
-    float d = texelFetch(depth, texel, 0).r;
     vec3 n = sanitize_normal(texelFetch(normal, texel, 0).xyz);
-    vec4 reflectance = texelFetch(specular_roughness, texel, 0);
+    vec4 reflectance = texelFetch(specular_roughness, texel, 0);  // 0 in the sky
     vec3 light = arriving;
 #ifdef HAS_REFLECTION_FILTERED
     float share = ray_share(reflectance.a);
+    float d = texelFetch(depth, texel, 0).r;
     light = mix(light, upsampled(n, d, share > 0.0 ? 4 : 1, light), share);
 #endif
-    float n_v = dot(n, -normalize(along_view(surface_point(gl_FragCoord.xy, d))));
-    vec3 reflected = specular_albedo(sanitize_albedo(reflectance.rgb), reflectance.a, n_v) * light;
-    return is_surface(d) ? sanitize_radiance(reflected) : vec3(0.0);
+    float n_v = dot(n, -normalize(along_view(surface_ray(gl_FragCoord.xy))));
+    return sanitize_radiance(specular_albedo(sanitize_albedo(reflectance.rgb), reflectance.a, n_v) * light);
 }
