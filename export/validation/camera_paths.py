@@ -16,6 +16,7 @@ from app.scene import (
     Instance,
     Material,
     Motion,
+    PointLight,
     Scene,
     SpotLight,
     bounds_of,
@@ -169,10 +170,12 @@ def _furnished_room(frames: int) -> CameraPathCase:
 
 
 def _cluttered_room(frames: int) -> CameraPathCase:
-    """Past tables with pots and boxes, sideways at 0.7 m/s."""
-    scene = SOURCES["cluttered_room"](np.random.default_rng([CAMERA_PATHS, 2])).scene
-    path = _path({0: ((-0.43, 1.45, 2.07), (0.61, 0.87, 0.45)), 15: ((-0.15, 1.45, 2.25), (0.75, 0.87, 0.54))})
-    return _consecutive("cluttered-room", scene, path, frames)
+    """Past a table with pots, a curtain and a plant under a lamp, sideways at 0.7 m/s."""
+    scene = SOURCES["cluttered_room"](np.random.default_rng([CAMERA_PATHS, 16])).scene
+    dark = replace(scene, materials=tuple(replace(m, emission=(0.0, 0.0, 0.0)) for m in scene.materials))
+    lit = dark.with_lights(PointLight((0.0, 2.6, 0.0), (7.0, 6.5, 6.0), radius=0.08))
+    path = _path({0: ((-0.86, 1.45, -0.76), (0.57, 0.75, 0.5)), 15: ((-1.09, 1.45, -0.5), (0.47, 0.75, 0.62))})
+    return _consecutive("cluttered-room", lit, path, frames)
 
 
 def _scene_file(file: Path, frames: int) -> CameraPathCase:
