@@ -37,7 +37,7 @@ def normalize(v: F64) -> F64:
 
 
 def row_dots(a: NDArray[Real], b: NDArray[Real]) -> NDArray[Real]:
-    """Dot products of the rows of two arrays of shape (N, D), in a tenth of the time of sums along the second axis."""
+    """Dot products of the rows of two arrays of shape (N, D), in a third of the time of sums along the second axis."""
     return np.asarray(np.einsum("nd,nd->n", a, b))
 
 

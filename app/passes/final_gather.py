@@ -160,4 +160,6 @@ def _texels_of_turn(grid: tuple[int, int], turns: int, turn: int) -> tuple[Ints,
     """The texels of a ``grid`` whose turn it is, shape (N,), and their columns and rows, shape (N, 2)."""
     y, x = np.divmod(np.arange(math.prod(grid)), grid[0])
     texel = np.flatnonzero(TURN[y % 2, x % 2] % turns == turn)
-    return texel, np.stack([x[texel], y[texel]], axis=1)
+    at = np.stack([x[texel], y[texel]], axis=1)
+    texel.flags.writeable = at.flags.writeable = False  # they are cached
+    return texel, at

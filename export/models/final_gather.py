@@ -25,7 +25,8 @@ AROUND = (-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1), (1, -1), (-1, 1)  #
 TAPS = 1 + len(AROUND)
 FEATURES = 12  # light and the number of its rays, the distance of their ends, interpolated light, normal, depth
 CORNERS = 4  # texels of 2×2
-STEPS = 8, 4, 2, 1  # texels between the taps of each kernel
+STEPS = 8, 4, 2, 1  # texels between the taps of each kernel; no longer than the smallest grid
+OUTPUTS = len(STEPS) * TAPS + 1  # logits of all taps, and of the share of interpolated light
 # A prior that the logits are added to: minus
 NORMAL_WEIGHT = 16.0   # times 1 - the cosine between the normals,
 PLANE_SIGMA = 0.02     # and the squared distance from the texel's plane, in units of this share of the depth,
@@ -73,25 +74,21 @@ class FinalGather(Network):
         Makes ``widths[0]`` channels at half of the grid, from the features and the surface there.
     reads_prior : bool
         Whether it reads interpolated light; False for ablations.
-    steps : sequence of int
-        Texels between the taps of each kernel.
     """
 
     paper = "final gathering, with kernels as in Bako et al. 2017; docs/lighting.md"
 
-    def __init__(self, name: str = "final-gather", widths: Sequence[int] = WIDTHS, reads_prior: bool = True,
-                 steps: Sequence[int] = STEPS) -> None:
+    def __init__(self, name: str = "final-gather", widths: Sequence[int] = WIDTHS, reads_prior: bool = True) -> None:
         super().__init__()
-        self.reads_prior, self.steps = reads_prior, steps
+        self.reads_prior = reads_prior
         self.contract = ModelContract(
             name=name, paper=self.paper,
             inputs={"screen": TensorSpec(CHANNELS)}, outputs={"indirect": TensorSpec(("indirect.rgb",))}, scale=1 / 4,
             multiple_of=8, exposure="mean-radiance", bounces="multi", scene_extent=EXTENT, licence="MIT")
         self.body = self._make_body(CORNERS * FEATURES, widths)
-        # Logits of all taps, and of the share of interpolated light.
-        self.last = nn.Conv2d(widths[0], CORNERS * (len(steps) * TAPS + 1), 1)
+        self.last = nn.Conv2d(widths[0], CORNERS * OUTPUTS, 1)
         self.count_power = nn.Parameter(torch.ones(1))  # of a texel's rays, by which it counts
-        self.centre_power = nn.Parameter(torch.zeros(len(steps)))  # of its rays, by which it counts for itself
+        self.centre_power = nn.Parameter(torch.zeros(len(STEPS)))  # of its rays, by which it counts for itself
         for parameter in self.last.parameters():  # so that training starts with the prior alone
             nn.init.zeros_(parameter)
 
@@ -126,13 +123,13 @@ class FinalGather(Network):
                       surface)
 
     def _light(self, predicted: Tensor, texels: Texels) -> Tensor:
-        """Light [B, 3, h, w] by kernels of logits [B, N, h, w]."""
+        """Light [B, 3, h, w] by kernels of logits [B, ``OUTPUTS``, h, w]."""
         logits = torch.split(predicted.clamp(-MAX_LOGIT, MAX_LOGIT), 1, 1)
         share = torch.sigmoid(logits[-1] + INTERPOLATED_BIAS)
         light = texels.gathered + share * (texels.interpolated - texels.gathered)
         weight = (self.count_power * math.log(2) * texels.rays).exp() * texels.surface
         own, surfaces = (texels.count + 1).log(), surfaces_of(texels.normal, texels.position)
-        for index, step in enumerate(self.steps):
+        for index, step in enumerate(STEPS):
             middle, *around = logits[index * TAPS:(index + 1) * TAPS]
             light, weight = filter_light(light, weight, surfaces, middle + self.centre_power[index] * own, around, step)
         return light
@@ -179,7 +176,7 @@ class Surfaces:
 
 
 def surfaces_of(normal: Tensor, position: Tensor) -> Surfaces:
-    """For normals and positions of shape (B, 3, h, w)."""
+    """For unit normals, or 0 in the sky, and positions of shape (B, 3, h, w)."""
     axis = normal / (PLANE_SIGMA * (-position[:, 2:]).clamp(min=MIN_DEPTH))
     return Surfaces(torch.cat([normal, position], 1), torch.cat([NORMAL_WEIGHT * normal, axis], 1),
                     (position * axis).sum(1, keepdim=True))

@@ -170,11 +170,11 @@ def _furnished_room(frames: int) -> CameraPathCase:
 
 
 def _cluttered_room(frames: int) -> CameraPathCase:
-    """Past a table with pots, a curtain and a plant under a lamp, sideways at 0.7 m/s."""
-    scene = SOURCES["cluttered_room"](np.random.default_rng([CAMERA_PATHS, 16])).scene
+    """Past a table with small things, lamps and a curtain, under a light at the ceiling, sideways at 0.7 m/s."""
+    scene = SOURCES["cluttered_room"](np.random.default_rng([CAMERA_PATHS, 7])).scene
     dark = replace(scene, materials=tuple(replace(m, emission=(0.0, 0.0, 0.0)) for m in scene.materials))
-    lit = dark.with_lights(PointLight((0.0, 2.6, 0.0), (7.0, 6.5, 6.0), radius=0.08))
-    path = _path({0: ((-0.86, 1.45, -0.76), (0.57, 0.75, 0.5)), 15: ((-1.09, 1.45, -0.5), (0.47, 0.75, 0.62))})
+    lit = dark.with_lights(PointLight((0.0, 2.8, 0.0), (7.0, 6.5, 6.0), radius=0.08))
+    path = _path({0: ((0.36, 1.45, -1.38), (-0.24, 0.75, 0.92)), 15: ((0.02, 1.45, -1.47), (-0.44, 0.75, 0.85))})
     return _consecutive("cluttered-room", lit, path, frames)
 
 

@@ -46,7 +46,7 @@ vec3 upsampled(vec3 n, float d, int count, vec3 otherwise)
 vec3 reflected_light(ivec2 texel, vec3 arriving)
 {
     vec3 n = sanitize_normal(texelFetch(normal, texel, 0).xyz);
-    vec4 reflectance = texelFetch(specular_roughness, texel, 0);  // 0 in the sky
+    vec4 reflectance = texelFetch(specular_roughness, texel, 0);  // 0 where nothing is seen
     vec3 light = arriving;
 #ifdef HAS_REFLECTION_FILTERED
     float share = ray_share(reflectance.a);

@@ -106,6 +106,14 @@ def test_rough_surfaces_trace_no_rays(small_ember: Path) -> None:
     assert culled["reflection_rays"] == "all surfaces are too rough for rays"
 
 
+@pytest.mark.parametrize("roughness", [0.7, 0.2])
+def test_depth_is_read_for_reflections_only_where_rays_are_traced(small_ember: Path, roughness: float) -> None:
+    scene = room(replace(ROUGH_METAL, roughness=roughness))
+    with Renderer(scene, Settings(size=(32, 24), provider="cpu"), small_ember) as renderer:
+        reads = next(p.reads for p in renderer.plan.passes if p.name == "composite")
+    assert "specular_roughness" in reads and ("depth" in reads) == (roughness < 0.6)
+
+
 def test_without_a_model_there_are_none() -> None:
     names, culled = passes(room(), None)
     assert not any(name.startswith("reflection") for name in names)

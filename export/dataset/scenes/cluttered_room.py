@@ -1,7 +1,10 @@
 """Rooms with small things: mouldings along the walls, panels, crowded tables, shelves, lamps with shades."""
 
+from functools import partial
+
 import numpy as np
 
+from app.arrays import F64
 from app.math3d import translation
 from export.dataset.scenes import lights
 from export.dataset.scenes.curved import SMALL, STANDING
@@ -30,7 +33,7 @@ def cluttered_room(rng: Rng) -> GeneratedScene:
     add_ceiling(builder, width, depth, height, ceiling_material(rng))
     for wall in walls:
         _add_mouldings(rng, builder, wall)
-    furnish(rng, builder, width, depth, _crowded, per_area=rng.uniform(0.6, 1.2))
+    furnish(rng, builder, width, depth, partial(_crowded, height=height), per_area=rng.uniform(0.6, 1.2))
     open_walls = [w for w in walls if w.openings]
     if open_walls and rng.random() < 0.5:
         azimuth = open_walls[rng.integers(len(open_walls))].inward_azimuth + rng.uniform(-0.7, 0.7)
@@ -74,29 +77,37 @@ def _on_wall(wall: Wall, left: float, right: float, bottom: float, top: float, f
     return slab(tuple(low), tuple(high))
 
 
-def _crowded(rng: Rng) -> Pieces:
-    """Furniture with things on, below or beside it, or a lamp."""
+def _crowded(rng: Rng, height: float) -> Pieces:
+    """Furniture below a ceiling, with things on, below or beside it; something curved, or a lamp."""
     kind = rng.integers(9)
     if kind == 0:
         return _floor_lamp(rng)
     if kind > 5:
         return STANDING[rng.integers(len(STANDING))](rng)
     pieces = (table, shelf, chair, random_furniture, random_furniture)[kind - 1](rng)
-    bounds = merge([part for part, _ in pieces]).bounds
-    low, high = bounds
+    low, high = _bounds(pieces)
     for _ in range(rng.integers(2, 9)):
-        size = rng.uniform(0.02, 0.12)
-        x, z = (float(rng.uniform(low[axis] + size, high[axis] - size)) for axis in (0, 2))
-        at = (x, 0.0 if rng.random() < 0.3 else float(high[1]), z)
-        if rng.random() < 0.4:
-            small = SMALL[rng.integers(len(SMALL))](rng)
-            pieces += [(part.transformed(translation(np.array(at))), material) for part, material in small]
-            continue
-        tall = float(rng.uniform(0.02, 0.3))
-        part = (block((2 * size, tall, 1.3 * size), at), cylinder(size, tall, at),
-                sphere(size, (at[0], at[1] + size, at[2]), rows=6))[rng.integers(3)]
-        pieces.append((part, furniture_material(rng)))
+        thing = _small_thing(rng)
+        least, most = _bounds(thing)
+        room = low - least, high - most  # for its origin
+        x, z = (float(rng.uniform(room[0][axis], max(room[1][axis], room[0][axis]))) for axis in (0, 2))
+        y = 0.0 if rng.random() < 0.3 else float(high[1])
+        if (room[0] <= room[1])[[0, 2]].all() and y + most[1] < height:
+            pieces += [(part.transformed(translation(np.array([x, y, z]))), material) for part, material in thing]
     return pieces
+
+
+def _small_thing(rng: Rng) -> Pieces:
+    if rng.random() < 0.4:
+        return SMALL[rng.integers(len(SMALL))](rng)
+    size, tall = float(rng.uniform(0.02, 0.12)), float(rng.uniform(0.02, 0.3))
+    part = (block((2 * size, tall, 1.3 * size)), cylinder(size, tall),
+            sphere(size, (0.0, size, 0.0), rows=6))[rng.integers(3)]
+    return [(part, furniture_material(rng))]
+
+
+def _bounds(pieces: Pieces) -> F64:
+    return merge([part for part, _ in pieces]).bounds
 
 
 def _floor_lamp(rng: Rng) -> Pieces:

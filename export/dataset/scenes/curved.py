@@ -15,9 +15,16 @@ SIDES = 20  # around what is turned
 KNOTS = 6   # of a turned profile
 
 
-def sheet(points: F64) -> Part:
-    """A smooth open surface through a grid of points, shape (R, C, 3)."""
-    down, along = np.gradient(points, axis=(0, 1))
+def sheet(points: F64, closed: bool = False) -> Part:
+    """A smooth surface through a grid of points, shape (R, C, 3), that faces those from whom its rows go to the right.
+
+    Parameters
+    ----------
+    closed : bool
+        Whether the last column is the first one again.
+    """
+    ring = points if not closed else np.concatenate([points[:, -2:-1], points, points[:, 1:2]], axis=1)
+    down, along = (step[:, 1:-1] if closed else step for step in np.gradient(ring, axis=(0, 1)))
     rows, columns = points.shape[:2]
     lengths = [np.linalg.norm(step, axis=-1).cumsum(axis) for axis, step in enumerate((down, along))]
     first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
@@ -31,7 +38,8 @@ def turned(radii: F64, heights: F64, at: tuple[float, float, float] = (0.0, 0.0,
     """A profile, ``radii`` and ``heights`` of shape (K,), turned about the vertical axis through ``at``."""
     phi = np.linspace(0, 2 * np.pi, SIDES + 1)
     ring = np.stack([np.sin(phi), np.zeros_like(phi), np.cos(phi)], axis=-1)
-    return sheet(np.asarray(at) + np.maximum(radii, 1e-3)[:, None, None] * ring + heights[:, None, None] * (0, 1, 0))
+    upwards = np.asarray(at) + np.maximum(radii, 1e-3)[:, None, None] * ring + heights[:, None, None] * (0, 1, 0)
+    return sheet(upwards[::-1], closed=True)
 
 
 def tube(points: F64, radius: float, aside: tuple[float, float, float], sides: int = 8) -> Part:
@@ -39,8 +47,8 @@ def tube(points: F64, radius: float, aside: tuple[float, float, float], sides: i
     forward = unit_rows(np.gradient(points, axis=0))
     across = unit_rows(np.cross(forward, aside))
     phi = np.linspace(0, 2 * np.pi, sides + 1)[:, None]
-    ring = np.cos(phi) * across[:, None] + np.sin(phi) * np.cross(forward, across)[:, None]
-    return sheet(points[:, None] + radius * ring)
+    ring = np.cos(phi) * across[:, None] - np.sin(phi) * np.cross(forward, across)[:, None]
+    return sheet(points[:, None] + radius * ring, closed=True)
 
 
 def bottle(rng: Rng) -> Pieces:
@@ -114,8 +122,8 @@ def cushion(rng: Rng) -> Pieces:
     u, v = np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 1, 9))
     bulge = thick * ((1 - u**4) * (1 - v**4)) ** 0.5
     cloth = furniture_material(rng)
-    return [(sheet(np.stack([size * u / 2, thick / 2 + half, size * v / 2], axis=-1)), cloth)
-            for half in (bulge / 2, -bulge / 2)]
+    top, bottom = (np.stack([size * u, thick + side * bulge, size * v], axis=-1) / 2 for side in (1, -1))
+    return [(sheet(top), cloth), (sheet(bottom[::-1]), cloth)]
 
 
 def shaded_lamp(rng: Rng) -> Pieces:
