@@ -248,14 +248,19 @@ class Body:
             albedo *= self._interpolate(self._colors, triangle, uv)[:, :3]
         emission = np.zeros_like(albedo)
         specular, (roughness, metallic) = self._specular[material], self._roughness_metallic[material].T[..., None]
-        for index, rows in self._by_material(np.flatnonzero(self._varies[material]), triangle):
+        varying = np.flatnonzero(self._varies[material])
+        everywhere = [self._interpolate(uvs, triangle, uv) for uvs in self._uvs] if len(varying) else []
+        for index, rows in self._by_material(varying, triangle):
             m = self._materials[index]
-            at = [self._interpolate(uvs, triangle[rows], uv[rows]) for uvs in self._uvs]
-            albedo[rows] *= self._textured(m.albedo_map, at, m.alpha_cutoff is not None)
-            specular[rows] *= self._textured(m.specular_map, at)
-            maps = self._textured(m.metallic_roughness_map, at)
-            roughness[rows] *= maps[:, 1:2]
-            metallic[rows] *= maps[:, 2:]
+            at = [uvs[rows] for uvs in everywhere]
+            if m.albedo_map is not None:
+                albedo[rows] *= self._textured(m.albedo_map, at, m.alpha_cutoff is not None)
+            if m.specular_map is not None:
+                specular[rows] *= self._textured(m.specular_map, at)
+            if m.metallic_roughness_map is not None:
+                maps = self._textured(m.metallic_roughness_map, at)
+                roughness[rows] *= maps[:, 1:2]
+                metallic[rows] *= maps[:, 2:]
             if m.emits:
                 emits = m.double_sided | self._is_front(triangle[rows], directions[rows])[:, None]
                 emitted = np.array(m.emission, np.float32) * self._textured(m.emission_map, at)
