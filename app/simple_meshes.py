@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from app.arrays import F64
+from app.arrays import F64, Ints
 from app.math3d import affine_matrix
 from app.scene import Mesh
 
@@ -37,11 +37,15 @@ def ball(name: str, material: int, radius: float, rows: int = 12) -> Mesh:
     theta, phi = np.meshgrid(np.linspace(0, np.pi, rows + 1), np.linspace(0, 2 * np.pi, columns + 1), indexing="ij")
     normals = np.stack([np.sin(theta) * np.sin(phi), np.cos(theta), np.sin(theta) * np.cos(phi)], axis=-1)
     normals = normals.reshape(-1, 3)
-    at = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).ravel()
-    below = at + columns + 1
-    triangles = np.concatenate([np.stack([at, below, at + 1], axis=1), np.stack([at + 1, below, below + 1], axis=1)])
-    return Mesh(name, (radius * normals).astype(np.float32), normals.astype(np.float32), triangles.astype(np.uint32),
-                material)
+    triangles = grid_triangles(rows + 1, columns + 1).astype(np.uint32)
+    return Mesh(name, (radius * normals).astype(np.float32), normals.astype(np.float32), triangles, material)
+
+
+def grid_triangles(rows: int, columns: int) -> Ints:
+    """Triangles, shape (T, 3), of a grid of points; they face those who see its rows go right and its columns down."""
+    first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+    below = first + columns
+    return np.concatenate([np.stack([first, below, first + 1], 1), np.stack([first + 1, below, below + 1], 1)])
 
 
 def rotation_about_y(angle: float, at: Triple = (0.0, 0.0, 0.0)) -> F64:

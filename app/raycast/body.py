@@ -352,8 +352,7 @@ def _transform_instance(scene: Scene, instance: Instance, matrix: F64, time: flo
     with np.errstate(invalid="ignore"):
         positions = np.where(finite[:, None], mesh.positions, 0.0) @ matrix[:3, :3].T + matrix[:3, 3]
         normals = np.nan_to_num(mesh.normals, nan=0.0, posinf=0.0, neginf=0.0) @ normal_matrix(matrix).T
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    normals = normals / np.maximum(length, 1e-30)
+    normals = unit_rows(normals)
     none = np.zeros((count, 2), np.float32)
     first, second = (none if uvs is None else _clamp(uvs, -HALF_MAX) for uvs in (mesh.uvs, mesh.second_uvs))
     colors = None if mesh.colors is None else _clamp(mesh.colors, 0.0)

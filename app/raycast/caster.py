@@ -210,7 +210,7 @@ class Caster:
             blocked = body.meets_opaque(start, along, proxies_block)
             if body.has_passable:
                 left = np.flatnonzero(~blocked)
-                steps = np.asarray(self.ray_epsilon / np.maximum(row_lengths(vectors[rows[left]]), 1e-30), np.float32)
+                steps = self._steps(vectors[rows[left]])
                 blocked[left] = body.meets_passable(start[left], along[left], steps, proxies_block)
             occluded[rows] = blocked
         return occluded
@@ -237,6 +237,10 @@ class Caster:
         scale = float(np.linalg.norm(matrix[:3, :3], 2))
         return (matrix[:3, :3] @ body.center + matrix[:3, 3]).astype(np.float32), 1.001 * scale * body.radius
 
+    def _steps(self, directions: F32) -> F32:
+        """How far rays go on behind what they pass, shape (N,), in lengths of their directions."""
+        return np.asarray(self.ray_epsilon / np.maximum(row_lengths(directions), 1e-30), np.float32)
+
     def _cast_at(self, index: int, origins: F32, directions: F32, hits: Hits) -> None:
         """Update ``hits`` where body ``index`` is nearer than its distance."""
         body, matrix = self.bodies[index], self.matrices[index]
@@ -249,7 +253,7 @@ class Caster:
             start = (start @ inverse[:3, :3].T + inverse[:3, 3]).astype(np.float32)
             along = (along @ inverse[:3, :3].T).astype(np.float32)
         passed = np.zeros(len(rows), np.float32)
-        step = np.asarray(self.ray_epsilon / np.maximum(row_lengths(directions[rows]), 1e-30), np.float32)
+        step = self._steps(directions[rows])
         for _ in range(MAX_PASSED):
             distance, triangle, uv, face = body.cast(start + along * passed[:, None], along,
                                                      hits.distance[rows] - passed)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from app.arrays import F32, F64
-from app.math3d import View, row_lengths
+from app.math3d import View, unit_rows
 from app.raycast.caster import Caster, Hits, concatenate
 
 BOUNCES = 7
@@ -41,8 +41,7 @@ def trace_walks(caster: Caster, views: Sequence[View], count: int, rng: np.rando
 
 def sample_sphere(rng: np.random.Generator, count: int) -> F32:
     """Uniform random directions, shape (count, 3)."""
-    v = rng.normal(size=(count, 3))
-    return (v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-30)).astype(np.float32)
+    return unit_rows(rng.normal(size=(count, 3))).astype(np.float32)
 
 
 def sample_cosine_hemisphere(normal: F32, u: F64) -> F32:
@@ -59,8 +58,7 @@ def sample_cosine_hemisphere(normal: F32, u: F64) -> F32:
     ndarray, float32, shape (N, K, 3)
     """
     side = np.where(np.abs(normal[:, :1]) > 0.9, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]])
-    tangent = np.cross(normal, side)
-    tangent /= np.maximum(row_lengths(tangent)[:, None], 1e-9)
+    tangent = unit_rows(np.cross(normal, side))
     bitangent = np.cross(normal, tangent)
     radius, angle = np.sqrt(u[..., :1]), 2 * np.pi * u[..., 1:]
     return (radius * np.cos(angle) * tangent[:, None] + radius * np.sin(angle) * bitangent[:, None]

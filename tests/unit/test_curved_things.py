@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from app.math3d import row_dots, row_lengths, unit_rows
+from export.dataset.scenes import cluttered_room
 from export.dataset.scenes.curved import SMALL, STANDING, sheet, tube, turned
 from export.dataset.scenes.furniture import table
 from export.dataset.scenes.generated_scene import Pieces, Rng
@@ -46,7 +46,7 @@ def test_a_bar_is_as_thick_as_it_should_be(downwards: bool) -> None:
 
 
 def test_small_things_lie_on_furniture_and_below_the_ceiling(monkeypatch: pytest.MonkeyPatch) -> None:
-    room = sys.modules["export.dataset.scenes.cluttered_room"]
+    tables = 0
     for seed in range(60):
         alone: list[Pieces] = []
 
@@ -54,13 +54,15 @@ def test_small_things_lie_on_furniture_and_below_the_ceiling(monkeypatch: pytest
             kept.append(table(rng))
             return list(kept[-1])
 
-        monkeypatch.setattr(room, "table", watched)
-        pieces = room._crowded(np.random.default_rng(seed), height=1.0)
+        monkeypatch.setattr(cluttered_room, "table", watched)
+        pieces = cluttered_room._crowded(np.random.default_rng(seed), height=1.0)
         if alone:
-            low, high = room._bounds(alone[0])
-            least, most = room._bounds(pieces)
+            tables += 1
+            low, high = cluttered_room._bounds(alone[0])
+            least, most = cluttered_room._bounds(pieces)
             assert (least[[0, 2]] >= low[[0, 2]] - 1e-9).all() and (most[[0, 2]] <= high[[0, 2]] + 1e-9).all()
             assert most[1] < 1.0 or most[1] == high[1]
+    assert tables
 
 
 def test_texture_coordinates_of_a_flat_sheet_are_metres() -> None:

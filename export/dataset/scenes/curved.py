@@ -6,6 +6,7 @@ import numpy as np
 
 from app.arrays import F64
 from app.math3d import unit_rows
+from app.simple_meshes import grid_triangles
 from export.dataset.scenes import lights
 from export.dataset.scenes.generated_scene import Pieces, Rng
 from export.dataset.scenes.materials import emissive_material, furniture_material
@@ -16,7 +17,7 @@ KNOTS = 6   # of a turned profile
 
 
 def sheet(points: F64, closed: bool = False) -> Part:
-    """A smooth surface through a grid of points, shape (R, C, 3), that faces those from whom its rows go to the right.
+    """A smooth surface through a grid of points, shape (R, C, 3), that faces as ``grid_triangles`` do.
 
     Parameters
     ----------
@@ -25,13 +26,9 @@ def sheet(points: F64, closed: bool = False) -> Part:
     """
     ring = points if not closed else np.concatenate([points[:, -2:-1], points, points[:, 1:2]], axis=1)
     down, along = (step[:, 1:-1] if closed else step for step in np.gradient(ring, axis=(0, 1)))
-    rows, columns = points.shape[:2]
     lengths = [np.linalg.norm(step, axis=-1).cumsum(axis) for axis, step in enumerate((down, along))]
-    first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
-    below = first + columns
     return Part(points.reshape(-1, 3), unit_rows(np.cross(down, along).reshape(-1, 3)),
-                np.stack([lengths[1], -lengths[0]], axis=-1).reshape(-1, 2),
-                np.concatenate([np.stack([first, below, first + 1], 1), np.stack([first + 1, below, below + 1], 1)]))
+                np.stack([lengths[1], -lengths[0]], axis=-1).reshape(-1, 2), grid_triangles(*points.shape[:2]))
 
 
 def turned(radii: F64, heights: F64, at: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Part:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.arrays import F64, Ints
+from app.simple_meshes import grid_triangles
 
 Triple = tuple[float, float, float]
 
@@ -98,8 +99,6 @@ def sphere(radius: float, at: Triple = (0.0, 0.0, 0.0), rows: int = 12) -> Part:
     columns = 2 * rows
     theta, phi = np.meshgrid(np.linspace(0, np.pi, rows + 1), np.linspace(0, 2 * np.pi, columns + 1), indexing="ij")
     normals = np.stack([np.sin(theta) * np.sin(phi), np.cos(theta), np.sin(theta) * np.cos(phi)], axis=-1)
-    first = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).ravel()
-    below = first + columns + 1
     return Part((np.asarray(at) + radius * normals).reshape(-1, 3), normals.reshape(-1, 3),
                 np.stack([phi * radius, -theta * radius], axis=-1).reshape(-1, 2),
-                np.concatenate([np.stack([first, below, first + 1], 1), np.stack([first + 1, below, below + 1], 1)]))
+                grid_triangles(rows + 1, columns + 1))
