@@ -292,8 +292,8 @@ def _traced_shadows(inputs: FrameInputs) -> Iterator[Step]:
         yield from _absent(NOTHING_TRACED, *SHADOW_RAY_PASSES)
         return
     yield lowres_gbuffer.declare("shadow_gbuffer", shadow_rays.grid(settings.render_size))
-    yield from shadow_rays.declare(inputs.lights, inputs.has_sky, inputs.caster, settings.render_size,
-                                   has_history=settings.taa)
+    yield from shadow_rays.declare(inputs.lights, inputs.has_specular, inputs.has_sky, inputs.caster,
+                                   settings.render_size, has_history=settings.taa)
     if not settings.taa:
         yield Absent("shadow_history", "switched off by --no-taa")
 

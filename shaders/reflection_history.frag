@@ -15,7 +15,10 @@ const float MAX_BRIGHTENING = 4.0;   // history counts as at most this many time
 const float SIGMAS = 2.0;            // of their mean, within which history counts
 
 uniform sampler2D reflection_now;  // radiance; a: length of the ray / depth where it starts, 0 for none
-#ifdef HAS_REFLECTION_LOW_PREV
+#ifdef FAST_PATH
+uniform sampler2D reflection_ray;  // a: 0 for none
+#endif
+#if defined(HAS_REFLECTION_LOW_PREV) && !defined(FAST_PATH)
 uniform sampler2D reflection_gbuffer;
 uniform sampler2D specular_roughness;
 uniform sampler2D motion;
@@ -33,7 +36,7 @@ uniform bool bounded;          // whether history counts only within what the te
 layout(location = WRITE_REFLECTION_LOW) out vec4 out_reflection_low;       // radiance; a: frames
 layout(location = WRITE_REFLECTION_DISTANCE) out float out_reflection_distance;  // length of the rays / depth
 
-#ifdef HAS_REFLECTION_LOW_PREV
+#if defined(HAS_REFLECTION_LOW_PREV) && !defined(FAST_PATH)
 vec3 previous_point(vec2 pixel, float depth)
 {
     return unproject(pixel, depth, previous_lens.xy, previous_lens.zw);
@@ -58,6 +61,11 @@ void add(ivec2 low, float closeness, vec3 p, vec3 n, float tolerance, inout vec4
 void main()
 {
     ivec2 low = ivec2(gl_FragCoord.xy);
+#ifdef FAST_PATH  // done where no ray starts
+    out_reflection_low = vec4(0.0);
+    out_reflection_distance = 0.0;
+    gl_FragDepth = texelFetch(reflection_ray, low, 0).a == 0.0 ? 1.0 : 0.0;
+#else
     vec4 now = texelFetch(reflection_now, low, 0);
     bool sampled = is_finite(dot(now, vec4(1.0))) && now.a > 0.0;
     now = sampled ? max(now, 0.0) : vec4(0.0);
@@ -73,8 +81,7 @@ void main()
     // What the texels around show now.
     vec3 mean = vec3(0.0), square = vec3(0.0);
     float count = 0.0, distances = 0.0, brightest = 0.0;
-    int i = 0, taps = ray_share(roughness) > 0.0 ? 9 : 1;  // most texels have no rays, and take one step
-    do {
+    for (int i = 0; i < 9; ++i) {
         vec4 t = texelFetch(reflection_now, clamp(low + ivec2(i % 3, i / 3) - 1, ivec2(0), last), 0);
         bool counts = is_finite(dot(t, vec4(1.0))) && t.a > 0.0;
         vec3 light = counts ? clamp(t.rgb, 0.0, HALF_MAX) : vec3(0.0);
@@ -83,7 +90,7 @@ void main()
         square += light * light;
         distances += counts ? t.a : 0.0;
         count += counts ? 1.0 : 0.0;
-    } while (++i < taps);
+    }
     float scale = 1.0 / max(count, 1.0);
     mean *= scale;
     vec3 deviation = sqrt(max(square * scale - mean * mean, 0.0));
@@ -116,5 +123,6 @@ void main()
     float share = sampled ? 1.0 / (frames + 1.0) : 0.0;
     out_reflection_low = vec4(mix(history.rgb, now.rgb, share), sampled ? frames + 1.0 : frames);
     out_reflection_distance = mix(old_distance, now.a, share);
+#endif
 #endif
 }

@@ -1,5 +1,4 @@
-// One reflected ray for each low-resolution texel of a smooth surface, and where the screen shows its end. Directions follow
-// the visible normals of GGX (Heitz 2018, "Sampling the GGX Distribution of Visible Normals", section 3). The ray is marched
+// One reflected ray for each low-resolution texel of a smooth surface, and where the screen shows its end. The ray is marched
 // in equal shares of the image (McGuire and Mara 2014, "Efficient GPU Screen-Space Ray Tracing").
 #include "numbers.glsl"
 #include "grid.glsl"
@@ -7,7 +6,7 @@
 #include "octahedral.glsl"
 #include "nearest_texel.glsl"
 #include "noise.glsl"
-#include "ggx_lobe.glsl"
+#include "visible_normals.glsl"
 #include "reflection.glsl"
 
 const float MIN_EPSILON = 0.05;     // of ray_epsilon, which covers the rounding of positions
@@ -15,7 +14,6 @@ const float START = 1.5;            // low-resolution texels, before which nothi
 const float BIAS = 1e-3;            // of depth_scale, by which a ray is behind what it meets
 const float PLANE_TOLERANCE = 0.01; // of depth_scale, between a ray's end and the surface there
 const float MAX_LENGTH = 1e3;       // of depth_scale
-const float TRIM = 0.98;            // of the lobe, whose far tail would be speckles
 const float MIN_FACING = 0.1;       // cosine, of the face within a texel's footprint
 const float MAX_APPROACH = 0.98;    // of the depth, by which a ray may come towards the eye
 const float NOT_SHOWN = -1.0;
@@ -33,29 +31,6 @@ uniform int refinements = 5; // halvings of the step that meets a surface; no co
 
 layout(location = WRITE_REFLECTION_ORIGIN) out vec4 out_origin;  // relative space
 layout(location = WRITE_REFLECTION_RAY) out vec4 out_ray;  // unit vector; a: length, 0 for no ray, NOT_SHOWN
-
-// A normal in the frame of the surface that v sees, with probability in proportion to what it sees.
-vec3 visible_normal(vec3 v, float alpha, vec2 u)
-{
-    vec3 stretched = normalize(vec3(alpha * v.xy, v.z));
-    float sine = dot(stretched.xy, stretched.xy);
-    vec3 first = sine > 1e-12 ? vec3(-stretched.y, stretched.x, 0.0) * inversesqrt(sine) : vec3(1.0, 0.0, 0.0);
-    vec3 second = cross(stretched, first);
-    float radius = sqrt(TRIM * u.x), angle = 2.0 * PI * u.y, upper = 0.5 * (1.0 + stretched.z);
-    float a = radius * cos(angle), b = mix(sqrt(1.0 - a * a), radius * sin(angle), upper);
-    vec3 h = a * first + b * second + sqrt(max(1.0 - a * a - b * b, 0.0)) * stretched;
-    return normalize(vec3(alpha * h.xy, max(h.z, 1e-6)));
-}
-
-// Direction of a reflected ray, above the face.
-vec3 reflected(vec3 v, vec3 n, vec3 face, float alpha, vec2 u)
-{
-    vec3 side = normalize(abs(n.z) < 0.9 ? vec3(-n.y, n.x, 0.0) : vec3(0.0, -n.z, n.y)), up = cross(n, side);
-    vec3 h = visible_normal(vec3(dot(v, side), dot(v, up), max(dot(v, n), 1e-3)), alpha, u);
-    vec3 l = reflect(-v, h.x * side + h.y * up + h.z * n);
-    float height = dot(l, face);
-    return normalize(height < 0.0 ? l - 2.0 * height * face : l);
-}
 
 // Where the face through p is seen at a pixel position beside p.
 vec3 on_face(vec2 pixel, float depth, vec3 p, vec3 face)

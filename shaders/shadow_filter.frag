@@ -8,18 +8,25 @@
 const float NOISE_SIGMAS = 3.0;      // of the difference of two texels, by which noise may part them
 const float PLANE_TOLERANCE = 0.01;  // of the receiver's depth_scale
 const float MIN_COSINE = 0.9;        // between normals
+const float PRIOR = 0.01;            // of the samples, for which the share of diffuse light counts as that of specular light
 
 uniform sampler2D shadow_visible;     // rgb: mean irradiance of the samples that reach their light, a: samples
 uniform sampler2D shadow_unshadowed;  // rgb: mean irradiance of all samples
 uniform sampler2D lowres_gbuffer;
+#ifdef SPECULAR_RAYS
+uniform sampler2D shadow_specular;    // mean luminance that specular rays would see of rectangles: that reaches them; all
+#endif
 uniform vec2 ratio;   // full-resolution texels per low-resolution texel
 uniform int spacing;  // texels
 
 #ifdef WRITE_SHADOW_RATIO
-layout(location = WRITE_SHADOW_RATIO) out vec4 out_shadow_ratio;  // a: 0 where no unshadowed light arrives
+layout(location = WRITE_SHADOW_RATIO) out vec4 out_shadow_ratio;  // a: 1 plus the share of specular light, 0 where no unshadowed light arrives
 #else
 layout(location = 0) out vec4 out_visible;
 layout(location = 1) out vec4 out_unshadowed;
+#ifdef SPECULAR_RAYS
+layout(location = 2) out vec2 out_specular;
+#endif
 #endif
 
 struct Texel {
@@ -29,7 +36,24 @@ struct Texel {
     vec3 p;        // relative space
     float share;   // of the light that is visible
     float variance;  // of that share
+#ifdef SPECULAR_RAYS
+    vec2 specular;
+#endif
 };
+
+// Variance of a share of samples, by Laplace's rule of succession, so that a few samples that agree don't count as certain.
+float variance_of(float share, float samples)
+{
+    share = (share * samples + 1.0) / (samples + 2.0);
+    return share * (1.0 - share) / max(samples, 1.0);
+}
+
+// Whether two shares differ by no more than their noise.
+bool agree(float share, float other, float variance)
+{
+    float differs = share - other;
+    return differs * differs <= NOISE_SIGMAS * NOISE_SIGMAS * variance;
+}
 
 Texel texel_at(ivec2 low)
 {
@@ -39,38 +63,65 @@ Texel texel_at(ivec2 low)
     t.surface = texelFetch(lowres_gbuffer, low, 0);
     t.p = surface_point(vec2(nearest_texel(low, ratio)) + 0.5, t.surface.a);
     t.share = dot(t.visible.rgb, vec3(1.0)) / max(dot(t.unshadowed.rgb, vec3(1.0)), 1e-30);
-    // By Laplace's rule of succession, so that a few samples that agree don't count as certain.
-    float share = (t.share * t.visible.a + 1.0) / (t.visible.a + 2.0);
-    t.variance = share * (1.0 - share) / max(t.visible.a, 1.0);
+    t.variance = variance_of(t.share, t.visible.a);
+#ifdef SPECULAR_RAYS
+    t.specular = texelFetch(shadow_specular, low, 0).rg;
+#endif
     return t;
 }
+
+#ifdef SPECULAR_RAYS
+bool is_alike_specular(Texel here, Texel t)
+{
+    vec2 seen = vec2(here.specular.x, t.specular.x) / max(vec2(here.specular.y, t.specular.y), 1e-6);
+    vec2 samples = vec2(here.specular.y, t.specular.y) * vec2(here.visible.a, t.visible.a);
+    return agree(seen.x, seen.y, variance_of(seen.x, samples.x) + variance_of(seen.y, samples.y))
+        && is_finite(t.specular.x + t.specular.y);
+}
+#endif
 
 void main()
 {
     ivec2 low = ivec2(gl_FragCoord.xy), last = textureSize(lowres_gbuffer, 0) - 1;
     Texel here = texel_at(low);
     vec4 visible = vec4(0.0), unshadowed = vec4(0.0);
+#ifdef SPECULAR_RAYS
+    vec3 specular = vec3(0.0);
+#endif
     for (int i = 0; i < 9; ++i) {
         ivec2 at = low + spacing * (ivec2(i % 3, i / 3) - 1);
         Texel t = texel_at(clamp(at, ivec2(0), last));
-        float away = dot(here.surface.xyz, t.p - here.p), differs = t.share - here.share;
+        float away = dot(here.surface.xyz, t.p - here.p);
         bool alike = t.surface.a > 0.0 && abs(away) <= PLANE_TOLERANCE * depth_scale(here.surface.a)
             && dot(here.surface.xyz, t.surface.xyz) >= MIN_COSINE
-            && (differs * differs <= NOISE_SIGMAS * NOISE_SIGMAS * (here.variance + t.variance)
-                || dot(here.unshadowed.rgb, vec3(1.0)) <= 0.0)
             && at == clamp(at, ivec2(0), last) && is_finite(t.share);
+#ifdef SPECULAR_RAYS
+        specular += alike && is_alike_specular(here, t) ? vec3(t.specular, 1.0) * t.visible.a : vec3(0.0);
+#endif
+        alike = alike && (agree(t.share, here.share, here.variance + t.variance) || dot(here.unshadowed.rgb, vec3(1.0)) <= 0.0);
         visible += alike ? vec4(t.visible.rgb, 1.0) * t.visible.a : vec4(0.0);
         unshadowed += alike ? vec4(t.unshadowed.rgb, 1.0) * t.visible.a : vec4(0.0);
     }
     visible.rgb /= max(visible.a, 1e-30);
     unshadowed.rgb /= max(unshadowed.a, 1e-30);
+#ifdef SPECULAR_RAYS
+    specular.xy /= max(specular.z, 1e-30);
+#endif
 #ifdef WRITE_SHADOW_RATIO
     vec3 share = clamp(visible.rgb / max(unshadowed.rgb, 1e-30), 0.0, 1.0);
     float all_light = max(max(unshadowed.r, unshadowed.g), unshadowed.b);
+    float specular_share = 0.0;
+#ifdef SPECULAR_RAYS
+    float diffuse_share = clamp(dot(visible.rgb, vec3(1.0)) / max(dot(unshadowed.rgb, vec3(1.0)), 1e-30), 0.0, 1.0);
+    specular_share = clamp((specular.x + PRIOR * diffuse_share) / (specular.y + PRIOR), 0.0, 1.0);
+#endif
     out_shadow_ratio = vec4(unshadowed.r > 0.0 ? share.r : 1.0, unshadowed.g > 0.0 ? share.g : 1.0,
-                            unshadowed.b > 0.0 ? share.b : 1.0, all_light > 0.0 ? 1.0 : 0.0);
+                            unshadowed.b > 0.0 ? share.b : 1.0, all_light > 0.0 ? 1.0 + specular_share : 0.0);
 #else
     out_visible = visible;
     out_unshadowed = unshadowed;
+#ifdef SPECULAR_RAYS
+    out_specular = specular.xy;
+#endif
 #endif
 }

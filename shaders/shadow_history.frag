@@ -7,9 +7,23 @@ uniform sampler2D shadow_unshadowed_now;  // rgb: mean irradiance of all samples
 uniform sampler2D shadow_visible_prev;
 uniform sampler2D shadow_unshadowed_prev;
 uniform float max_samples;  // of history
+#ifdef HAS_SHADOW_SPECULAR_NOW
+uniform sampler2D shadow_specular_now;  // mean luminance that specular rays would see of rectangles: that reaches them; all
+uniform sampler2D shadow_specular_prev;
+uniform float max_specular_samples;     // of history, which follows surfaces and not what they mirror
+#endif
 
 layout(location = 0) out vec4 out_shadow_visible;
 layout(location = 1) out vec4 out_shadow_unshadowed;
+#ifdef HAS_SHADOW_SPECULAR_NOW
+layout(location = 2) out vec2 out_shadow_specular;
+
+vec2 specular_before(ivec2 low, float closeness)
+{
+    vec2 old = texelFetch(shadow_specular_prev, low, 0).rg;
+    return closeness > 0.0 && is_finite(old.x + old.y) ? max(old, 0.0) * closeness : vec2(0.0);
+}
+#endif
 
 void add(ivec2 low, float closeness, inout vec4 visible, inout vec4 unshadowed, inout float weight)
 {
@@ -41,4 +55,11 @@ void main()
     weight = max(weight, 1e-6);
     out_shadow_visible = vec4(mix(visible.rgb / weight, visible_now.rgb, share), samples);
     out_shadow_unshadowed = vec4(mix(unshadowed.rgb / weight, unshadowed_now.rgb, share), samples);
+#ifdef HAS_SHADOW_SPECULAR_NOW
+    vec2 now = texelFetch(shadow_specular_now, low, 0).rg;
+    vec2 old = specular_before(r.base, r.weights.x) + specular_before(r.base + ivec2(1, 0), r.weights.y)
+        + specular_before(r.base + ivec2(0, 1), r.weights.z) + specular_before(r.base + ivec2(1, 1), r.weights.w);
+    float specular_share = keep ? min(max(share, visible_now.a / max_specular_samples), 1.0) : 1.0;
+    out_shadow_specular = mix(old / weight, healthy_now && is_finite(now.x + now.y) ? max(now, 0.0) : vec2(0.0), specular_share);
+#endif
 }

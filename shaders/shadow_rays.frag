@@ -1,10 +1,14 @@
 // One shadow ray for each receiver: towards a point of a light with an area, or along a direction of the environment,
-// chosen about as often as it contributes to the unshadowed light. What the rays meet is found elsewhere.
+// chosen about as often as it contributes to the unshadowed light. What the rays meet is found elsewhere. Every second ray of
+// a shiny surface follows its specular lobe instead, if it meets a rectangle there.
 #include "numbers.glsl"
 #include "grid.glsl"
 #include "nearest_texel.glsl"
 #include "light_sampling.glsl"
 #include "sky_irradiance.glsl"
+#ifdef SPECULAR_RAYS
+#include "visible_normals.glsl"
+#endif
 
 const int BLOCK = 9;              // texels along the edge of a block whose rays share one sequence (Keller and Heidrich 2001,
                                   // "Interleaved Sampling"); the filter averages over as many
@@ -25,6 +29,9 @@ uniform sampler2D normal;
 uniform sampler2D depth;
 uniform vec2 ratio;          // texels of the G-buffer per receiver
 #endif
+#ifdef SPECULAR_RAYS
+uniform sampler2D specular_roughness;
+#endif
 #ifdef HAS_SKY_STRATA
 uniform sampler2D sky_strata;  // lower half: azimuth and polar angle where each begins; upper half: power in W/m²
 #endif
@@ -35,7 +42,8 @@ uniform float sky_distance;  // length of a ray towards the environment, scene u
 
 layout(location = 0) out vec4 out_origin;  // relative space
 layout(location = 1) out vec4 out_vector;  // from there to the ray's end; a: 0: no ray, 1: passes light proxies, 2: meets all
-layout(location = 2) out vec4 out_light;   // unshadowed irradiance of the sample, over its probability
+layout(location = 2) out vec4 out_light;   // rgb: unshadowed irradiance of the sample, over its probability; a: luminance of
+                                           // the rectangle that a specular ray is traced to, as a share of the brightest's
 
 struct Receiver {
     vec3 p;
@@ -126,6 +134,31 @@ LightSample sample_sky(vec3 n, vec2 s, float pick)
 }
 #endif
 
+#ifdef SPECULAR_RAYS
+// The nearest rectangle that a reflected ray would meet; light is its radiance, as a share of the brightest's luminance.
+LightSample sample_specular(Receiver r, vec4 specular_roughness, vec2 s)
+{
+    float alpha = max(specular_roughness.a * specular_roughness.a, MIN_ALPHA);
+    vec3 along = reflected(-normalize(along_view(r.p)), r.n, r.face, alpha, s);
+    float nearest = 1e30, brightest = LUMINANCE_FLOOR;
+    vec3 light = vec3(0.0);
+    int i = RECTS_BEGIN;
+    do {
+        vec3 to_light = lights[i].position.xyz - r.p;
+        float speed = dot(along, lights[i].frame_z.xyz);
+        float t = dot(to_light, lights[i].frame_z.xyz) / (speed == 0.0 ? 1e-30 : speed);
+        vec3 at = along * t - to_light;
+        bool meets = t > 0.0 && t < nearest && rect_side(lights[i], to_light) != 0.0
+            && abs(dot(at, lights[i].frame_x.xyz)) < lights[i].frame_x.w && abs(dot(at, lights[i].frame_y.xyz)) < lights[i].frame_y.w;
+        nearest = meets ? t : nearest;
+        light = meets ? lights[i].color.rgb : light;
+        brightest = max(brightest, luminance(lights[i].color.rgb));
+    } while (++i < LIGHT_COUNT);
+    bool is_shiny = max(max(specular_roughness.r, specular_roughness.g), specular_roughness.b) > 0.0;
+    return LightSample(along * nearest, is_shiny ? light / brightest : vec3(0.0), false);
+}
+#endif
+
 void main()
 {
     ivec2 texel = ivec2(gl_FragCoord.xy);
@@ -164,5 +197,13 @@ void main()
     bool free = dot(ray.vector, r.face) > 0.0;
     out_origin = vec4(r.origin, 0.0);
     out_vector = vec4((ray.vector + r.p - r.origin) * SHORTENED, wanted && free ? (ray.meets_proxies ? 2.0 : 1.0) : 0.0);
-    out_light = wanted ? vec4(min(ray.light, HALF_MAX), 1.0) : vec4(0.0);
+    out_light = wanted ? vec4(min(ray.light, HALF_MAX), 0.0) : vec4(0.0);
+#ifdef SPECULAR_RAYS
+    LightSample mirrored = sample_specular(r, texelFetch(specular_roughness, nearest_texel(texel, ratio), 0), s.yz);
+    float seen = luminance(mirrored.light);
+    if (((sample_index + texel.x + texel.y) & 1) == 1 && r.is_surface && seen > 0.0 && is_finite(dot(mirrored.vector, vec3(1.0)) + seen)) {
+        out_vector = vec4((mirrored.vector + r.p - r.origin) * SHORTENED, 1.0);
+        out_light = vec4(vec3(0.0), seen);
+    }
+#endif
 }

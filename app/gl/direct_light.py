@@ -31,7 +31,7 @@ class DirectLight:
                  scene: RayScene) -> None:
         self._device, self._layout, self._origin, self._maps = device, layout, scene.origin, lights.shadow_maps
         self._program = device.fullscreen("surfel_light.frag", {**lights.defines, **defines})
-        self._target = device.ctx.framebuffer([device.ctx.texture((2 * layout[0], 2 * layout[1]), 4, dtype="f2")])
+        self._target = device.ctx.framebuffer([device.ctx.texture((2 * layout[0], 2 * layout[1]), 4, dtype="f4")])
         self._rows = layout[1]  # of texels that hold points
         names = "light_sample_position", "light_sample_normal", "light_sample_visibility"
         self._textures = {name: device.ctx.texture(layout, 4, dtype="f4") for name in names}
@@ -44,7 +44,7 @@ class DirectLight:
         for name, rows in (("light_sample_position", position), ("light_sample_normal", normal)):
             self._textures[name].write(self._as_texels(rows).tobytes())
 
-    def trace(self, frame: FrameState, samples: range) -> tuple[F32, F32] | None:
+    def trace(self, frame: FrameState, samples: range) -> tuple[F32, ...] | None:
         """Irradiance of the lights whose shadows are traced, as ``ShadowRays.trace``; None without such lights."""
         if self._rays is None:
             return None
@@ -70,9 +70,10 @@ class DirectLight:
         self._bind(self._program, tuple(self._textures), len(self._maps))
         self._program.set(noise_phase=frame.noise_phase, local_eye=tuple(frame.view.eye - self._origin))
         self._device.draw_fullscreen(self._program)
-        texels = np.frombuffer(self._target.read(drawn, components=4, alignment=1, dtype="f2"), np.float16)
-        quads = texels.reshape(self._rows, 2, self._layout[0], 2, 4).astype(np.float32)
-        return np.asarray(np.einsum("yjxic->yxc", quads).reshape(-1, 4)[:, :3] / np.float32(4))
+        texels = np.frombuffer(self._target.read(drawn, components=4, alignment=1, dtype="f4"), np.float32)
+        rows = texels.reshape(self._rows, 2, -1)
+        pairs = (rows[:, 0] + rows[:, 1]).reshape(-1, 2, 4)
+        return np.asarray((pairs[:, 0, :3] + pairs[:, 1, :3]) / np.float32(4), np.float32)
 
     def _bind(self, program: Program, names: tuple[str, ...], first_unit: int) -> None:
         """Bind textures to the samplers of their names, in the units from the first one on."""

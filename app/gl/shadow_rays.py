@@ -51,10 +51,11 @@ class ShadowRays:
     def __init__(self, device: Device, size: tuple[int, int], defines: Mapping[str, object], scene: RayScene) -> None:
         self._device, self._size, self._scene = device, size, scene
         self.program: Program = device.fullscreen("shadow_rays.frag", defines)
+        self._has_specular = "SPECULAR_RAYS" in defines
         self._textures = [device.ctx.texture(size, 4, dtype="f4") for _ in range(3)]
         self._target = device.ctx.framebuffer(self._textures)
 
-    def trace(self, frame: FrameState, samples: range) -> tuple[F32, F32]:
+    def trace(self, frame: FrameState, samples: range) -> tuple[F32, ...]:
         """Trace ``samples`` of each receiver; what ``program`` reads must be bound.
 
         Parameters
@@ -66,6 +67,9 @@ class ShadowRays:
         -------
         visible, unshadowed : ndarray, float32, shape (h, w, 4)
             Mean irradiance of the samples with and without occlusion, bottom row first; the number of samples.
+        specular : ndarray, float32, shape (h, w, 2)
+            With ``SPECULAR_RAYS`` only: mean luminance of the rectangles that these are traced to, as a share of the
+            brightest's: of those that they reach, and of all.
         """
         visible, unshadowed = np.zeros((2, self._size[0] * self._size[1], 4), np.float32)
         shift = (frame.view.eye - self._scene.origin).astype(np.float32)
@@ -88,7 +92,9 @@ class ShadowRays:
                     seen[rows, 0] = ~self._scene.is_occluded(origin.take(rows, axis=0), ends, proxies_block)
             visible += light * seen
             unshadowed += light
-        return self._mean(visible, len(samples)), self._mean(unshadowed, len(samples))
+        specular = [np.stack([visible[:, 3], unshadowed[:, 3]], axis=1) / np.float32(len(samples))] * self._has_specular
+        return tuple(self._texels(sums) for sums in (
+            self._mean(visible, len(samples)), self._mean(unshadowed, len(samples)), *specular))
 
     def _read(self, target: int) -> F32:
         """What the program wrote into one of its targets, shape (h · w, 4)."""
@@ -97,7 +103,10 @@ class ShadowRays:
     def _mean(self, total: F32, samples: int) -> F32:
         mean = total / np.float32(samples)
         mean[:, 3] = samples
-        return mean.reshape(self._size[1], self._size[0], 4)
+        return mean
+
+    def _texels(self, rows: F32) -> F32:
+        return rows.reshape(self._size[1], self._size[0], -1)
 
 
 def share_of(visible: F32, unshadowed: F32) -> F32:

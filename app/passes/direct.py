@@ -14,6 +14,7 @@ from app.gl.peeling import PeeledLayer
 from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Resource, Tex
 from app.math3d import R2
+from app.passes import shadow_rays
 from app.paths import data_dir
 
 MAX_SPLIT_LIGHTS = 2  # with shadow maps, whose unlit sides are left out in a step of their own; more leave little unlit
@@ -77,6 +78,8 @@ def _make(device: Device, bound: BoundPass, defines: Mapping[str, object], shado
           has_layers: bool, layer: PeeledLayer | None) -> Execute:
     prefix = "" if layer is None else layer.prefix
     has_specular = prefix + "specular" in bound.writes
+    if shadow_grid is not None and layer is None:
+        defines = {**defines, **shadow_rays.specular_defines(defines, has_specular)}
     has_lobes = has_specular and "HAS_RECT_LIGHT" in defines
     if has_layers and has_specular:
         defines = {**defines, "LAYERS": 1}

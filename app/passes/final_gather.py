@@ -20,7 +20,7 @@ from app.gl.lights import LightSet
 from app.gl.pool import Resources
 from app.gl.ray_budget import RayBudget
 from app.graph import BoundPass, Buf, Pass, Resource, Tex
-from app.math3d import unit_rows
+from app.math3d import put_rows, unit_rows
 from app.surfels.final_gather import LightAt, gather, sequence
 from app.surfels.tracked import TrackedSurfels
 
@@ -106,7 +106,7 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
                                (MEANS[1], interpolated, np.einsum("nk->n", rays.distance)[:, None] / count)):
             if name + suffix in bound.writes:
                 texels = np.zeros((math.prod(grid), 4), np.float32)
-                texels[receivers.texel] = np.concatenate(columns, axis=1)
+                put_rows(texels, receivers.texel, np.concatenate(columns, axis=1))
                 resources[name + suffix].write(texels.tobytes())
         resources.set_current(key)
 
@@ -146,10 +146,10 @@ def _max_rays(frame: FrameState, texels: int) -> float:
 def _receivers(surfaces: F32, frame: FrameState, grid: tuple[int, int], turns: int) -> Receivers:
     """What those texels of ``gather_surfaces`` show whose turn it is."""
     candidates, at = _texels_of_turn(grid, turns, frame.index % turns)
-    surface = surfaces.reshape(-1, 4)[candidates]
-    is_surface = np.isfinite(np.einsum("nc->n", surface)) & (surface[:, 3] > 0)
-    texel, surface = candidates[is_surface], surface[is_surface]
-    pixel = np.floor((at[is_surface] + 0.5) * ratio_to(grid, frame)) + 0.5
+    surface = surfaces.reshape(-1, 4).take(candidates, axis=0)
+    rows = np.flatnonzero(np.isfinite(np.einsum("nc->n", surface)) & (surface[:, 3] > 0))
+    texel, surface = candidates.take(rows), surface.take(rows, axis=0)
+    pixel = np.floor((at.take(rows, axis=0) + 0.5) * ratio_to(grid, frame)) + 0.5
     offset, direction = frame.view.rays(pixel / frame.size * 2 - 1 - frame.jitter)
     position = offset + direction * surface[:, 3:]
     return Receivers(texel, position.astype(np.float32), surface[:, :3], unit_rows(direction).astype(np.float32))

@@ -1,5 +1,6 @@
 """Indirect light on glossy surfaces: rays marched over the screen or traced, gathered, filtered, upsampled."""
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -10,7 +11,8 @@ from app.graph import Pass, Resource, Tex
 from app.math3d import R2, affine_matrix, halton
 from app.scene import Material
 
-MAX_TEXELS = 2**17   # of the grid
+PIXELS_PER_TEXEL = 16                  # of the grid, but
+MIN_TEXELS, MAX_TEXELS = 2**16, 2**17  # at least and at most so many texels
 MAX_ROUGHNESS = 0.6  # from which surfaces need no rays, as in reflection.glsl
 MARCH_STEPS = 16
 SHIFTS = 16          # positions of rays within a texel
@@ -23,7 +25,7 @@ Size = tuple[int, int]
 
 def grid(size: Size) -> Size:
     """Width and height of the low-resolution grid for an output of the given width and height."""
-    return reduced_grid(size, MAX_TEXELS)
+    return reduced_grid(size, min(max(math.prod(size) // PIXELS_PER_TEXEL, MIN_TEXELS), MAX_TEXELS))
 
 
 def needs_rays(material: Material) -> bool:
@@ -64,13 +66,13 @@ def declare_gathering(grid: Size, has_history: bool) -> Iterator[Pass]:
                       "depth", "direct", "albedo", "indirect", "specular_roughness"),
                optional=("occlusion", "emission"), writes={"reflection_now": light},
                make=make_fullscreen("reflection_resolve.frag", fast_path=always))
-    history = ("reflection_gbuffer", "specular_roughness", "motion", "reflection_low@prev", "reflection_distance@prev",
-               "reflection_gbuffer@prev")
+    history = ("reflection_ray", "reflection_gbuffer", "specular_roughness", "motion", "reflection_low@prev",
+               "reflection_distance@prev", "reflection_gbuffer@prev")
     gathered: dict[str, Resource] = {"reflection_low": Tex("f4", 4, size=grid),
                                      "reflection_distance": Tex("f4", 1, size=grid)}
     yield Pass("reflection_history", reads=("reflection_now", *(history if has_history else ())), writes=gathered,
                make=make_fullscreen("reflection_history.frag", lambda frame: _history_uniforms(grid, frame)
-                                    if has_history else {}))
+                                    if has_history else {}, fast_path=always if has_history else None))
     yield _filter("reflection_filter_far", "reflection_low", "reflection_averaged", grid, 3, "reflection_ray")
     yield _filter("reflection_filter_near", "reflection_averaged", "reflection_filtered", grid, 1)
 

@@ -7,7 +7,7 @@ from app.environment import radiance_along
 from app.gl.frame_state import Execute, FrameState, MotionKind
 from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
-from app.math3d import GOLDEN_RATIO, R2
+from app.math3d import GOLDEN_RATIO, R2, put_rows, row_dots
 from app.network.channels import HALF_MAX
 from app.raycast.caster import Caster
 from app.scene import Environment
@@ -48,8 +48,9 @@ def _make(bound: BoundPass, grid: tuple[int, int], surfels: TrackedSurfels, envi
                         else surfels.world.emissive_irradiance)
             light = np.nan_to_num(resources.rows("surfel_light") + indirect).clip(0, HALF_MAX)
             shift = frame.view.eye - surfels.caster.origin
-            origin = (_read(resources, "reflection_origin")[rows, :3] + shift).astype(np.float32)
-            traced[rows] = _trace(surfels.caster, surfels.lookup, light, environment, origin, ray[rows, :3])
+            origin = _read(resources, "reflection_origin").take(rows, axis=0)[:, :3] + shift
+            put_rows(traced, rows, _trace(surfels.caster, surfels.lookup, light, environment, origin.astype(np.float32),
+                                          ray.take(rows, axis=0)[:, :3]))
         resources["reflection_traced"].write(traced.tobytes())
 
     return execute
@@ -63,9 +64,11 @@ def _read(resources: Resources, name: str) -> F32:
 def _choose(ray: F32, threshold: F32, budget: int) -> Ints:
     """At most about ``budget`` of the rays whose end the screen does not show, spread evenly, others in each frame."""
     rows = np.flatnonzero(ray[:, 3] < 0)
+    if len(rows) > budget:
+        rows = rows[threshold.take(rows) < budget / len(rows)]
     with np.errstate(invalid="ignore", over="ignore"):
-        rows = rows[np.abs((ray[rows, :3] ** 2).sum(axis=1) - 1) < MAX_UNIT_ERROR]
-    return rows if len(rows) <= budget else rows[threshold[rows] < budget / len(rows)]
+        direction = ray.take(rows, axis=0)[:, :3]
+        return rows[np.abs(row_dots(direction, direction) - 1) < MAX_UNIT_ERROR]
 
 
 def _trace(caster: Caster, lookup: SurfelLookup, light: F32, environment: Environment | None, origin: F32,

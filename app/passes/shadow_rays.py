@@ -2,11 +2,13 @@
 
 Shadow rays are traced on a low-resolution grid, accumulated over frames, and filtered. The result is a ratio of light
 with shadows to light without them, by which ``direct`` multiplies the exact unshadowed light (Heitz, Hill and McGuire
-2018, "Combining Analytic Direct Illumination and Stochastic Shadows").
+2018, "Combining Analytic Direct Illumination and Stochastic Shadows"). Where surfaces are shiny, some rays follow their
+specular lobes to rectangles, and find which share of highlights is visible: a polished floor shows the bars before a
+window, which are a blur in its diffuse light.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 
 from app.gl.context import Device
 from app.gl.frame_state import Execute, FrameState, MotionKind
@@ -20,9 +22,10 @@ from app.graph import BoundPass, Pass, Resource, Tex
 MAX_RECEIVERS = 2**17  # of the screen's grid
 RAYS = RayBudget(first_rays=2**22, max_first_samples=64, changed_rays=2**19, rays=2**17, max_samples=8)
 CUBE_SAMPLES = 16      # of a receiver on the cube, which has no history
+MAX_SPECULAR_SAMPLES = {MotionKind.NONE: 1024.0, MotionKind.CAMERA: 16.0, MotionKind.OBJECTS: 12.0}
 MAX_SAMPLES = {MotionKind.NONE: 1024.0, MotionKind.CAMERA: 64.0, MotionKind.OBJECTS: 12.0}  # of its history
 SKY_READS = ("sky_irradiance", "sky_strata")
-SUMS = ("shadow_visible", "shadow_unshadowed")
+SUMS, SPECULAR = ("shadow_visible", "shadow_unshadowed"), "shadow_specular"
 
 
 def grid(size: tuple[int, int]) -> tuple[int, int]:
@@ -30,47 +33,59 @@ def grid(size: tuple[int, int]) -> tuple[int, int]:
     return reduced_grid(size, MAX_RECEIVERS)
 
 
-def declare(lights: LightSet, has_sky: bool, scene: Callable[[], RayScene], size: tuple[int, int],
+def specular_defines(lights: Mapping[str, object], has_specular: bool) -> dict[str, object]:
+    """``SPECULAR_RAYS`` where rays follow specular lobes: where some surface has one, and some light is a rectangle."""
+    return {"SPECULAR_RAYS": 1} if has_specular and "HAS_TRACED_RECT" in lights else {}
+
+
+def declare(lights: LightSet, has_specular: bool, has_sky: bool, scene: Callable[[], RayScene], size: tuple[int, int],
             has_history: bool) -> Iterator[Pass]:
     """The passes on the screen, for its ``shadow_gbuffer``.
 
     Parameters
     ----------
-    has_sky : bool
-        Whether the environment's shadows are traced too.
+    has_specular, has_sky : bool
+        Whether some material has a specular lobe; whether the environment's shadows are traced too.
     scene : callable
         Gives what the rays can meet.
     has_history : bool
         Whether samples are accumulated over frames.
     """
     receivers = grid(size)
+    defines = specular_defines(lights.defines, has_specular)
     sums: dict[str, Resource] = {name: Tex("f4", 4, size=receivers) for name in SUMS}
+    if defines:
+        sums[SPECULAR] = Tex("f4", 2, size=receivers)
     now = {f"{name}_now": tex for name, tex in sums.items()} if has_history else sums
-    yield Pass("shadow_rays", reads=("albedo", "normal", "depth", *(SKY_READS if has_sky else ())), writes=now,
-               make=lambda device, bound: _make_rays(device, bound, lights, scene(), receivers, has_history))
+    surfaces = "albedo", "normal", "depth", *(("specular_roughness",) if defines else ())
+    yield Pass("shadow_rays", reads=(*surfaces, *(SKY_READS if has_sky else ())), writes=now,
+               make=lambda device, bound: _make_rays(device, bound, {**lights.defines, **defines}, scene(), receivers,
+                                                     has_history))
     if has_history:
         yield Pass("shadow_history",
-                   reads=(*now, "shadow_gbuffer", "motion", *(f"{name}@prev" for name in SUMS), "shadow_gbuffer@prev"),
+                   reads=(*now, "shadow_gbuffer", "motion", *(f"{name}@prev" for name in sums), "shadow_gbuffer@prev"),
                    writes=sums, make=make_fullscreen("shadow_history.frag", lambda frame: {
                        "ratio": ratio_to(receivers, frame), "max_samples": MAX_SAMPLES[frame.motion],
+                       **({"max_specular_samples": MAX_SPECULAR_SAMPLES[frame.motion]} if defines else {}),
                        "history_valid": frame.history_valid and not frame.relit},
                        samplers={"shadow_gbuffer": "lowres_gbuffer", "shadow_gbuffer@prev": "lowres_gbuffer_prev"}))
-    averaged = tuple(f"{name}_averaged" for name in SUMS)
-    yield _filter("shadow_filter_near", SUMS, {name: Tex("f4", 4, size=receivers) for name in averaged}, receivers, 1)
-    yield _filter("shadow_filter_far", averaged, {"shadow_ratio": Tex("f2", 4, size=receivers)}, receivers, 3)
+    averaged = {f"{name}_averaged": tex for name, tex in sums.items()}
+    yield _filter("shadow_filter_near", sums, averaged, defines, receivers, 1)
+    yield _filter("shadow_filter_far", averaged, {"shadow_ratio": Tex("f2", 4, size=receivers)}, defines, receivers, 3)
 
 
-def _filter(name: str, source: Sequence[str], target: Mapping[str, Resource], size: tuple[int, int],
-            spacing: int) -> Pass:
+def _filter(name: str, source: Collection[str], target: Mapping[str, Resource], defines: Mapping[str, object],
+            size: tuple[int, int], spacing: int) -> Pass:
+    samplers = dict(zip(source, (*SUMS, SPECULAR), strict=False))
     return Pass(name, reads=(*source, "shadow_gbuffer"), writes=target,
                 make=make_fullscreen("shadow_filter.frag", lambda frame: {
-                    "ratio": ratio_to(size, frame), "spacing": spacing},
-                    samplers={**dict(zip(source, SUMS, strict=True)), "shadow_gbuffer": "lowres_gbuffer"}))
+                    "ratio": ratio_to(size, frame), "spacing": spacing}, defines,
+                    samplers={**samplers, "shadow_gbuffer": "lowres_gbuffer"}))
 
 
-def _make_rays(device: Device, bound: BoundPass, lights: LightSet, scene: RayScene, size: tuple[int, int],
+def _make_rays(device: Device, bound: BoundPass, defines: Mapping[str, object], scene: RayScene, size: tuple[int, int],
                has_history: bool) -> Execute:
-    rays = ShadowRays(device, size, {**lights.defines, **read_defines(bound)}, scene)
+    rays = ShadowRays(device, size, {**defines, **read_defines(bound)}, scene)
 
     def execute(frame: FrameState, resources: Resources) -> None:
         key = frame.view_and_lighting

@@ -10,7 +10,7 @@ from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from app.arrays import F32, F64, Bools, Ints
-from app.math3d import normal_matrix, row_dots, row_lengths, unit_rows
+from app.math3d import normal_matrix, put_rows, row_dots, row_lengths, unit_rows
 from app.network.channels import HALF_MAX
 from app.raycast.prefiltered_textures import PrefilteredTextures, sample_nearest
 from app.scene import Instance, Material, Scene, Texture
@@ -127,14 +127,14 @@ class Body:
             return distance, triangle, uv, face
         hits = self._scene.run(np.ascontiguousarray(origins, np.float32), np.ascontiguousarray(directions, np.float32),
                                dists=distance.copy(), query="INTERSECT", output=True)
-        hit = hits["primID"] >= 0
-        triangle[hit] = hits["primID"][hit]
-        uv[hit] = np.stack([hits["u"], hits["v"]], 1)[hit]
-        distance[hit] = hits["tfar"][hit]
-        normal = hits["Ng"][hit].astype(np.float64)  # as long as the area, whose square may overflow float32
-        normal = unit_rows(normal)
-        away = row_dots(normal, directions[hit]) > 0
-        face[hit] = np.where(away[:, None], -normal, normal)
+        hit = np.flatnonzero(hits["primID"] >= 0)
+        triangle[hit] = hits["primID"].take(hit)
+        put_rows(uv, hit, np.stack([hits["u"].take(hit), hits["v"].take(hit)], 1))
+        distance[hit] = hits["tfar"].take(hit)
+        area = hits["Ng"].take(hit, axis=0).astype(np.float64)  # whose square may overflow float32
+        normal = unit_rows(area)
+        away = row_dots(normal, directions.take(hit, axis=0)) > 0
+        put_rows(face, hit, np.where(away[:, None], -normal, normal))
         return distance, triangle, uv, face
 
     def meets_opaque(self, origins: F32, vectors: F32, proxies_block: bool) -> Bools:
@@ -234,7 +234,7 @@ class Body:
 
     def is_light_proxy(self, triangle: Ints) -> Bools:
         """Whether each triangle stands for an analytic light, shape (N,)."""
-        return np.asarray(self._light_proxies[self._material[triangle]])
+        return np.asarray(self._light_proxies.take(self._material.take(triangle)))
 
     def interact(self, triangle: Ints, uv: F32, face: F32, directions: F32) -> SurfaceInteraction:
         """Evaluate the surface at hits of ``cast``, none of them a miss."""
@@ -243,16 +243,17 @@ class Body:
         normal = np.where(length > 1e-6, normal / np.maximum(length, 1e-30), face)
         normal = np.where(row_dots(normal, face)[:, None] < 0, -normal, normal)
         material = self._material[triangle]
-        albedo = self._albedo[material]
+        albedo = self._albedo.take(material, axis=0)
         if self._colors is not None:
             albedo *= self._interpolate(self._colors, triangle, uv)[:, :3]
         emission = np.zeros_like(albedo)
-        specular, (roughness, metallic) = self._specular[material], self._roughness_metallic[material].T[..., None]
+        specular = self._specular.take(material, axis=0)
+        roughness, metallic = self._roughness_metallic.take(material, axis=0).T[..., None]
         varying = np.flatnonzero(self._varies[material])
         everywhere = [self._interpolate(uvs, triangle, uv) for uvs in self._uvs] if len(varying) else []
         for index, rows in self._by_material(varying, triangle):
             m = self._materials[index]
-            at = [uvs[rows] for uvs in everywhere]
+            at = [uvs.take(rows, axis=0) for uvs in everywhere]
             if m.albedo_map is not None:
                 albedo[rows] *= self._textured(m.albedo_map, at, m.alpha_cutoff is not None)
             if m.specular_map is not None:
@@ -265,20 +266,21 @@ class Body:
                 emits = m.double_sided | self._is_front(triangle[rows], directions[rows])[:, None]
                 emitted = np.array(m.emission, np.float32) * self._textured(m.emission_map, at)
                 emission[rows] = np.where(emits, emitted, 0.0)
-        shiny = self._has_specular[material]
-        towards = directions[shiny]
-        n_v = np.abs(row_dots(normal[shiny], towards)) / row_lengths(towards)
-        albedo[shiny] = _reflectance(np.clip(albedo[shiny], 0, 1), specular[shiny], roughness[shiny], metallic[shiny],
-                                     n_v[:, None])
+        shiny = np.flatnonzero(self._has_specular.take(material))
+        towards = directions.take(shiny, axis=0)
+        n_v = np.abs(row_dots(normal.take(shiny, axis=0), towards) / row_lengths(towards)).astype(np.float32)
+        of_shiny = (values.take(shiny, axis=0) for values in (albedo.clip(0, 1), specular, roughness, metallic))
+        base, dielectric, roughness, metallic = of_shiny
+        put_rows(albedo, shiny, _reflectance(base, dielectric, roughness, metallic, n_v[:, None]))
         return SurfaceInteraction(normal.astype(np.float32), np.clip(albedo, 0.0, 1.0), np.maximum(emission, 0.0))
 
     def _is_front(self, triangle: Ints, directions: F32) -> Bools:
-        a, b, c = (self.positions[self.triangles[triangle, i]] for i in range(3))
+        a, b, c = (self.positions.take(corner, axis=0) for corner in self.triangles.take(triangle, axis=0).T)
         return (row_dots(np.cross(b - a, c - a), directions) < 0) != self._mirrored[triangle]
 
     def _interpolate(self, values: F32, triangle: Ints, uv: F32) -> F32:
         """Vertex values at barycentric coordinates."""
-        a, b, c = (values[corner] for corner in self.triangles[triangle].T)
+        a, b, c = (values.take(corner, axis=0) for corner in self.triangles.take(triangle, axis=0).T)
         u, v = uv[:, :1], uv[:, 1:]
         interpolated: F32 = (1 - u - v) * a + u * b + v * c
         return interpolated

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.arrays import F32, F64, Bools, Ints
-from app.math3d import affine_inverse, normal_matrix, row_dots, row_lengths, translation, unit_rows
+from app.math3d import affine_inverse, normal_matrix, put_rows, row_dots, row_lengths, translation, unit_rows
 from app.raycast.body import MAX_PASSED, Body
 from app.raycast.prefiltered_textures import PrefilteredTextures
 from app.scene import Instance, Scene
@@ -57,7 +57,9 @@ class Hits:
     @property
     def traced_emission(self) -> F32:
         """Emission that rays have to find, shape (N, 3): 0 on light proxies, whose emission is an analytic light."""
-        return np.where(self.is_light_proxy[:, None], np.float32(0), self.emission)
+        emission = self.emission.copy()
+        emission[np.flatnonzero(self.is_light_proxy)] = 0
+        return emission
 
     @property
     def anchors(self) -> Anchors:
@@ -65,8 +67,9 @@ class Hits:
         return Anchors(self.body, self.triangle, self.uv)
 
     def select(self, rows: Bools | Ints) -> Hits:
-        """The hits at an index or mask."""
-        return Hits(*(values[rows] for values in vars(self).values()))
+        """The hits at indices, or at a mask."""
+        indices = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows
+        return Hits(*(values.take(indices, axis=0) for values in vars(self).values()))
 
 
 def concatenate(parts: Sequence[Hits]) -> Hits:
@@ -182,7 +185,9 @@ class Caster:
             self._cast_at(index, origins, directions, hits)
         met = hits.body >= 0
         hits.distance[~met] = np.inf
-        hits.position[met] = origins[met] + directions[met] * hits.distance[met, None]
+        rows = np.flatnonzero(met)
+        along = directions.take(rows, axis=0) * hits.distance.take(rows)[:, None]
+        put_rows(hits.position, rows, origins.take(rows, axis=0) + along)
         return hits
 
     def is_occluded(self, origins: F32, vectors: F32, proxies_block: bool) -> Bools:
@@ -248,24 +253,25 @@ class Caster:
         if inverse is None:
             return  # scaled to nothing
         rows = _rays_towards(*self.bounding_sphere(index), origins, directions, hits.distance)
-        start, along = origins[rows], directions[rows]
+        start, along = origins.take(rows, axis=0), directions.take(rows, axis=0)
+        step = self._steps(along)
         if index != STATIC:
             start = (start @ inverse[:3, :3].T + inverse[:3, 3]).astype(np.float32)
             along = (along @ inverse[:3, :3].T).astype(np.float32)
         passed = np.zeros(len(rows), np.float32)
-        step = self._steps(directions[rows])
         for _ in range(MAX_PASSED):
             distance, triangle, uv, face = body.cast(start + along * passed[:, None], along,
                                                      hits.distance[rows] - passed)
             goes_on = body.is_passed(triangle, uv, along)
-            met = (triangle >= 0) & ~goes_on
-            surface = body.interact(triangle[met], uv[met], face[met], along[met])
-            to = rows[met]
-            hits.normal[to] = transform_normals(surface.normal, matrix) if index != STATIC else surface.normal
-            hits.albedo[to], hits.emission[to], hits.body[to] = surface.albedo, surface.emission, index
-            hits.distance[to] = passed[met] + distance[met]
-            hits.is_light_proxy[to] = body.is_light_proxy(triangle[met])
-            hits.triangle[to], hits.uv[to] = triangle[met], uv[met]
+            met = np.flatnonzero((triangle >= 0) & ~goes_on)
+            to, at, bary = rows.take(met), triangle.take(met), uv.take(met, axis=0)
+            surface = body.interact(at, bary, face.take(met, axis=0), along.take(met, axis=0))
+            put_rows(hits.normal, to, transform_normals(surface.normal, matrix) if index != STATIC else surface.normal)
+            for target, values in ((hits.albedo, surface.albedo), (hits.emission, surface.emission), (hits.uv, bary)):
+                put_rows(target, to, values)
+            hits.body[to], hits.triangle[to] = index, at
+            hits.distance[to] = (passed + distance).take(met)
+            hits.is_light_proxy[to] = body.is_light_proxy(at)
             if not goes_on.any():
                 return
             passed = (passed + distance + step)[goes_on]

@@ -65,4 +65,5 @@ def _nearest(pixels: NDArray[Any], texture: Texture, uv: F32) -> NDArray[Any]:
     for value, size, repeat in ((1 - at[:, 1], height, texture.repeat[1]), (at[:, 0], width, texture.repeat[0])):
         value = value - np.floor(value) if repeat else value
         index.append(np.clip((value * size).astype(np.int64), 0, size - 1))
-    return pixels[index[0], index[1]]
+    texels: NDArray[Any] = pixels.reshape(-1, pixels.shape[2]).take(index[0] * width + index[1], axis=0)
+    return texels

@@ -11,7 +11,7 @@ from itertools import permutations
 import numpy as np
 
 from app.arrays import F32, F64, Ints
-from app.math3d import R2
+from app.math3d import R2, put_rows
 from app.raycast.caster import Caster, Hits
 from app.surfels.random_walks import sample_cosine_hemisphere
 
@@ -66,23 +66,27 @@ def gather(caster: Caster, light_at: LightAt, reach: float, origin: F32, normal:
     distance = np.minimum(hits.distance / np.float32(reach), 1)
     met = np.flatnonzero(hits.body >= 0)
     ends = hits.select(met)
-    is_near = distance[met] < 1
-    unused_digits = numbers.reshape(-1, 1, 2)[met[is_near]] * 2**SPREAD_BITS % 1
-    further = _cast_further(caster, ends.select(is_near), unused_digits)
+    near = np.flatnonzero(distance[met] < 1)
+    unused_digits = numbers.reshape(-1, 1, 2).take(met[near], axis=0) * 2**SPREAD_BITS % 1
+    further = _cast_further(caster, ends.select(near), unused_digits)
     met_further = np.flatnonzero(further.body >= 0)
     last_ends = further.select(met_further)
     at = np.concatenate([ends.position, last_ends.position])
     facing = np.concatenate([ends.normal, last_ends.normal])
-    has_surfels = np.concatenate([~is_near, np.ones(len(met_further), np.bool_)])
-    irradiance = np.zeros_like(at)
-    irradiance[has_surfels] = light_at.indirect(at[has_surfels], facing[has_surfels])
-    irradiance += light_at.direct(at, facing)
-    indirect = further.traced_emission
-    indirect[met_further] += last_ends.albedo * irradiance[len(met):]
-    irradiance[:len(met)][is_near] += indirect
+    has_surfels = np.delete(np.arange(len(at)), near)
+    irradiance = light_at.direct(at, facing)
+    indirect = light_at.indirect(at.take(has_surfels, axis=0), facing.take(has_surfels, axis=0))
+    _add_rows(irradiance, has_surfels, indirect)
+    from_further = further.traced_emission
+    _add_rows(from_further, met_further, last_ends.albedo * irradiance[len(met):])
+    _add_rows(irradiance, near, from_further)
     light = hits.traced_emission
-    light[met] += ends.albedo * irradiance[:len(met)]
+    _add_rows(light, met, ends.albedo * irradiance[:len(met)])
     return GatheredRays(light.reshape(count, rays, 3), distance.reshape(count, rays))
+
+
+def _add_rows(target: F32, rows: Ints, values: F32) -> None:
+    put_rows(target, rows, target.take(rows, axis=0) + values)
 
 
 def _cast_further(caster: Caster, starts: Hits, numbers: F64) -> Hits:
@@ -105,7 +109,7 @@ def sequence(grid: tuple[int, int], texel: Ints, first: int, count: int, phase: 
     phase : float
         Shifts all sequences.
     """
-    start = spread_evenly(*grid)[texel] + np.random.default_rng(int(phase * 2**16)).random(2)
+    start = spread_evenly(*grid).take(texel, axis=0) + np.random.default_rng(int(phase * 2**16)).random(2)
     numbers: F64 = (start[:, None] + np.arange(first, first + count)[:, None] * np.array(R2)) % 1.0
     return numbers
 

@@ -1,5 +1,7 @@
 """The light of surfels at any points of the scene, without a product of all points with all surfels."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from app.arrays import F32, Bools, Ints
@@ -39,6 +41,7 @@ class SurfelLookup:
         log_weight = np.log(np.maximum(world.weight[rows], np.float32(1e-6)))
         self._surfels = np.concatenate([position, normal, 1 / radius[:, None] ** 2, log_weight[:, None], self._clip],
                                        axis=1).astype(np.float32)
+        self._columns = np.ascontiguousarray(self._surfels.T)  # rows of a few numbers would take many times as long
         self._edge = CELL_RADII * float(np.median(radius))
         self._codes, self._rows, self._candidates, self._cell_weights = self._no_cells()
 
@@ -56,30 +59,30 @@ class SurfelLookup:
         """
         position = position - self._center
         cells = self._find_cells(position, normal)  # first, since it may add candidates
-        near = self._candidates[cells, :candidates]
-        weight = self._weights(position[:, None], normal[:, None], near)
-        return np.asarray(np.einsum("nk,nkc->nc", weight, light[near]), np.float32)
+        near = self._candidates[:, :candidates].T.take(cells, axis=1)
+        return _mean(self._weights(position, normal, near), light, near)
 
     def approximate(self, light: F32, position: F32, normal: F32) -> F32:
         """``interpolate`` where each point's cell began: constant within cells, and three times as fast.
 
         For points whose light is averaged anyway.
         """
-        cells, inverse = np.unique(self._find_cells(position - self._center, normal), return_inverse=True)
-        cell_light = np.einsum("nk,nkc->nc", self._cell_weights[cells], light[self._candidates[cells, :CANDIDATES]])
-        return np.asarray(cell_light[inverse], np.float32)
+        cells = self._find_cells(position - self._center, normal)
+        near = self._candidates[:, :CANDIDATES].T.take(cells, axis=1)
+        return _mean(self._cell_weights.T.take(cells, axis=1), light, near)
 
     def _weights(self, position: F32, normal: F32, near: Ints) -> F32:
-        """Weights that sum to 1, shape (N, K), of surfels ``near`` (N, K) at points (N, 1, 3); docs/ember.md."""
-        surfel = self._surfels[near]
-        away, inverse = position - surfel[..., :3], surfel[..., 6]
-        off = np.einsum("nkc,njc->nk", away, normal)
-        exponent = (surfel[..., 7] + kernel.NORMAL_WEIGHT * np.einsum("nkc,njc->nk", surfel[..., 3:6], normal)
-                    - (kernel.DISTANCE_WEIGHT * np.einsum("nkc,nkc->nk", away, away) + kernel.PLANE_WEIGHT * off * off)
-                    * inverse
-                    + np.minimum(np.einsum("nkc,njc->nk", surfel[..., 8:11], position) + surfel[..., 11], 0))
-        weight = np.exp(np.maximum(exponent - exponent.max(axis=1, keepdims=True), MIN_EXPONENT))
-        return np.asarray(weight / weight.sum(axis=1, keepdims=True), np.float32)
+        """Weights that sum to 1, shape (K, N), of surfels ``near`` (K, N) at points (N, 3); docs/ember.md."""
+        at, facing = np.ascontiguousarray(position.T), np.ascontiguousarray(normal.T)
+        surfel = [column.take(near) for column in self._columns]
+        away, axis, clip = [at[c] - surfel[c] for c in range(3)], surfel[3:6], surfel[8:]
+        inverse, log_weight = surfel[6:8]
+        off = _dot(away, facing)
+        exponent = (log_weight + kernel.NORMAL_WEIGHT * _dot(axis, facing)
+                    - (kernel.DISTANCE_WEIGHT * _dot(away, away) + kernel.PLANE_WEIGHT * off * off) * inverse
+                    + np.minimum(_dot(clip, at) + clip[3], 0))
+        weight = np.exp(np.maximum(exponent - exponent.max(axis=0), MIN_EXPONENT))
+        return np.asarray(weight / weight.sum(axis=0), np.float32)
 
     def _find_cells(self, position: F32, normal: F32) -> Ints:
         """The row of ``_candidates`` for each point, shape (N,); unknown cells get one."""
@@ -87,22 +90,26 @@ class SurfelLookup:
         axis = np.abs(normal).argmax(axis=1)
         side = 2 * axis + (np.take_along_axis(normal, axis[:, None], axis=1)[:, 0] < 0)
         code = ((cell[:, 0] * AXIS_CELLS + cell[:, 1]) * AXIS_CELLS + cell[:, 2]) * 6 + side
-        codes, first, inverse = np.unique(code, return_index=True, return_inverse=True)
-        if len(self._codes) + len(codes) > MAX_CELLS:
-            self._codes, self._rows, self._candidates, self._cell_weights = self._no_cells()
-        known = self._is_known(codes)
+        at, known = self._search(code)
         if not known.all():
-            new = first[~known]
+            if len(self._codes) + len(codes := np.unique(code[~known])) > MAX_CELLS:
+                self._codes, self._rows, self._candidates, self._cell_weights = self._no_cells()
+                known[:] = False
+            unknown = np.flatnonzero(~known)
+            codes, first = np.unique(code[unknown], return_index=True)
+            new = unknown[first]
             near = self._largest(position[new], normal[new])
-            weights = self._weights(position[new, None], normal[new, None], near[:, :CANDIDATES])
-            self._remember(codes[~known], near, weights)
-        return np.asarray(self._rows[np.searchsorted(self._codes, codes)][inverse])
+            weights = self._weights(position[new], normal[new], near[:, :CANDIDATES].T)
+            self._remember(codes, near, weights.T)
+            at, _ = self._search(code)
+        return np.asarray(self._rows.take(at))
 
-    def _is_known(self, codes: Ints) -> Bools:
+    def _search(self, code: Ints) -> tuple[Ints, Bools]:
+        """Where each code is among ``_codes``, and whether it is there, both shape (N,)."""
         if len(self._codes) == 0:
-            return np.zeros(len(codes), np.bool_)
-        at = np.searchsorted(self._codes, codes).clip(max=len(self._codes) - 1)
-        return np.asarray(self._codes[at] == codes)
+            return np.zeros_like(code), np.zeros(len(code), np.bool_)
+        at = np.searchsorted(self._codes, code).clip(max=len(self._codes) - 1)
+        return at, np.asarray(self._codes.take(at) == code)
 
     def _remember(self, codes: Ints, candidates: Ints, weights: F32) -> None:
         rows = np.arange(len(self._candidates), len(self._candidates) + len(codes))
@@ -131,3 +138,14 @@ class SurfelLookup:
             order = np.take_along_axis(-exponent, near, axis=1).argsort(axis=1)
             blocks.append(np.take_along_axis(near, order, axis=1))
         return np.concatenate(blocks)
+
+
+def _dot(a: Sequence[F32] | F32, b: Sequence[F32] | F32) -> F32:
+    """Dot products of vectors by components."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _mean(weight: F32, light: F32, near: Ints) -> F32:
+    """Sums of the light of surfels ``near`` times weights, both shape (K, N); shape (N, 3)."""
+    channels = [(weight * channel.take(near)).sum(axis=0) for channel in np.ascontiguousarray(light.T)]
+    return np.stack(channels, axis=1).astype(np.float32, copy=False)

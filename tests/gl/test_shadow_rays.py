@@ -64,6 +64,41 @@ def test_light_behind_bars_is_right_and_hardly_noisy(frames: int, most: float) -
     assert abs(error.mean()) < 3e-3
 
 
+def half_covered_pane() -> tuple[Scene, Camera]:
+    """A polished floor before a pane whose left half is behind a board."""
+    polished = Material(roughness=0.1, specular=(0.04,) * 3)
+    pane = RectLight((0.0, 1.2, -2.0), (2.0, 0, 0), (0, 2.0, 0), WHITE)
+    board = quad((-1.2, 0.1, -1.7), (1.2, 0, 0), (0, 2.2, 0))
+    camera = Camera((0.0, 1.2, 2.0), (0.0, 0.0, -0.6), fov_y_deg=50.0)
+    return make_scene([floor(3.0, material=polished), board], [pane], camera), camera
+
+
+def mirrored_points(position: F32, camera: Camera, z: float) -> F64:
+    """Where mirrored views of a floor meet the plane of ``z``; position, result: [N, 3]."""
+    along = (position - np.asarray(camera.eye)) * (1.0, -1.0, 1.0)
+    return position + along * ((z - position[:, 2]) / along[:, 2])[:, None]
+
+
+@pytest.mark.parametrize(("taa", "frames"), [(False, 1), (True, 1), (True, 24)])
+def test_a_polished_floor_mirrors_what_covers_half_of_a_pane(taa: bool, frames: int) -> None:
+    """The diffuse light of either half is about the same, so its visibility does not tell highlights."""
+    scene, camera = half_covered_pane()
+    with Renderer(scene, Settings(SIZE, ("specular", "position"), taa=taa)) as renderer:
+        for _ in range(frames):
+            images = renderer.render(camera)
+    free = draw(without_shadows(scene), SIZE, ("specular",))["specular"][..., 1].ravel()
+    position = images["position"].reshape(-1, 3).astype(np.float64)
+    at = mirrored_points(position, camera, -2.0)
+    in_pane = (np.abs(at[:, 0]) < 0.85) & (np.abs(at[:, 1] - 1.2) < 0.85) & (free > 0) & (np.abs(position[:, 1]) < 1e-4)
+    edge = mirrored_points(position, camera, -1.7)[:, 0]
+    share = images["specular"][..., 1].ravel() / np.maximum(free, 1e-6)
+    covered, open_half = share[in_pane & (edge < -0.15)], share[in_pane & (edge > 0.15)]
+    assert min(len(covered), len(open_half)) > 300
+    assert covered.mean() < 0.03
+    assert np.percentile(covered, 95) < 0.1
+    assert open_half.mean() == pytest.approx(1.0, abs=0.03)
+
+
 # Half diagonals or radii of 0.02 to 1.5, from touching a wall to far away, of a box of 2 m.
 SIZES_AND_DISTANCES = [(0.02, 0.05), (0.02, 4.0), (0.1, 0.15), (0.1, 1.0), (0.4, 0.45), (0.4, 2.0), (1.5, 1.6),
                        (1.5, 6.0)]
