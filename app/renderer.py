@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
@@ -22,7 +23,7 @@ from app.gl.timer import MAX_FRAMES, Timer, Yardstick
 from app.graph import BoundPass, Plan
 from app.io.color_management import display_view, find_view
 from app.math3d import GOLDEN_RATIO, View, halton
-from app.network.selection import Model, load_models
+from app.network.selection import Model, Models, by_role, load_models, needs_surfels
 from app.radiance_scale import radiance_scale
 from app.raycast.caster import Caster
 from app.raycast.light_extent import needs_rays
@@ -93,22 +94,25 @@ class Renderer:
     def __init__(self, scene: Scene, settings: Settings, model: Model | Sequence[Model] | None = None,
                  open_exchange: OpenExchange = open_exchange) -> None:
         self.scene, self.settings = scene, settings
-        chosen = () if model is None else (model,) if isinstance(model, str | Path) else model
+        chosen = () if model is None else (model,) if isinstance(model, str | Path) else tuple(model)
+        by_role(chosen)  # raises errors before anything is set up
+        needs_caster = any(map(needs_surfels, chosen)) and not RADIANCE.isdisjoint(settings.outputs)
         self._ocio_view = None if settings.tonemap in TONE_MAPS else find_view(settings.tonemap)
-        self._models = load_models(chosen, settings, scene.environment is not None)
         self._exchanges = Exchanges(open_exchange)
-        self._gl = Device(settings.strict_device)
-        try:
-            self._set_up()
-        except BaseException:
-            with self._gl.ctx:
-                self._exchanges.release()
-            self._gl.close()
-            raise
+        with ThreadPoolExecutor(1) as background:  # onnxruntime prepares networks while the scene is
+            models = background.submit(load_models, chosen, settings, scene.environment is not None)
+            self._gl = Device(settings.strict_device)
+            try:
+                self._set_up(models, needs_caster)
+            except BaseException:
+                with self._gl.ctx:
+                    self._exchanges.release()
+                self._gl.close()
+                raise
         self.device = {"gl_renderer": self._gl.renderer, "gl_version": self._gl.version,
                        "provider": self._models.provider, "exchange": self._exchanges.names}
 
-    def _set_up(self) -> None:
+    def _set_up(self, models: Future[Models], needs_caster: bool) -> None:
         settings = self.settings
         self._radiance_scale = radiance_scale(self.scene)
         scene = self.scene.with_radiance_scale(self._radiance_scale)
@@ -116,6 +120,9 @@ class Renderer:
         self._scaled = scene
         self._geometry = GpuScene(self._gl, scene)
         self._traced = self._needs_rays(scene)
+        if needs_caster:
+            self._get_caster()
+        self._models = models.result()
         self._lights = LightSet(self._gl, scene, self._traced)
         self._camera = CameraBlock(self._gl)
         surfels = TrackedSurfels(scene, self._get_caster, *(self._models.surfels_read or REFLECTION_SURFELS))

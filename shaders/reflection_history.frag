@@ -17,8 +17,7 @@ const float SIGMAS = 2.0;            // of their mean, within which history coun
 uniform sampler2D reflection_now;  // radiance; a: length of the ray / depth where it starts, 0 for none
 #ifdef FAST_PATH
 uniform sampler2D reflection_ray;  // a: 0 for none
-#endif
-#if defined(HAS_REFLECTION_LOW_PREV) && !defined(FAST_PATH)
+#elif defined(HAS_REFLECTION_LOW_PREV)
 uniform sampler2D reflection_gbuffer;
 uniform sampler2D specular_roughness;
 uniform sampler2D motion;

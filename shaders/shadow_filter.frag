@@ -8,13 +8,14 @@
 const float NOISE_SIGMAS = 3.0;      // of the difference of two texels, by which noise may part them
 const float PLANE_TOLERANCE = 0.01;  // of the receiver's depth_scale
 const float MIN_COSINE = 0.9;        // between normals
-const float PRIOR = 0.01;            // of the samples, for which the share of diffuse light counts as that of specular light
+const float PRIOR = 0.5;             // specular rays whose share is taken to be that of diffuse light
 
 uniform sampler2D shadow_visible;     // rgb: mean irradiance of the samples that reach their light, a: samples
 uniform sampler2D shadow_unshadowed;  // rgb: mean irradiance of all samples
 uniform sampler2D lowres_gbuffer;
 #ifdef SPECULAR_RAYS
-uniform sampler2D shadow_specular;    // mean luminance that specular rays would see of rectangles: that reaches them; all
+uniform sampler2D shadow_specular;    // r: mean luminance of the rectangles that specular rays reach, g: of all of them,
+                                      // a: number of these rays
 #endif
 uniform vec2 ratio;   // full-resolution texels per low-resolution texel
 uniform int spacing;  // texels
@@ -25,7 +26,7 @@ layout(location = WRITE_SHADOW_RATIO) out vec4 out_shadow_ratio;  // a: 1 plus t
 layout(location = 0) out vec4 out_visible;
 layout(location = 1) out vec4 out_unshadowed;
 #ifdef SPECULAR_RAYS
-layout(location = 2) out vec2 out_specular;
+layout(location = 2) out vec4 out_specular;
 #endif
 #endif
 
@@ -37,7 +38,7 @@ struct Texel {
     float share;   // of the light that is visible
     float variance;  // of that share
 #ifdef SPECULAR_RAYS
-    vec2 specular;
+    vec4 specular;
 #endif
 };
 
@@ -65,7 +66,7 @@ Texel texel_at(ivec2 low)
     t.share = dot(t.visible.rgb, vec3(1.0)) / max(dot(t.unshadowed.rgb, vec3(1.0)), 1e-30);
     t.variance = variance_of(t.share, t.visible.a);
 #ifdef SPECULAR_RAYS
-    t.specular = texelFetch(shadow_specular, low, 0).rg;
+    t.specular = texelFetch(shadow_specular, low, 0);
 #endif
     return t;
 }
@@ -73,10 +74,9 @@ Texel texel_at(ivec2 low)
 #ifdef SPECULAR_RAYS
 bool is_alike_specular(Texel here, Texel t)
 {
-    vec2 seen = vec2(here.specular.x, t.specular.x) / max(vec2(here.specular.y, t.specular.y), 1e-6);
-    vec2 samples = vec2(here.specular.y, t.specular.y) * vec2(here.visible.a, t.visible.a);
-    return agree(seen.x, seen.y, variance_of(seen.x, samples.x) + variance_of(seen.y, samples.y))
-        && is_finite(t.specular.x + t.specular.y);
+    vec2 seen = vec2(here.specular.r, t.specular.r) / max(vec2(here.specular.g, t.specular.g), 1e-30);
+    return is_finite(dot(t.specular, vec4(1.0))) && (here.specular.a <= 0.0 || agree(
+        seen.x, seen.y, variance_of(seen.x, here.specular.a) + variance_of(seen.y, t.specular.a)));
 }
 #endif
 
@@ -86,7 +86,7 @@ void main()
     Texel here = texel_at(low);
     vec4 visible = vec4(0.0), unshadowed = vec4(0.0);
 #ifdef SPECULAR_RAYS
-    vec3 specular = vec3(0.0);
+    vec4 specular = vec4(0.0);
 #endif
     for (int i = 0; i < 9; ++i) {
         ivec2 at = low + spacing * (ivec2(i % 3, i / 3) - 1);
@@ -96,7 +96,7 @@ void main()
             && dot(here.surface.xyz, t.surface.xyz) >= MIN_COSINE
             && at == clamp(at, ivec2(0), last) && is_finite(t.share);
 #ifdef SPECULAR_RAYS
-        specular += alike && is_alike_specular(here, t) ? vec3(t.specular, 1.0) * t.visible.a : vec3(0.0);
+        specular += alike && is_alike_specular(here, t) ? vec4(t.specular.rgb, 1.0) * t.specular.a : vec4(0.0);
 #endif
         alike = alike && (agree(t.share, here.share, here.variance + t.variance) || dot(here.unshadowed.rgb, vec3(1.0)) <= 0.0);
         visible += alike ? vec4(t.visible.rgb, 1.0) * t.visible.a : vec4(0.0);
@@ -105,7 +105,7 @@ void main()
     visible.rgb /= max(visible.a, 1e-30);
     unshadowed.rgb /= max(unshadowed.a, 1e-30);
 #ifdef SPECULAR_RAYS
-    specular.xy /= max(specular.z, 1e-30);
+    specular.rgb /= max(specular.a, 1e-30);
 #endif
 #ifdef WRITE_SHADOW_RATIO
     vec3 share = clamp(visible.rgb / max(unshadowed.rgb, 1e-30), 0.0, 1.0);
@@ -113,7 +113,8 @@ void main()
     float specular_share = 0.0;
 #ifdef SPECULAR_RAYS
     float diffuse_share = clamp(dot(visible.rgb, vec3(1.0)) / max(dot(unshadowed.rgb, vec3(1.0)), 1e-30), 0.0, 1.0);
-    specular_share = clamp((specular.x + PRIOR * diffuse_share) / (specular.y + PRIOR), 0.0, 1.0);
+    float share_of_rays = specular.r / max(specular.g, 1e-30);
+    specular_share = clamp(mix(diffuse_share, share_of_rays, specular.a / (specular.a + PRIOR)), 0.0, 1.0);
 #endif
     out_shadow_ratio = vec4(unshadowed.r > 0.0 ? share.r : 1.0, unshadowed.g > 0.0 ? share.g : 1.0,
                             unshadowed.b > 0.0 ? share.b : 1.0, all_light > 0.0 ? 1.0 + specular_share : 0.0);
@@ -121,7 +122,7 @@ void main()
     out_visible = visible;
     out_unshadowed = unshadowed;
 #ifdef SPECULAR_RAYS
-    out_specular = specular.xy;
+    out_specular = specular;
 #endif
 #endif
 }

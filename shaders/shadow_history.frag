@@ -8,7 +8,8 @@ uniform sampler2D shadow_visible_prev;
 uniform sampler2D shadow_unshadowed_prev;
 uniform float max_samples;  // of history
 #ifdef HAS_SHADOW_SPECULAR_NOW
-uniform sampler2D shadow_specular_now;  // mean luminance that specular rays would see of rectangles: that reaches them; all
+uniform sampler2D shadow_specular_now;    // r: mean luminance of the rectangles that specular rays reach, g: of all of them,
+                                          // a: number of these rays
 uniform sampler2D shadow_specular_prev;
 uniform float max_specular_samples;     // of history, which follows surfaces and not what they mirror
 #endif
@@ -16,22 +17,28 @@ uniform float max_specular_samples;     // of history, which follows surfaces an
 layout(location = 0) out vec4 out_shadow_visible;
 layout(location = 1) out vec4 out_shadow_unshadowed;
 #ifdef HAS_SHADOW_SPECULAR_NOW
-layout(location = 2) out vec2 out_shadow_specular;
-
-vec2 specular_before(ivec2 low, float closeness)
-{
-    vec2 old = texelFetch(shadow_specular_prev, low, 0).rg;
-    return closeness > 0.0 && is_finite(old.x + old.y) ? max(old, 0.0) * closeness : vec2(0.0);
-}
+layout(location = 2) out vec4 out_shadow_specular;
 #endif
 
-void add(ivec2 low, float closeness, inout vec4 visible, inout vec4 unshadowed, inout float weight)
+struct Sums {
+    vec4 visible;
+    vec4 unshadowed;
+    vec4 specular;
+    float weight;
+};
+
+void add(ivec2 low, float closeness, inout Sums sums)
 {
-    vec4 old_visible = texelFetch(shadow_visible_prev, low, 0), old_unshadowed = texelFetch(shadow_unshadowed_prev, low, 0);
-    bool healthy = closeness > 0.0 && is_finite(dot(old_visible + old_unshadowed, vec4(1.0))) && old_visible.a >= 1.0;
-    visible += healthy ? max(old_visible, 0.0) * closeness : vec4(0.0);
-    unshadowed += healthy ? max(old_unshadowed, 0.0) * closeness : vec4(0.0);
-    weight += healthy ? closeness : 0.0;
+    vec4 visible = texelFetch(shadow_visible_prev, low, 0), unshadowed = texelFetch(shadow_unshadowed_prev, low, 0);
+    vec4 specular = vec4(0.0);
+#ifdef HAS_SHADOW_SPECULAR_NOW
+    specular = texelFetch(shadow_specular_prev, low, 0);
+#endif
+    bool healthy = closeness > 0.0 && is_finite(dot(visible + unshadowed + specular, vec4(1.0))) && visible.a >= 1.0;
+    sums.visible += healthy ? max(visible, 0.0) * closeness : vec4(0.0);
+    sums.unshadowed += healthy ? max(unshadowed, 0.0) * closeness : vec4(0.0);
+    sums.specular += healthy ? max(specular, 0.0) * vec4(vec3(specular.a), 1.0) * closeness : vec4(0.0);
+    sums.weight += healthy ? closeness : 0.0;
 }
 
 void main()
@@ -42,24 +49,23 @@ void main()
     visible_now = healthy_now ? max(visible_now, 0.0) : vec4(0.0);
     unshadowed_now = healthy_now ? max(unshadowed_now, 0.0) : vec4(0.0);
     Reprojection r = reproject(low);
-    vec4 visible = vec4(0.0), unshadowed = vec4(0.0);
-    float weight = 0.0;
-    add(r.base, r.weights.x, visible, unshadowed, weight);
-    add(r.base + ivec2(1, 0), r.weights.y, visible, unshadowed, weight);
-    add(r.base + ivec2(0, 1), r.weights.z, visible, unshadowed, weight);
-    add(r.base + ivec2(1, 1), r.weights.w, visible, unshadowed, weight);
-    bool keep = weight > MIN_SHARE;
-    float before = keep ? min(visible.a, max(max_samples - visible_now.a, 0.0)) : 0.0;  // samples, fewer where few texels agree
-    float samples = max(before + visible_now.a, 1.0);
-    float share = visible_now.a / samples;
-    weight = max(weight, 1e-6);
-    out_shadow_visible = vec4(mix(visible.rgb / weight, visible_now.rgb, share), samples);
-    out_shadow_unshadowed = vec4(mix(unshadowed.rgb / weight, unshadowed_now.rgb, share), samples);
+    Sums old = Sums(vec4(0.0), vec4(0.0), vec4(0.0), 0.0);
+    add(r.base, r.weights.x, old);
+    add(r.base + ivec2(1, 0), r.weights.y, old);
+    add(r.base + ivec2(0, 1), r.weights.z, old);
+    add(r.base + ivec2(1, 1), r.weights.w, old);
+    bool keep = old.weight > MIN_SHARE;
+    float weight = max(old.weight, 1e-6);
+    // Samples, fewer where few texels agree.
+    float before = keep ? min(old.visible.a, max(max_samples - visible_now.a, 0.0)) : 0.0, samples = before + visible_now.a;
+    float share = visible_now.a / max(samples, 1e-6);
+    out_shadow_visible = vec4(mix(old.visible.rgb / weight, visible_now.rgb, share), samples);
+    out_shadow_unshadowed = vec4(mix(old.unshadowed.rgb / weight, unshadowed_now.rgb, share), samples);
 #ifdef HAS_SHADOW_SPECULAR_NOW
-    vec2 now = texelFetch(shadow_specular_now, low, 0).rg;
-    vec2 old = specular_before(r.base, r.weights.x) + specular_before(r.base + ivec2(1, 0), r.weights.y)
-        + specular_before(r.base + ivec2(0, 1), r.weights.z) + specular_before(r.base + ivec2(1, 1), r.weights.w);
-    float specular_share = keep ? min(max(share, visible_now.a / max_specular_samples), 1.0) : 1.0;
-    out_shadow_specular = mix(old / weight, healthy_now && is_finite(now.x + now.y) ? max(now, 0.0) : vec2(0.0), specular_share);
+    vec4 now = texelFetch(shadow_specular_now, low, 0);
+    now = is_finite(dot(now, vec4(1.0))) ? max(now, 0.0) : vec4(0.0);
+    float rays = keep ? min(old.specular.a, max(max_specular_samples - now.a, 0.0)) : 0.0;
+    vec3 light = old.specular.rgb / max(old.specular.a, 1e-6) * rays + now.rgb * now.a;
+    out_shadow_specular = vec4(light / max(rays + now.a, 1e-6), rays + now.a);
 #endif
 }

@@ -14,6 +14,7 @@ const int BLOCK = 9;              // texels along the edge of a block whose rays
                                   // "Interleaved Sampling"); the filter averages over as many
 const int SKY_CANDIDATES = 4;     // of which one is chosen (Talbot, Cline and Egbert 2005, "Importance Resampling for Global Illumination")
 const uvec3 RECURRENCE = uvec3(3518319155u, 2882110345u, 2360945575u);  // R3 of Roberts 2018, in 32-bit fixed point
+const uvec2 SPECULAR_RECURRENCE = uvec2(3242174889u, 2447445414u);      // his R2
 const float TO_UNIT = 1.0 / 4294967296.0;
 const vec2 SKY_CELL_EXTENT = vec2(PI / 32.0);  // of azimuth and polar angle, as in environment.py
 const float MIN_EPSILON = 0.05;   // of ray_epsilon, which covers the rounding of positions
@@ -42,8 +43,8 @@ uniform float sky_distance;  // length of a ray towards the environment, scene u
 
 layout(location = 0) out vec4 out_origin;  // relative space
 layout(location = 1) out vec4 out_vector;  // from there to the ray's end; a: 0: no ray, 1: passes light proxies, 2: meets all
-layout(location = 2) out vec4 out_light;   // rgb: unshadowed irradiance of the sample, over its probability; a: luminance of
-                                           // the rectangle that a specular ray is traced to, as a share of the brightest's
+layout(location = 2) out vec4 out_light;   // rgb: unshadowed irradiance of the sample, over its probability; a: for a specular
+                                           // ray instead, the luminance of the rectangle that it is traced to
 
 struct Receiver {
     vec3 p;
@@ -135,27 +136,29 @@ LightSample sample_sky(vec3 n, vec2 s, float pick)
 #endif
 
 #ifdef SPECULAR_RAYS
-// The nearest rectangle that a reflected ray would meet; light is its radiance, as a share of the brightest's luminance.
-LightSample sample_specular(Receiver r, vec4 specular_roughness, vec2 s)
+// The nearest rectangle that a reflected ray would meet; light is its radiance. What replaces samples of diffuse light must not
+// depend on their numbers, so it has a sequence of its own.
+LightSample sample_specular(ivec2 texel, Receiver r)
 {
-    float alpha = max(specular_roughness.a * specular_roughness.a, MIN_ALPHA);
-    vec3 along = reflected(-normalize(along_view(r.p)), r.n, r.face, alpha, s);
-    float nearest = 1e30, brightest = LUMINANCE_FLOOR;
-    vec3 light = vec3(0.0);
+    vec4 surface = texelFetch(specular_roughness, nearest_texel(texel, ratio), 0);
+    uvec2 start = hash(uvec3(uvec2(texel), uint(noise_phase * 65536.0) + 1u)).xy;
+    vec2 s = vec2((SPECULAR_RECURRENCE * uint(sample_index) + start) >> 8u) * (256.0 * TO_UNIT);
+    float alpha = max(surface.a * surface.a, MIN_ALPHA), nearest = 1e30;
+    vec3 along = reflected(-normalize(along_view(r.p)), r.n, r.face, alpha, s), light = vec3(0.0);
     int i = RECTS_BEGIN;
     do {
         vec3 to_light = lights[i].position.xyz - r.p;
         float speed = dot(along, lights[i].frame_z.xyz);
         float t = dot(to_light, lights[i].frame_z.xyz) / (speed == 0.0 ? 1e-30 : speed);
         vec3 at = along * t - to_light;
-        bool meets = t > 0.0 && t < nearest && rect_side(lights[i], to_light) != 0.0
-            && abs(dot(at, lights[i].frame_x.xyz)) < lights[i].frame_x.w && abs(dot(at, lights[i].frame_y.xyz)) < lights[i].frame_y.w;
+        vec2 beyond = abs(vec2(dot(at, lights[i].frame_x.xyz), dot(at, lights[i].frame_y.xyz)))
+            - vec2(lights[i].frame_x.w, lights[i].frame_y.w);
+        bool meets = t > 0.0 && t < nearest && rect_side(lights[i], to_light) != 0.0 && max(beyond.x, beyond.y) < 0.0;
         nearest = meets ? t : nearest;
         light = meets ? lights[i].color.rgb : light;
-        brightest = max(brightest, luminance(lights[i].color.rgb));
     } while (++i < LIGHT_COUNT);
-    bool is_shiny = max(max(specular_roughness.r, specular_roughness.g), specular_roughness.b) > 0.0;
-    return LightSample(along * nearest, is_shiny ? light / brightest : vec3(0.0), false);
+    bool is_shiny = max(max(surface.r, surface.g), surface.b) > 0.0;
+    return LightSample(along * nearest, is_shiny ? light : vec3(0.0), false);
 }
 #endif
 
@@ -199,11 +202,12 @@ void main()
     out_vector = vec4((ray.vector + r.p - r.origin) * SHORTENED, wanted && free ? (ray.meets_proxies ? 2.0 : 1.0) : 0.0);
     out_light = wanted ? vec4(min(ray.light, HALF_MAX), 0.0) : vec4(0.0);
 #ifdef SPECULAR_RAYS
-    LightSample mirrored = sample_specular(r, texelFetch(specular_roughness, nearest_texel(texel, ratio), 0), s.yz);
-    float seen = luminance(mirrored.light);
-    if (((sample_index + texel.x + texel.y) & 1) == 1 && r.is_surface && seen > 0.0 && is_finite(dot(mirrored.vector, vec3(1.0)) + seen)) {
+    LightSample mirrored = sample_specular(texel, r);
+    float brightness = luminance(mirrored.light);
+    bool has_turn = ((sample_index + texel.x + texel.y) & 1) == 1;
+    if (has_turn && r.is_surface && brightness > 0.0 && is_finite(dot(mirrored.vector, vec3(1.0)) + brightness)) {
         out_vector = vec4((mirrored.vector + r.p - r.origin) * SHORTENED, 1.0);
-        out_light = vec4(vec3(0.0), seen);
+        out_light = vec4(vec3(0.0), min(brightness, HALF_MAX));
     }
 #endif
 }

@@ -71,7 +71,7 @@ class DirectLight:
         self._program.set(noise_phase=frame.noise_phase, local_eye=tuple(frame.view.eye - self._origin))
         self._device.draw_fullscreen(self._program)
         texels = np.frombuffer(self._target.read(drawn, components=4, alignment=1, dtype="f4"), np.float32)
-        rows = texels.reshape(self._rows, 2, -1)
+        rows = texels.reshape(self._rows, 2, 8 * self._layout[0])
         pairs = (rows[:, 0] + rows[:, 1]).reshape(-1, 2, 4)
         return np.asarray((pairs[:, 0, :3] + pairs[:, 1, :3]) / np.float32(4), np.float32)
 

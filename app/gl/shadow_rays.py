@@ -66,12 +66,14 @@ class ShadowRays:
         Returns
         -------
         visible, unshadowed : ndarray, float32, shape (h, w, 4)
-            Mean irradiance of the samples with and without occlusion, bottom row first; the number of samples.
-        specular : ndarray, float32, shape (h, w, 2)
-            With ``SPECULAR_RAYS`` only: mean luminance of the rectangles that these are traced to, as a share of the
-            brightest's: of those that they reach, and of all.
+            Mean irradiance of the samples of diffuse light with and without occlusion, bottom row first; the number of
+            these samples.
+        specular : ndarray, float32, shape (h, w, 4)
+            With ``SPECULAR_RAYS`` only: mean luminance of the rectangles that specular rays reach, and of all that they
+            are traced to; 0; how many they are.
         """
         visible, unshadowed = np.zeros((2, self._size[0] * self._size[1], 4), np.float32)
+        specular_rays = np.zeros(len(visible), np.float32)
         shift = (frame.view.eye - self._scene.origin).astype(np.float32)
         self.program.set(noise_phase=frame.noise_phase, ray_epsilon=RAY_EPSILON * self._scene.extent,
                          sky_distance=SKY_DISTANCE * self._scene.extent)
@@ -92,21 +94,35 @@ class ShadowRays:
                     seen[rows, 0] = ~self._scene.is_occluded(origin.take(rows, axis=0), ends, proxies_block)
             visible += light * seen
             unshadowed += light
-        specular = [np.stack([visible[:, 3], unshadowed[:, 3]], axis=1) / np.float32(len(samples))] * self._has_specular
-        return tuple(self._texels(sums) for sums in (
-            self._mean(visible, len(samples)), self._mean(unshadowed, len(samples)), *specular))
+            if self._has_specular:
+                specular_rays += light[:, 3] > 0
+        means = [_mean(total, len(samples) - specular_rays) for total in (visible, unshadowed)]
+        if self._has_specular:
+            none = np.zeros_like(specular_rays)
+            means.append(_mean(np.stack([visible[:, 3], unshadowed[:, 3], none, none], axis=1), specular_rays))
+        return tuple(mean.reshape(self._size[1], self._size[0], 4) for mean in means)
 
     def _read(self, target: int) -> F32:
         """What the program wrote into one of its targets, shape (h · w, 4)."""
         return np.frombuffer(self._textures[target].read(), np.float32).reshape(-1, 4)
 
-    def _mean(self, total: F32, samples: int) -> F32:
-        mean = total / np.float32(samples)
-        mean[:, 3] = samples
-        return mean
 
-    def _texels(self, rows: F32) -> F32:
-        return rows.reshape(self._size[1], self._size[0], -1)
+def _mean(total: F32, samples: F32) -> F32:
+    """Means of what was summed up over so many samples of each receiver; their number."""
+    mean = np.asarray(total / np.maximum(samples, 1)[:, None], np.float32)
+    mean[:, 3] = samples
+    return mean
+
+
+def specular_defines(lights: Mapping[str, object], has_specular: bool) -> dict[str, object]:
+    """``SPECULAR_RAYS`` where rays follow specular lobes: where some surface has one, and some light is a rectangle.
+
+    Parameters
+    ----------
+    lights : mapping
+        ``LightSet.defines``.
+    """
+    return {"SPECULAR_RAYS": 1} if has_specular and "HAS_TRACED_RECT" in lights else {}
 
 
 def share_of(visible: F32, unshadowed: F32) -> F32:

@@ -142,6 +142,11 @@ def shades_environment(model: Model) -> bool:
     return model == UNSHADOWED or (model != SSGI and read_contract(model).shades_environment)
 
 
+def needs_surfels(model: Model) -> bool:
+    """Whether a model reads surfels of the world, or light that is gathered from them."""
+    return not isinstance(model, str) and (read_contract(model).surfels is not None or read_contract(model).gathers)
+
+
 def environment_notices(scene: Scene, models: Sequence[Model]) -> Iterator[str]:
     """Notes for the user when the environment lights surfaces without shadows, or when there is none to shade."""
     shading = [model for model in models if shades_environment(model)]

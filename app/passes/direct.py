@@ -12,9 +12,9 @@ from app.gl.fullscreen import CUBE_PREFIX, always, cube_defines, make_fullscreen
 from app.gl.lights import LightSet
 from app.gl.peeling import PeeledLayer
 from app.gl.pool import Resources
+from app.gl.shadow_rays import specular_defines
 from app.graph import BoundPass, Pass, Resource, Tex
 from app.math3d import R2
-from app.passes import shadow_rays
 from app.paths import data_dir
 
 MAX_SPLIT_LIGHTS = 2  # with shadow maps, whose unlit sides are left out in a step of their own; more leave little unlit
@@ -79,7 +79,7 @@ def _make(device: Device, bound: BoundPass, defines: Mapping[str, object], shado
     prefix = "" if layer is None else layer.prefix
     has_specular = prefix + "specular" in bound.writes
     if shadow_grid is not None and layer is None:
-        defines = {**defines, **shadow_rays.specular_defines(defines, has_specular)}
+        defines = {**defines, **specular_defines(defines, has_specular)}
     has_lobes = has_specular and "HAS_RECT_LIGHT" in defines
     if has_layers and has_specular:
         defines = {**defines, "LAYERS": 1}

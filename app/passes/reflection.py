@@ -11,8 +11,8 @@ from app.graph import Pass, Resource, Tex
 from app.math3d import R2, affine_matrix, halton
 from app.scene import Material
 
-PIXELS_PER_TEXEL = 16                  # of the grid, but
-MIN_TEXELS, MAX_TEXELS = 2**16, 2**17  # at least and at most so many texels
+PIXELS_PER_TEXEL = 16  # of the grid, within these limits:
+MIN_TEXELS, MAX_TEXELS = 2**16, 2**17
 MAX_ROUGHNESS = 0.6  # from which surfaces need no rays, as in reflection.glsl
 MARCH_STEPS = 16
 SHIFTS = 16          # positions of rays within a texel

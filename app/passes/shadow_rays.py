@@ -16,26 +16,22 @@ from app.gl.fullscreen import CUBE_PREFIX, cube_defines, make_fullscreen, ratio_
 from app.gl.lights import LightSet
 from app.gl.pool import Resources
 from app.gl.ray_budget import RayBudget
-from app.gl.shadow_rays import RayScene, ShadowRays, share_of
+from app.gl.shadow_rays import RayScene, ShadowRays, share_of, specular_defines
 from app.graph import BoundPass, Pass, Resource, Tex
 
 MAX_RECEIVERS = 2**17  # of the screen's grid
 RAYS = RayBudget(first_rays=2**22, max_first_samples=64, changed_rays=2**19, rays=2**17, max_samples=8)
 CUBE_SAMPLES = 16      # of a receiver on the cube, which has no history
-MAX_SPECULAR_SAMPLES = {MotionKind.NONE: 1024.0, MotionKind.CAMERA: 16.0, MotionKind.OBJECTS: 12.0}
 MAX_SAMPLES = {MotionKind.NONE: 1024.0, MotionKind.CAMERA: 64.0, MotionKind.OBJECTS: 12.0}  # of its history
+# The same of specular rays; mirror images slide over surfaces while the camera moves.
+MAX_SPECULAR_SAMPLES = {MotionKind.NONE: 512.0, MotionKind.CAMERA: 8.0, MotionKind.OBJECTS: 6.0}
 SKY_READS = ("sky_irradiance", "sky_strata")
-SUMS, SPECULAR = ("shadow_visible", "shadow_unshadowed"), "shadow_specular"
+SUMS, SPECULAR, AVERAGED = ("shadow_visible", "shadow_unshadowed"), "shadow_specular", "_averaged"
 
 
 def grid(size: tuple[int, int]) -> tuple[int, int]:
     """Width and height of the screen's grid."""
     return reduced_grid(size, MAX_RECEIVERS)
-
-
-def specular_defines(lights: Mapping[str, object], has_specular: bool) -> dict[str, object]:
-    """``SPECULAR_RAYS`` where rays follow specular lobes: where some surface has one, and some light is a rectangle."""
-    return {"SPECULAR_RAYS": 1} if has_specular and "HAS_TRACED_RECT" in lights else {}
 
 
 def declare(lights: LightSet, has_specular: bool, has_sky: bool, scene: Callable[[], RayScene], size: tuple[int, int],
@@ -55,7 +51,7 @@ def declare(lights: LightSet, has_specular: bool, has_sky: bool, scene: Callable
     defines = specular_defines(lights.defines, has_specular)
     sums: dict[str, Resource] = {name: Tex("f4", 4, size=receivers) for name in SUMS}
     if defines:
-        sums[SPECULAR] = Tex("f4", 2, size=receivers)
+        sums[SPECULAR] = Tex("f4", 4, size=receivers)
     now = {f"{name}_now": tex for name, tex in sums.items()} if has_history else sums
     surfaces = "albedo", "normal", "depth", *(("specular_roughness",) if defines else ())
     yield Pass("shadow_rays", reads=(*surfaces, *(SKY_READS if has_sky else ())), writes=now,
@@ -69,14 +65,14 @@ def declare(lights: LightSet, has_specular: bool, has_sky: bool, scene: Callable
                        **({"max_specular_samples": MAX_SPECULAR_SAMPLES[frame.motion]} if defines else {}),
                        "history_valid": frame.history_valid and not frame.relit},
                        samplers={"shadow_gbuffer": "lowres_gbuffer", "shadow_gbuffer@prev": "lowres_gbuffer_prev"}))
-    averaged = {f"{name}_averaged": tex for name, tex in sums.items()}
+    averaged = {name + AVERAGED: tex for name, tex in sums.items()}
     yield _filter("shadow_filter_near", sums, averaged, defines, receivers, 1)
     yield _filter("shadow_filter_far", averaged, {"shadow_ratio": Tex("f2", 4, size=receivers)}, defines, receivers, 3)
 
 
 def _filter(name: str, source: Collection[str], target: Mapping[str, Resource], defines: Mapping[str, object],
             size: tuple[int, int], spacing: int) -> Pass:
-    samplers = dict(zip(source, (*SUMS, SPECULAR), strict=False))
+    samplers = {name: name.removesuffix(AVERAGED) for name in source}
     return Pass(name, reads=(*source, "shadow_gbuffer"), writes=target,
                 make=make_fullscreen("shadow_filter.frag", lambda frame: {
                     "ratio": ratio_to(size, frame), "spacing": spacing}, defines,

@@ -5,13 +5,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from app.arrays import F32, F64, Bools, Ints
 from app.math3d import normal_matrix, put_rows, row_dots, row_lengths, unit_rows
 from app.network.channels import HALF_MAX
+from app.raycast.embree import Triangles
 from app.raycast.prefiltered_textures import PrefilteredTextures, sample_nearest
 from app.scene import Instance, Material, Scene, Texture
 from app.specular_albedo import specular_albedo
@@ -81,7 +80,6 @@ class Body:
                                       np.int64)
         self.part = np.repeat(np.arange(len(parts)), [len(p.triangles) for p in parts])
         self._mirrored = _concatenate([np.full(len(p.triangles), p.mirrored) for p in parts], (0,), np.bool_)
-        self._scene = _embree_scene(self.positions, self.triangles)
         corners = self.positions if len(self.positions) else np.zeros((1, 3), np.float32)
         low, high = corners.min(axis=0).astype(np.float64), corners.max(axis=0).astype(np.float64)
         self.center, self.radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
@@ -95,10 +93,10 @@ class Body:
         self._light_proxies = np.array([m.is_light_proxy for m in self._materials], bool)
         opaque = ~(self._alpha_tested | self._one_sided)[self._material]
         proxy = self._light_proxies[self._material]
-        blocks = opaque & ~proxy
-        self._opaque = self._scene if blocks.all() else _embree_scene(self.positions, self.triangles[blocks])
-        self._opaque_proxies = _embree_scene(self.positions, self.triangles[opaque & proxy])
-        self.has_passable = bool((~opaque).any())
+        self._opaque, self._opaque_proxies, self._passable = (
+            Triangles(self.positions, self.triangles, np.flatnonzero(chosen))
+            for chosen in (opaque & ~proxy, opaque & proxy, ~opaque))
+        self.has_passable = len(self._passable) > 0
 
     def cast(self, origins: F32, directions: F32, t_max: F32) -> tuple[F32, Ints, F32, F32]:
         """Find the nearest triangle along each ray.
@@ -120,21 +118,26 @@ class Body:
         face : ndarray, float32, shape (N, 3)
             Unit face normal on the side of the ray's origin.
         """
+        return self._cast((self._opaque, self._opaque_proxies, self._passable), origins, directions, t_max)
+
+    def _cast(self, parts: Iterable[Triangles], origins: F32, directions: F32,
+              t_max: F32) -> tuple[F32, Ints, F32, F32]:
+        """``cast`` among some parts of the body."""
         count = len(origins)
         triangle, uv = np.full(count, -1, np.int64), np.zeros((count, 2), np.float32)
         face, distance = np.zeros((count, 3), np.float32), t_max.astype(np.float32)
-        if self._scene is None or count == 0:
-            return distance, triangle, uv, face
-        hits = self._scene.run(np.ascontiguousarray(origins, np.float32), np.ascontiguousarray(directions, np.float32),
-                               dists=distance.copy(), query="INTERSECT", output=True)
-        hit = np.flatnonzero(hits["primID"] >= 0)
-        triangle[hit] = hits["primID"].take(hit)
-        put_rows(uv, hit, np.stack([hits["u"].take(hit), hits["v"].take(hit)], 1))
-        distance[hit] = hits["tfar"].take(hit)
-        area = hits["Ng"].take(hit, axis=0).astype(np.float64)  # whose square may overflow float32
-        normal = unit_rows(area)
-        away = row_dots(normal, directions.take(hit, axis=0)) > 0
-        put_rows(face, hit, np.where(away[:, None], -normal, normal))
+        for part in parts:
+            if not len(part) or count == 0:
+                continue
+            hits = part.intersect(origins, directions, distance)
+            hit = np.flatnonzero(hits.triangle >= 0)
+            triangle[hit] = hits.triangle.take(hit)
+            put_rows(uv, hit, np.stack([hits.u.take(hit), hits.v.take(hit)], 1))
+            distance[hit] = hits.distance.take(hit)
+            area = hits.area.take(hit, axis=0).astype(np.float64)  # whose square may overflow float32
+            normal = unit_rows(area)
+            away = row_dots(normal, directions.take(hit, axis=0)) > 0
+            put_rows(face, hit, np.where(away[:, None], -normal, normal))
         return distance, triangle, uv, face
 
     def meets_opaque(self, origins: F32, vectors: F32, proxies_block: bool) -> Bools:
@@ -148,13 +151,15 @@ class Body:
             Whether light proxies count.
         """
         met = _meets(self._opaque, origins, vectors)
-        if proxies_block and self._opaque_proxies is not None:
+        if proxies_block and len(self._opaque_proxies):
             left = np.flatnonzero(~met)
-            met[left] = _meets(self._opaque_proxies, origins[left], vectors[left])
+            met[left] = _meets(self._opaque_proxies, origins.take(left, axis=0), vectors.take(left, axis=0))
         return met
 
     def meets_passable(self, origins: F32, vectors: F32, steps: F32, proxies_block: bool) -> Bools:
         """Whether one of the other surfaces blocks light from the end of each vector to its origin, shape (N,).
+
+        Opaque light proxies are left to ``meets_opaque``.
 
         Parameters
         ----------
@@ -168,10 +173,11 @@ class Body:
         for _ in range(MAX_PASSED):
             if not len(rows):
                 break
-            start = origins[rows] + passed[:, None] * vectors[rows]
-            distance, triangle, uv, _ = self.cast(start, vectors[rows], 1 - passed)
+            along = vectors.take(rows, axis=0)
+            start = origins.take(rows, axis=0) + passed[:, None] * along
+            distance, triangle, uv, _ = self._cast((self._passable,), start, along, 1 - passed)
             met = triangle >= 0
-            passes = met & self.is_passed(triangle, uv, -vectors[rows])  # light comes from the other end
+            passes = met & self.is_passed(triangle, uv, -along)  # light comes from the other end
             if not proxies_block:
                 passes |= met & self.is_light_proxy(triangle)
             occluded[rows[met & ~passes]] = True
@@ -182,7 +188,8 @@ class Body:
 
     def surface_corners(self) -> F32:
         """Corners of all triangles but those of light proxies, shape (T, 3, 3), in the body's space."""
-        return self.positions[self.triangles[~self.is_light_proxy(np.arange(len(self.triangles)))]]
+        rows = np.flatnonzero(~self._light_proxies.take(self._material))
+        return self.positions.take(self.triangles.take(rows, axis=0), axis=0)
 
     def frames(self, triangle: Ints, uv: F32) -> tuple[F32, F32]:
         """Where points on triangles are, shape (N, 3), and axes that turn with the triangles, shape (N, 3, 3)."""
@@ -316,22 +323,9 @@ def _hash(uv: F32) -> F32:
     return ((mixed >> np.uint64(40)).astype(np.float32) / np.float32(2**24)).astype(np.float32)
 
 
-def _embree_scene(positions: F32, triangles: Ints) -> Any:
-    """None without triangles."""
-    if len(triangles) == 0:
-        return None
-    scene = EmbreeScene()
-    TriangleMesh(scene, positions, triangles.astype(np.int32))
-    return scene
-
-
-def _meets(scene: Any, origins: F32, vectors: F32) -> Bools:
-    """Whether anything of an Embree scene lies on each vector, shape (N,)."""
-    if scene is None or len(origins) == 0:
-        return np.zeros(len(origins), np.bool_)
-    hits = scene.run(np.ascontiguousarray(origins, np.float32), np.ascontiguousarray(vectors, np.float32),
-                     dists=np.ones(len(origins), np.float32), query="OCCLUDED")
-    return np.asarray(hits >= 0)
+def _meets(part: Triangles, origins: F32, vectors: F32) -> Bools:
+    """Whether any of the triangles lies on each vector, shape (N,)."""
+    return part.meet(origins, vectors) if len(part) and len(origins) else np.zeros(len(origins), np.bool_)
 
 
 @dataclass(frozen=True, eq=False)

@@ -208,15 +208,16 @@ class Caster:
             rows = np.flatnonzero(~occluded)
             start, along = origins, vectors
             if index != STATIC:
-                rows = rows[_rays_towards(*self.bounding_sphere(index), origins[rows], vectors[rows],
-                                          np.ones(len(rows), np.float32))]
-                start = (origins[rows] @ inverse[:3, :3].T + inverse[:3, 3]).astype(np.float32)
-                along = (vectors[rows] @ inverse[:3, :3].T).astype(np.float32)
+                rows = rows[_rays_towards(*self.bounding_sphere(index), origins.take(rows, axis=0),
+                                          vectors.take(rows, axis=0), np.ones(len(rows), np.float32))]
+                start = (origins.take(rows, axis=0) @ inverse[:3, :3].T + inverse[:3, 3]).astype(np.float32)
+                along = (vectors.take(rows, axis=0) @ inverse[:3, :3].T).astype(np.float32)
             blocked = body.meets_opaque(start, along, proxies_block)
             if body.has_passable:
                 left = np.flatnonzero(~blocked)
-                steps = self._steps(vectors[rows[left]])
-                blocked[left] = body.meets_passable(start[left], along[left], steps, proxies_block)
+                steps = self._steps(vectors.take(rows.take(left), axis=0))
+                blocked[left] = body.meets_passable(start.take(left, axis=0), along.take(left, axis=0), steps,
+                                                    proxies_block)
             occluded[rows] = blocked
         return occluded
 
@@ -225,8 +226,9 @@ class Caster:
 
         None where there is nothing to spread them over.
         """
-        corners = [(body.surface_corners() @ matrix[:3, :3].T + matrix[:3, 3])
-                   for body, matrix in zip(self.bodies, self.matrices, strict=True)]
+        corners = [body.surface_corners().astype(np.float64) if index == STATIC
+                   else body.surface_corners() @ matrix[:3, :3].T + matrix[:3, 3]
+                   for index, (body, matrix) in enumerate(zip(self.bodies, self.matrices, strict=True))]
         a, b, c = np.moveaxis(np.concatenate(corners), 1, 0)
         area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
         if not area.sum() > 0:

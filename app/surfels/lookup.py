@@ -63,7 +63,7 @@ class SurfelLookup:
         return _mean(self._weights(position, normal, near), light, near)
 
     def approximate(self, light: F32, position: F32, normal: F32) -> F32:
-        """``interpolate`` where each point's cell began: constant within cells, and three times as fast.
+        """``interpolate`` where each point's cell began: constant within cells, and faster.
 
         For points whose light is averaged anyway.
         """

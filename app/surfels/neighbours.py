@@ -33,7 +33,7 @@ def nearest(key: F32, clip: F32, position: F32, normal: F32) -> Ints:
     surfel = np.zeros(len(position), np.int64)
     left = np.arange(len(position))
     for bound in BOUNDS:
-        surfel[left], exponent = _search(key, clip, position[left], normal[left], bound)
+        surfel[left], exponent = _search(key, clip, position.take(left, axis=0), normal.take(left, axis=0), bound)
         left = left[exponent < kernel.NORMAL_WEIGHT - bound]
     return surfel
 
@@ -50,8 +50,9 @@ def _search(key: F32, clip: F32, position: F32, normal: F32, bound: float) -> tu
     order = _sort_along_curve(position, normal)
     for start in range(0, len(order), BLOCK * size):
         rows = order[start:start + BLOCK * size]
-        points = position[rows]
-        query, homogeneous = kernel.queries(points, normal[rows]), np.insert(points, 3, 1, axis=1)
+        points = position.take(rows, axis=0)
+        query = kernel.queries(points, normal.take(rows, axis=0))
+        homogeneous = np.concatenate([points, np.ones_like(points[:, :1])], axis=1)
         first = np.arange(0, len(rows), size)
         low, high = np.minimum.reduceat(points, first), np.maximum.reduceat(points, first)
         near = np.flatnonzero(_square_distance(center, low.min(axis=0), high.max(axis=0)) <= reach)
@@ -60,7 +61,7 @@ def _search(key: F32, clip: F32, position: F32, normal: F32, bound: float) -> tu
             candidates = near[chosen]
             if not len(candidates):
                 continue
-            keys, clips = key[candidates].T, clip[candidates].T
+            keys, clips = key.take(candidates, axis=0).T, clip.take(candidates, axis=0).T
             group = rows[begin:begin + size]
             for block in row_blocks(len(group), keys.size):
                 at = slice(begin + block.start, begin + block.stop)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.arrays import F32, F64, Bools, Ints
+from app.math3d import row_dots
 from app.raycast.caster import STATIC, AttachedPoints, Caster, Hits, concatenate
 from app.surfels.random_walks import sample_cosine_hemisphere
 
@@ -60,6 +61,7 @@ class RayBundle:
         is_static = surfels.anchors.body == STATIC
         self._static, self._dynamic = np.flatnonzero(is_static), np.flatnonzero(~is_static)
         self._origins, self._directions = origins[self._static], directions[self._static]
+        self._components = np.ascontiguousarray(np.moveaxis(self._directions, 2, 0))  # multiplied several times as fast
         dynamic = directions[self._dynamic, :self._traced].reshape(-1, 3)
         anchors = surfels.anchors.select(np.repeat(self._dynamic, self._traced))
         if not rotate_with_body:
@@ -85,17 +87,20 @@ class RayBundle:
         moving = range(1, len(self._caster.bodies))
         for index in moving:
             candidate |= self._may_meet_sphere(*self._caster.bounding_sphere(index), distance)
-        surfel, ray = np.nonzero(candidate)
-        hits = self._caster.cast(self._origins[surfel], self._directions[surfel, ray], moving, distance[candidate])
+        rays = np.flatnonzero(candidate)
+        surfel, ray = np.divmod(rays, self._rays)
+        hits = self._caster.cast(self._origins.take(surfel, axis=0), self._directions.reshape(-1, 3).take(rays, axis=0),
+                                 moving, distance.ravel().take(rays))
         met = hits.body >= 0
         return (self._static[surfel] * self._rays + ray)[met], hits.select(met)
 
     def _may_meet_sphere(self, center: F32, radius: float, distance: F32) -> Bools:
         """Whether rays of static surfels may meet a sphere before ``distance``, shape (N, K)."""
         to = center - self._origins
-        along = (self._directions @ to[:, :, None])[..., 0]
-        off = (to**2).sum(axis=1, keepdims=True) - along**2
-        max_off = radius**2 + ROUNDING * (to**2).sum(axis=1, keepdims=True)
+        x, y, z = (component * toward[:, None] for component, toward in zip(self._components, to.T, strict=True))
+        along, square = x + y + z, row_dots(to, to)[:, None]
+        off = square - along * along
+        max_off = radius**2 + ROUNDING * square
         return np.asarray((off <= max_off) & (along > -radius) & (along - radius <= distance))
 
 

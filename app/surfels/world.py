@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from app.arrays import F32, F64, Ints
 from app.environment import sky_light
-from app.math3d import View
+from app.math3d import View, put_rows, row_dots
 from app.raycast.caster import STATIC, AttachedPoints, Caster, Hits, concatenate
 from app.scene import Scene
 from app.surfels import kernel, neighbours
@@ -162,7 +162,7 @@ class WorldSurfels:
         self.light_sample_position, self.light_sample_normal = self._light_samples.current()
 
     def _face_alike(self, hits: Hits, surfel: Ints) -> NDArray[np.bool_]:
-        return np.asarray((hits.normal * self.normal[surfel]).sum(axis=1) > MIN_SAMPLE_COSINE)
+        return np.asarray(row_dots(hits.normal, self.normal.take(surfel, axis=0)) > MIN_SAMPLE_COSINE)
 
     def _find_clip_planes(self, height: F32) -> F32:
         """Clip planes of the surfels on static surfaces; ``height`` is how far each surfel sees, shape (used,)."""
@@ -176,7 +176,7 @@ class WorldSurfels:
         changed = self._rays.trace_changes()
         index, albedo = self._static_index.copy(), self._rays.static.albedo.copy()
         index[changed.ray] = self._nearest(changed.hits)[changed.hit]
-        albedo[changed.ray] = changed.hits.albedo[changed.hit]
+        put_rows(albedo, changed.ray, changed.hits.albedo.take(changed.hit, axis=0))
         albedo[index < 0] = 0.0
         self.index = self._pad(index.reshape(self.used, self.rays), -1)
         self.albedo = self._pad(albedo.reshape(self.used, self.rays, 3))
@@ -226,10 +226,12 @@ class WorldSurfels:
 def _gather_emission(rays: RayBundle, of_proxies: bool) -> F32:
     """Irradiance / π from light proxies or from other surfaces, shape (N, 3): the mean over cosine-distributed rays."""
     def emission(hits: Hits) -> F32:
-        return np.where((hits.is_light_proxy == of_proxies)[:, None], hits.emission, np.float32(0))
+        counted = hits.emission.copy()
+        counted[np.flatnonzero(hits.is_light_proxy != of_proxies)] = 0
+        return counted
 
     changed, found = rays.trace_changes(), emission(rays.static)
-    found[changed.ray] = emission(changed.hits)[changed.hit]
+    put_rows(found, changed.ray, emission(changed.hits).take(changed.hit, axis=0))
     return np.asarray(found.reshape(len(found) // EMISSION_RAYS, EMISSION_RAYS, 3).mean(axis=1))
 
 

@@ -40,7 +40,7 @@ vec4 shadow_tap(ivec2 low, BilateralReceiver r, out float specular)
     vec2 along = along_normal(low, shadow_grid_ratio, r);
     vec4 surface = texelFetch(shadow_gbuffer, low, 0), share = texelFetch(shadow_ratio, low, 0);
     float weight = surface.a > 0.0 && share.a > 0.0 ? similarity(surface, along.x + along.y, r) : 0.0;
-    specular = (share.a - 1.0) * weight;
+    specular = weight > 0.0 ? (share.a - 1.0) * weight : 0.0;
     return vec4(share.rgb, 1.0) * weight;
 }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -64,16 +65,31 @@ def test_light_behind_bars_is_right_and_hardly_noisy(frames: int, most: float) -
     assert abs(error.mean()) < 3e-3
 
 
-def half_covered_pane() -> tuple[Scene, Camera]:
-    """A polished floor before a pane whose left half is behind a board."""
-    polished = Material(roughness=0.1, specular=(0.04,) * 3)
+def half_covered_pane(roughness: float = 0.1, x: float = 0.0) -> tuple[Scene, Camera]:
+    """A polished floor before a pane whose left half is behind a board, seen from ``x``."""
+    polished = Material(roughness=roughness, specular=(0.04,) * 3)
     pane = RectLight((0.0, 1.2, -2.0), (2.0, 0, 0), (0, 2.0, 0), WHITE)
     board = quad((-1.2, 0.1, -1.7), (1.2, 0, 0), (0, 2.2, 0))
-    camera = Camera((0.0, 1.2, 2.0), (0.0, 0.0, -0.6), fov_y_deg=50.0)
+    camera = Camera((x, 1.2, 2.0), (x, 0.0, -0.6), fov_y_deg=50.0)
     return make_scene([floor(3.0, material=polished), board], [pane], camera), camera
 
 
-def mirrored_points(position: F32, camera: Camera, z: float) -> F64:
+def shares_of_highlight(scene: Scene, cameras: Sequence[Camera], **settings: object) -> tuple[F32, F32]:
+    """Share of the covered and of the open half's highlight that the last of the cameras sees."""
+    with Renderer(scene, Settings(SIZE, ("specular", "position"), **settings)) as renderer:  # type: ignore[arg-type]
+        for camera in cameras:
+            images = renderer.render(camera)
+    free = draw(without_shadows(scene), SIZE, ("specular",), camera)["specular"][..., 1].ravel()
+    position = images["position"].reshape(-1, 3).astype(np.float64)
+    at, edge = (mirrored_points(position, camera, z) for z in (-2.0, -1.7))
+    in_pane = (np.abs(at[:, 0]) < 0.85) & (np.abs(at[:, 1] - 1.2) < 0.85) & (np.abs(position[:, 1]) < 1e-4) & (free > 0)
+    share = images["specular"][..., 1].ravel() / np.maximum(free, 1e-6)
+    covered, is_open = share[in_pane & (edge[:, 0] < -0.15)], share[in_pane & (edge[:, 0] > 0.15)]
+    assert min(len(covered), len(is_open)) > 300
+    return covered, is_open
+
+
+def mirrored_points(position: F64, camera: Camera, z: float) -> F64:
     """Where mirrored views of a floor meet the plane of ``z``; position, result: [N, 3]."""
     along = (position - np.asarray(camera.eye)) * (1.0, -1.0, 1.0)
     return position + along * ((z - position[:, 2]) / along[:, 2])[:, None]
@@ -83,20 +99,41 @@ def mirrored_points(position: F32, camera: Camera, z: float) -> F64:
 def test_a_polished_floor_mirrors_what_covers_half_of_a_pane(taa: bool, frames: int) -> None:
     """The diffuse light of either half is about the same, so its visibility does not tell highlights."""
     scene, camera = half_covered_pane()
-    with Renderer(scene, Settings(SIZE, ("specular", "position"), taa=taa)) as renderer:
-        for _ in range(frames):
-            images = renderer.render(camera)
-    free = draw(without_shadows(scene), SIZE, ("specular",))["specular"][..., 1].ravel()
-    position = images["position"].reshape(-1, 3).astype(np.float64)
-    at = mirrored_points(position, camera, -2.0)
-    in_pane = (np.abs(at[:, 0]) < 0.85) & (np.abs(at[:, 1] - 1.2) < 0.85) & (free > 0) & (np.abs(position[:, 1]) < 1e-4)
-    edge = mirrored_points(position, camera, -1.7)[:, 0]
-    share = images["specular"][..., 1].ravel() / np.maximum(free, 1e-6)
-    covered, open_half = share[in_pane & (edge < -0.15)], share[in_pane & (edge > 0.15)]
-    assert min(len(covered), len(open_half)) > 300
+    covered, is_open = shares_of_highlight(scene, [camera] * frames, taa=taa)
     assert covered.mean() < 0.03
     assert np.percentile(covered, 95) < 0.1
-    assert open_half.mean() == pytest.approx(1.0, abs=0.03)
+    assert is_open.mean() == pytest.approx(1.0, abs=0.03)
+
+
+def test_a_much_brighter_light_elsewhere_changes_no_highlight() -> None:
+    scene, camera = half_covered_pane()
+    behind = RectLight((0.0, 1.2, 4.0), (0, 2.0, 0), (2.0, 0, 0), (300.0,) * 3)
+    covered, is_open = shares_of_highlight(scene.with_lights(*scene.lights, behind), [camera], taa=False)
+    assert covered.mean() < 0.03
+    assert is_open.mean() == pytest.approx(1.0, abs=0.03)
+
+
+def test_highlights_settle_soon_after_the_camera_stops() -> None:
+    """Mirror images slide over the floor while it moves, so what was gathered then must not last."""
+    path = [half_covered_pane(x=x)[1] for x in np.linspace(-0.6, 0.0, 24)]
+    scene, camera = half_covered_pane()
+    covered, is_open = shares_of_highlight(scene, [*path, *[camera] * 48], taa=True)
+    assert covered.mean() < 0.05
+    assert is_open.mean() == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("roughness", [0.1, 0.3, 0.5])
+def test_specular_rays_leave_diffuse_shadows_as_they_are(roughness: float) -> None:
+    """They take the place of some rays, which must not be those towards one part of the light."""
+    scene, _ = half_covered_pane(roughness)
+    matte = replace(scene, materials=tuple(replace(m, specular=(0.0,) * 3) for m in scene.materials))
+    shiny_light, matte_light = (
+        np.mean([draw(s, SIZE, ("direct",), seed=seed)["direct"][..., 1] for seed in range(4)], axis=0)
+        for s in (scene, matte))
+    free = draw(without_shadows(matte), SIZE, ("direct",))["direct"][..., 1]
+    lit = free > 0.05 * free.max()
+    error = ((shiny_light - matte_light) / np.maximum(free, 1e-9))[lit]
+    assert np.sqrt((error**2).mean()) < 0.012
 
 
 # Half diagonals or radii of 0.02 to 1.5, from touching a wall to far away, of a box of 2 m.

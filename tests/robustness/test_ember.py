@@ -44,6 +44,11 @@ def test_no_triangle_at_all() -> None:
     assert not tensor(scene, CAMERA)[13].any()
 
 
+def test_no_triangle_to_gather_light_from() -> None:
+    scene = make_scene([], [LAMP], CAMERA)
+    assert not draw(scene, SIZE, ("final",), None, find_model("final-gather"))["final"].any()
+
+
 def test_one_triangle_lights_nothing_but_is_lit() -> None:
     """Its surfels lie in its plane; it sees only itself, so nothing bounces."""
     triangle = Part(np.array([[[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 1.0, 0.0]]]))
