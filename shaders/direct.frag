@@ -122,9 +122,7 @@ void main()
 #ifdef WRITE_SPECULAR
     TracedRects rects = rects_light(p, n, lobe, is_surface(d), is_shiny, quad);
     traced += rects.irradiance;
-#ifndef SPECULAR_RAYS
     traced_specular += rects.specular;
-#endif
 #else
     traced += rects_irradiance(p, n, is_surface(d), quad);
 #endif
@@ -145,9 +143,6 @@ void main()
     if (is_surface(d)) traced_layered += layered_sky(p, n, layers);
 #endif
     vec3 arriving = traced + traced_specular;
-#ifdef SPECULAR_RAYS
-    arriving += rects.specular;
-#endif
 #ifdef LAYERS
     arriving += traced_layered;
 #endif
@@ -160,7 +155,7 @@ void main()
 #elif defined(SPECULAR_RAYS)
     float specular_share;
     vec3 v = traced_visibility(n, d, is_reached, specular_share);
-    specular += is_reached ? specular_share * rects.specular : vec3(0.0);
+    specular += is_reached ? (specular_share - v) * rects.specular : vec3(0.0);  // whose share is not v, as below
 #else
     vec3 v = traced_visibility(n, d, is_reached);
 #endif
