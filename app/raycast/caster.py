@@ -57,8 +57,12 @@ class Hits:
     @property
     def traced_emission(self) -> F32:
         """Emission that rays have to find, shape (N, 3): 0 on light proxies, whose emission is an analytic light."""
+        return self.emission_of(light_proxies=False)
+
+    def emission_of(self, light_proxies: bool) -> F32:
+        """Emission of light proxies, or of all other surfaces, shape (N, 3): 0 on the rest."""
         emission = self.emission.copy()
-        emission[np.flatnonzero(self.is_light_proxy)] = 0
+        emission[np.flatnonzero(self.is_light_proxy != light_proxies)] = 0
         return emission
 
     @property

@@ -39,9 +39,9 @@ class SurfelLookup:
         self._clip = kernel.clip_keys(plane, radius)
         self._keys = kernel.keys(position, normal, radius)
         log_weight = np.log(np.maximum(world.weight[rows], np.float32(1e-6)))
-        self._surfels = np.concatenate([position, normal, 1 / radius[:, None] ** 2, log_weight[:, None], self._clip],
-                                       axis=1).astype(np.float32)
-        self._columns = np.ascontiguousarray(self._surfels.T)  # rows of a few numbers would take many times as long
+        surfels = np.concatenate([position, normal, 1 / radius[:, None] ** 2, log_weight[:, None], self._clip], axis=1)
+        # By columns, since rows of a few numbers would take many times as long.
+        self._columns = np.ascontiguousarray(surfels.T, np.float32)
         self._edge = CELL_RADII * float(np.median(radius))
         self._codes, self._rows, self._candidates, self._cell_weights = self._no_cells()
 
@@ -92,11 +92,12 @@ class SurfelLookup:
         code = ((cell[:, 0] * AXIS_CELLS + cell[:, 1]) * AXIS_CELLS + cell[:, 2]) * 6 + side
         at, known = self._search(code)
         if not known.all():
-            if len(self._codes) + len(codes := np.unique(code[~known])) > MAX_CELLS:
-                self._codes, self._rows, self._candidates, self._cell_weights = self._no_cells()
-                known[:] = False
             unknown = np.flatnonzero(~known)
             codes, first = np.unique(code[unknown], return_index=True)
+            if len(self._codes) + len(codes) > MAX_CELLS:
+                self._codes, self._rows, self._candidates, self._cell_weights = self._no_cells()
+                unknown = np.arange(len(code))
+                codes, first = np.unique(code, return_index=True)
             new = unknown[first]
             near = self._largest(position[new], normal[new])
             weights = self._weights(position[new], normal[new], near[:, :CANDIDATES].T)
@@ -122,7 +123,7 @@ class SurfelLookup:
     def _no_cells(self) -> tuple[Ints, Ints, Ints, F32]:
         """Codes in ascending order, the row of candidates for each, the candidates, and weights where cells began."""
         none = np.zeros(0, np.int64)
-        candidates = np.zeros((0, min(MAX_CANDIDATES, len(self._surfels))), np.int64)
+        candidates = np.zeros((0, min(MAX_CANDIDATES, self._columns.shape[1])), np.int64)
         return none, none, candidates, candidates[:, :CANDIDATES].astype(np.float32)
 
     def _largest(self, position: F32, normal: F32) -> Ints:
@@ -132,7 +133,7 @@ class SurfelLookup:
         for start in range(0, len(position), BLOCK):
             rows = slice(start, start + BLOCK)
             at = np.concatenate([position[rows], np.ones_like(position[rows, :1])], axis=1)
-            exponent = (kernel.queries(position[rows], normal[rows]) @ self._keys.T + self._surfels[:, 7]
+            exponent = (kernel.queries(position[rows], normal[rows]) @ self._keys.T + self._columns[7]
                         + np.minimum(at @ self._clip.T, 0))
             near = np.argpartition(-exponent, count - 1, axis=1)[:, :count]
             order = np.take_along_axis(-exponent, near, axis=1).argsort(axis=1)

@@ -225,13 +225,8 @@ class WorldSurfels:
 
 def _gather_emission(rays: RayBundle, of_proxies: bool) -> F32:
     """Irradiance / π from light proxies or from other surfaces, shape (N, 3): the mean over cosine-distributed rays."""
-    def emission(hits: Hits) -> F32:
-        counted = hits.emission.copy()
-        counted[np.flatnonzero(hits.is_light_proxy != of_proxies)] = 0
-        return counted
-
-    changed, found = rays.trace_changes(), emission(rays.static)
-    put_rows(found, changed.ray, emission(changed.hits).take(changed.hit, axis=0))
+    changed, found = rays.trace_changes(), rays.static.emission_of(of_proxies)
+    put_rows(found, changed.ray, changed.hits.emission_of(of_proxies).take(changed.hit, axis=0))
     return np.asarray(found.reshape(len(found) // EMISSION_RAYS, EMISSION_RAYS, 3).mean(axis=1))
 
 
