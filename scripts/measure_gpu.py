@@ -38,7 +38,7 @@ def main() -> None:
     arguments = _parse_arguments()
     options = Options(arguments.out, arguments.quick, arguments.scene)
     options.out.mkdir(parents=True, exist_ok=True)
-    sections = SECTIONS
+    sections = {name: SECTIONS[name] for name in arguments.sections or SECTIONS}
     if arguments.tests:
         sections = {"machine": machine, "tests": partial(run_tests, seconds=arguments.test_seconds)}
     results: Json = {}
@@ -61,11 +61,19 @@ def _run(section: Section, options: Options) -> Json:
 def _parse_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, metavar="OUT", help="folder for gpu.json, pictures and logs")
+    parser.add_argument("sections", nargs="*", type=_section_name, metavar="SECTION",
+                        help=f"measure only these, of {', '.join(SECTIONS)} (default: all)")
     parser.add_argument("--quick", action="store_true", help="draw small pictures and few frames")
     parser.add_argument("--scene", type=Path, metavar="FILE", help="also time the frames of this scene")
     parser.add_argument("--tests", action="store_true", help="run the GL tests instead of the other sections")
     parser.add_argument("--test-seconds", type=float, default=200, metavar="S", help="stop the tests after this time")
     return parser.parse_args()
+
+
+def _section_name(name: str) -> str:
+    if name not in SECTIONS:
+        raise argparse.ArgumentTypeError(f"no section {name!r}, expected one of {', '.join(SECTIONS)}")
+    return name
 
 
 if __name__ == "__main__":

@@ -67,7 +67,8 @@ def _test_and_measure(size: tuple[int, int], provider: str) -> dict[str, Any]:
     for check in checks:
         typer.echo(f"{'passed' if check.passed else 'FAILED'}: {check.name}, {check.text}")
     transfers, frames = measure_transfers(size), measure_frames(size, provider)
-    typer.echo(f"exchange of tensors between OpenGL and onnxruntime: {frames['device']['exchange']}")
+    device = frames["device"]
+    typer.echo(f"the network runs on {device['provider']}; exchange of its tensors with OpenGL: {device['exchange']}")
     print_table(_times(frames, transfers, size))
     return {"checks": [asdict(check) for check in checks], "size": size, "transfers_ms": transfers, "frames": frames}
 

@@ -1,6 +1,9 @@
 """Execution providers of onnxruntime: which exist, and sessions on one of them."""
 
+import io
 import os
+from contextlib import redirect_stdout
+from functools import cache
 from pathlib import Path
 
 import onnxruntime as ort
@@ -47,6 +50,8 @@ def open_session(path: Path, provider: str) -> ort.InferenceSession:
     check_provider(provider)
     known = list_providers()
     chosen = provider if provider != AUTO else CUDA if CUDA in known else "cpu"
+    if chosen == CUDA:
+        _load_cuda_libraries()
     wanted = [(name, _cuda_options() if short_name(name) == CUDA else {}) for name in ort.get_available_providers()
               if short_name(name) in (chosen, "cpu")]
     options = ort.SessionOptions()
@@ -62,6 +67,18 @@ def open_session(path: Path, provider: str) -> ort.InferenceSession:
     except Exception as error:  # onnxruntime's own exceptions share no public base class
         raise ModelError(f"onnxruntime can't load the network ({one_line(error)})", path,
                          "expected an ONNX graph that this onnxruntime supports") from None
+
+
+@cache
+def _load_cuda_libraries() -> None:
+    """Load CUDA and cuDNN from NVIDIA's Python packages, where the dynamic linker does not look.
+
+    onnxruntime would print what is missing. Its session then falls back to the CPU, which ``doctor`` says.
+    """
+    ort.set_default_logger_severity(LOG_NOTHING)
+    if hasattr(ort, "preload_dlls"):  # since onnxruntime 1.21
+        with redirect_stdout(io.StringIO()):
+            ort.preload_dlls()
 
 
 def _cuda_options() -> dict[str, str]:

@@ -16,7 +16,7 @@ import numpy as np
 from app.arrays import F32
 from app.exchange.copy import CopyExchange
 from app.load import embedded_scene
-from app.network.selection import find_model
+from app.network.selection import find_models
 from app.network.session import Network
 from app.renderer import Renderer
 from app.settings import Settings
@@ -77,10 +77,10 @@ def format_size(size: tuple[int, int]) -> str:
     return f"{size[0]}x{size[1]}"
 
 
-def ember_renderer(size: tuple[int, int]) -> Renderer:
-    """A renderer of the embedded scene with ember, world-surfel radiosity, which has drawn one frame."""
+def open_renderer(model: str, size: tuple[int, int]) -> Renderer:
+    """A renderer of the embedded scene with ``model`` on the CPU, which has drawn one frame."""
     scene = embedded_scene()
-    renderer = Renderer(scene, Settings(size=size, provider="cpu"), [find_model("ember")], CopyExchange)
+    renderer = Renderer(scene, Settings(size=size, provider="cpu"), find_models(model), CopyExchange)
     renderer.advance(scene.cameras[scene.default_camera].at(0.0), 0.0)
     return renderer
 
@@ -92,9 +92,9 @@ def network_of(renderer: Renderer) -> Network:
     return network
 
 
-def ember_inputs(size: tuple[int, int]) -> dict[str, F32]:
-    """The tensors that ember reads in the first frame of the embedded scene."""
-    with ember_renderer(size) as renderer:
+def read_inputs(model: str, size: tuple[int, int]) -> dict[str, F32]:
+    """The tensors that ``model`` reads in the first frame of the embedded scene."""
+    with open_renderer(model, size) as renderer:
         return {name: values.copy() for name, values in network_of(renderer)._buffers.items()}
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import product
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from app.exchange.copy import CopyExchange
 from app.exchange.mapped import MappedExchange
 from app.exchange.selection import OpenExchange, open_exchange
 from app.load import embedded_scene, orbit
-from app.network.selection import find_model
+from app.network.selection import DEFAULT_MODEL, SURFEL_MODEL, find_models
 from app.renderer import Renderer
 from app.settings import Settings
 from gpu_sections.common import REPEATS, WARM_UP, Json, Options, format_size, max_error, measure_ms
@@ -20,20 +21,21 @@ EXCHANGES: Mapping[str, OpenExchange] = {"copy": CopyExchange, "mapped": MappedE
 
 
 def exchanges(options: Options) -> Json:
-    """Frames of the embedded scene with ember by each exchange, and by the one that is chosen here."""
+    """Frames of the embedded scene by each exchange, and by the one that is chosen here."""
     rows: Json = {}
-    for size in options.sizes:
+    for model, size in product((SURFEL_MODEL, DEFAULT_MODEL), options.sizes):
         light: dict[str, F32] = {}
         for label, exchange in EXCHANGES.items():
-            row, light[label] = _measure(size, exchange, options)
-            rows[f"{format_size(size)} {label}"] = {**row, "max_difference": max_error(light[label], light["copy"])}
+            row, light[label] = _measure(model, size, exchange, options)
+            rows[f"{model} {format_size(size)} {label}"] = {
+                **row, "max_difference": max_error(light[label], light["copy"])}
     return rows
 
 
-def _measure(size: tuple[int, int], exchange: OpenExchange, options: Options) -> tuple[Json, F32]:
+def _measure(model: str, size: tuple[int, int], exchange: OpenExchange, options: Options) -> tuple[Json, F32]:
     scene = embedded_scene()
     cameras = iter(orbit(scene, scene.cameras[scene.default_camera].at(0.0), 2 * (WARM_UP + REPEATS)))
-    with Renderer(scene, Settings(size=size), [find_model("ember")], exchange) as renderer:
+    with Renderer(scene, Settings(size=size), find_models(model), exchange) as renderer:
         renderer.advance(next(cameras))
         light = renderer.resource("indirect_now").astype(np.float32)
         times = measure_ms(lambda: renderer.advance(next(cameras)), options)

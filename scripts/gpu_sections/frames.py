@@ -6,13 +6,13 @@ from collections.abc import Callable, Sequence
 from time import perf_counter
 
 from app.load import embedded_scene, load_scene, orbit
-from app.network.selection import Model, find_models
+from app.network.selection import DEFAULT_MODEL, SSGI, SURFEL_MODEL, Model, find_models
 from app.renderer import Renderer
 from app.scene import Camera, Scene
 from app.settings import Settings
 from gpu_sections.common import Json, Options, format_size
 
-MODELS = ("none", "ssgi", "ember")
+MODELS = ("none", SSGI, SURFEL_MODEL, DEFAULT_MODEL)
 SMALL_SIZE = (64, 48)  # at which the CPU dominates
 ORBIT_FRAMES = 720
 
@@ -22,7 +22,7 @@ def frames(options: Options) -> Json:
     scenes = {"cornell-box": embedded_scene()}
     if options.scene is not None:
         scenes[options.scene.stem] = load_scene(options.scene)
-    warm_up, counted = (3, 4) if options.quick else (12, 120)
+    warm_up, counted = (3, 4) if options.quick else (12, 60)
     rows = {}
     for name, scene in scenes.items():
         cameras = orbit(scene, scene.cameras[scene.default_camera].at(0.0), ORBIT_FRAMES)[:warm_up + counted]
@@ -38,7 +38,7 @@ def frames(options: Options) -> Json:
 def _untimed(scene: Scene, size: tuple[int, int], models: Sequence[Model], warm_up: Sequence[Camera],
              cameras: Sequence[Camera]) -> Json:
     """``submit`` and ``in_flight`` wait for the GPU only after the last frame, ``advance`` after each."""
-    with Renderer(scene, Settings(size=size, provider="cpu"), models) as renderer:
+    with Renderer(scene, Settings(size=size), models) as renderer:
         _run(renderer.advance, warm_up)
         context = renderer._gl.ctx
         with context:
@@ -49,7 +49,7 @@ def _untimed(scene: Scene, size: tuple[int, int], models: Sequence[Model], warm_
             submitted = perf_counter()
             context.finish()
             in_flight = perf_counter()
-        return {"submit": round((submitted - begin) * 1e3 / len(cameras), 3),
+        return {"device": renderer.device, "submit": round((submitted - begin) * 1e3 / len(cameras), 3),
                 "in_flight": round((in_flight - begin) * 1e3 / len(cameras), 3),
                 "advance": _run(renderer.advance, cameras),
                 "render": _run(renderer.render, cameras[:len(cameras) // 2])}
@@ -58,7 +58,7 @@ def _untimed(scene: Scene, size: tuple[int, int], models: Sequence[Model], warm_
 def _timed(scene: Scene, size: tuple[int, int], models: Sequence[Model], warm_up: Sequence[Camera],
            cameras: Sequence[Camera]) -> Json:
     """Times of each pass, for which the renderer waits for the GPU after each."""
-    with Renderer(scene, Settings(size=size, timing=True, provider="cpu"), models) as renderer:
+    with Renderer(scene, Settings(size=size, timing=True), models) as renderer:
         _run(renderer.advance, warm_up)
         renderer.reset_timing()
         ms = _run(renderer.advance, cameras)

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from app.network.selection import SURFEL_MODEL
 from export.models.ember import Ember
-from gpu_sections.common import Json, Options, ember_renderer, format_size, max_error, measure_ms, network_of, skipped
+from gpu_sections.common import Json, Options, format_size, max_error, measure_ms, network_of, open_renderer, skipped
 
 READ_ONLY, WRITE_DISCARD = 1, 2  # cudaGraphicsRegisterFlags
 OUTPUT = "output"
@@ -87,7 +88,7 @@ def interop(options: Options) -> Json:
 
 
 def _measure(size: tuple[int, int], runtime: _Runtime, options: Options) -> Json:
-    with ember_renderer(size) as renderer, renderer._gl.ctx, torch.no_grad():
+    with open_renderer(SURFEL_MODEL, size) as renderer, renderer._gl.ctx, torch.no_grad():
         network = network_of(renderer)
         shapes = {name: values.shape for name, values in network._buffers.items()}
         shapes[OUTPUT] = (1, 3, *shapes["screen"][2:])

@@ -4,23 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from itertools import product
 
 import numpy as np
 import onnxruntime as ort
 import torch
 
 from app.arrays import F32
+from app.network.selection import DEFAULT_MODEL, SURFEL_MODEL
 from app.paths import nets_dir
 from export.models.ember import Ember
-from gpu_sections.common import Json, Options, ember_inputs, format_size, max_error, measure_ms, skipped
+from gpu_sections.common import Json, Options, format_size, max_error, measure_ms, read_inputs, skipped
 
-MODEL = nets_dir() / "ember.onnx"
 CUDA = "CUDAExecutionProvider"
 
 
 def network(options: Options) -> Json:
     """Times of onnxruntime on the CPU and torch on the GPU, if any, and errors against torch in double precision."""
-    return {format_size(size): _measure(ember_inputs(size), options) for size in options.sizes}
+    return {format_size(size): _measure(read_inputs(SURFEL_MODEL, size), options) for size in options.sizes}
 
 
 def onnxruntime_cuda(options: Options) -> Json:
@@ -30,22 +31,24 @@ def onnxruntime_cuda(options: Options) -> Json:
     if hasattr(ort, "preload_dlls"):
         ort.preload_dlls()  # CUDA and cuDNN of the nvidia-* packages
     rows = {}
-    for size in options.sizes:
-        inputs = ember_inputs(size)
-        reference = ort.InferenceSession(MODEL, providers=["CPUExecutionProvider"]).run(None, inputs)[0]
+    for model, size in product((SURFEL_MODEL, DEFAULT_MODEL), options.sizes):
+        inputs, path = read_inputs(model, size), nets_dir() / f"{model}.onnx"
+        reference = ort.InferenceSession(path, providers=["CPUExecutionProvider"]).run(None, inputs)[0]
         for label, settings in {"tf32": {"use_tf32": "1"}, "float32": {"use_tf32": "0"}}.items():
-            session = ort.InferenceSession(MODEL, providers=[(CUDA, settings), "CPUExecutionProvider"])
-            rows[f"{format_size(size)} {label}"] = {
+            session = ort.InferenceSession(path, providers=[(CUDA, settings), "CPUExecutionProvider"])
+            output = session.run(None, inputs)[0]
+            rows[f"{model} {format_size(size)} {label}"] = {
                 "runs_on": session.get_providers()[0],
                 **measure_ms(partial(session.run, None, inputs), options),
-                "max_error": max_error(session.run(None, inputs)[0], reference)}
+                "max_error": max_error(output, reference),
+                "mean_error": float(np.abs(output - reference).mean() / np.abs(reference).mean())}
     return rows
 
 
 def _measure(inputs: dict[str, F32], options: Options) -> Json:
     cuda = torch.cuda.is_available()
     device = torch.device("cuda" if cuda else "cpu")
-    session = ort.InferenceSession(MODEL, providers=["CPUExecutionProvider"])
+    session = ort.InferenceSession(nets_dir() / f"{SURFEL_MODEL}.onnx", providers=["CPUExecutionProvider"])
     model = Ember().eval().to(device)
     tensors = {name: torch.from_numpy(values).to(device) for name, values in inputs.items()}
 
