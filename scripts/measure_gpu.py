@@ -21,7 +21,6 @@ from gpu_sections.common import Json, Options
 from gpu_sections.device import machine, transfers
 from gpu_sections.exchanges import exchanges
 from gpu_sections.frames import frames
-from gpu_sections.interop import interop
 from gpu_sections.networks import network, onnxruntime_cuda
 from gpu_sections.shaders import shaders
 
@@ -29,7 +28,7 @@ Section = Callable[[Options], Json]
 
 SECTIONS: dict[str, Section] = {
     "machine": machine, "transfers": transfers, "shaders": shaders, "frames": frames, "network": network,
-    "interop": interop, "exchanges": exchanges, "onnxruntime_cuda": onnxruntime_cuda,
+    "exchanges": exchanges, "onnxruntime_cuda": onnxruntime_cuda,
     "pictures": pictures, "goldens": goldens}
 MAX_PRINTED = 1500  # characters of a section's result
 

@@ -58,7 +58,9 @@ class FakeCudart:
         self._resources: dict[int, _Resource] = {}
         self._unmapped: list[NDArray[np.float32]] = []
         self.mappings = 0
+        self._has_work = False  # which nobody has waited for
         self.cudaStreamCreate = _Function(self._create_stream)
+        self.cudaStreamSynchronize = _Function(self._synchronize)
         self.cudaGLGetDevices = _Function(self._list_devices)
         self.cudaGraphicsGLRegisterBuffer = _Function(self._register)
         self.cudaGraphicsUnregisterResource = _Function(self._unregister)
@@ -73,13 +75,19 @@ class FakeCudart:
         return runtime
 
     def close(self) -> None:
-        """Check that nothing is registered any more, and nothing was written after it was unmapped."""
+        """Check that nothing is registered or runs any more, and nothing was written after it was unmapped."""
         assert not self._resources, f"leak: {len(self._resources)} buffers are still registered"
+        assert not self._has_work, "nobody has waited for the stream, on which onnxruntime still frees memory"
         self._check_unmapped()
 
     def _create_stream(self, stream: Any) -> int:
         self._streams.append(self._number())
         stream._obj.value = self._streams[-1]
+        return 0
+
+    def _synchronize(self, stream: Any) -> int:
+        self._check_stream(stream)
+        self._has_work = False
         return 0
 
     def _list_devices(self, count: Any, devices: Any, room: int, listed: int) -> int:
@@ -134,6 +142,7 @@ class FakeCudart:
                 _gl("glNamedBufferSubData", each.buffer, ctypes.c_ssize_t(0), ctypes.c_ssize_t(each.memory.nbytes),
                     ctypes.c_void_p(each.memory.ctypes.data))
             each.memory[:] = np.nan
+            self._has_work = True
             self._unmapped.append(each.memory)
             each.memory = each.original = None
         return 0

@@ -31,6 +31,7 @@ class CudaExchange(SharedExchange):
         self._run: Callable[[], None] | None = None
 
     def release(self) -> None:
+        self._runtime.synchronize()  # onnxruntime would free memory in a callback on the stream, which aborts
         for resource in self._resources.values():
             self._runtime.unregister(resource)
         super().release()

@@ -20,6 +20,7 @@ _LIBRARIES = ("libcudart.so.13", "libcudart.so.12", "libcudart.so")  # as the dy
 _HANDLES = ctypes.POINTER(ctypes.c_void_p)
 _ARGUMENTS: dict[str, tuple[Any, ...]] = {
     "cudaStreamCreate": (_HANDLES,),
+    "cudaStreamSynchronize": (ctypes.c_void_p,),
     "cudaGLGetDevices": (ctypes.POINTER(ctypes.c_uint), ctypes.POINTER(ctypes.c_int), ctypes.c_uint, ctypes.c_int),
     "cudaGraphicsGLRegisterBuffer": (_HANDLES, ctypes.c_uint, ctypes.c_uint),
     "cudaGraphicsMapResources": (ctypes.c_int, _HANDLES, ctypes.c_void_p),
@@ -49,6 +50,10 @@ class CudaRuntime:
         stream = ctypes.c_void_p()
         self._call("cudaStreamCreate", ctypes.byref(stream))
         self.stream = stream.value or 0
+
+    def synchronize(self) -> None:
+        """Wait for everything on the stream."""
+        self._call("cudaStreamSynchronize", ctypes.c_void_p(self.stream))
 
     def shares_device(self) -> bool:
         """Whether the current GL context draws on CUDA's first device, where onnxruntime computes."""

@@ -2,7 +2,8 @@
 
 import io
 import os
-from contextlib import redirect_stdout
+from collections.abc import Mapping
+from contextlib import redirect_stdout, suppress
 from functools import cache
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from app.network.cuda_runtime import CUDA_REMEDY, find_cuda
 AUTO, CUDA = "auto", "cuda"
 MAX_REASON_LENGTH = 200
 LOG_NOTHING = 4  # onnxruntime's severities
+CUDA_GRAPH, NO_CUDA_GRAPH = "gpu_graph_id", "-1"  # an option of a run, and its value for one that is not captured
 _REMOTE = ("AzureExecutionProvider",)  # sends data to a server: never a choice here
 
 
@@ -37,8 +39,11 @@ def check_provider(provider: str) -> None:
                             f"{expected}, or for NVIDIA GPUs: {CUDA_REMEDY}" if provider == CUDA else expected)
 
 
-def open_session(path: Path, provider: str) -> ort.InferenceSession:
+def open_session(path: Path, provider: str, captures: bool = False) -> ort.InferenceSession:
     """A session on ``provider``, or for ``auto`` on CUDA if there is any, else on the CPU.
+
+    If it ``captures``, its runs on CUDA with an identifier of a graph other than ``NO_CUDA_GRAPH`` are captured as one
+    and replayed, where all of the network runs there.
 
     Raises
     ------
@@ -52,8 +57,6 @@ def open_session(path: Path, provider: str) -> ort.InferenceSession:
     chosen = provider if provider != AUTO else CUDA if CUDA in known else "cpu"
     if chosen == CUDA:
         _load_cuda_libraries()
-    wanted = [(name, _cuda_options() if short_name(name) == CUDA else {}) for name in ort.get_available_providers()
-              if short_name(name) in (chosen, "cpu")]
     options = ort.SessionOptions()
     options.graph_optimization_level = ort.GraphOptimizationLevel.ORT_ENABLE_ALL
     options.intra_op_num_threads = _physical_cores()
@@ -61,9 +64,19 @@ def open_session(path: Path, provider: str) -> ort.InferenceSession:
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.use_deterministic_compute = True
     options.log_severity_level = LOG_NOTHING
+
+    def open_one(cuda_options: Mapping[str, str], **fallback: bool) -> ort.InferenceSession:
+        wanted = [(name, cuda_options if short_name(name) == CUDA else {}) for name in ort.get_available_providers()
+                  if short_name(name) in (chosen, "cpu")]
+        return ort.InferenceSession(str(path), options, providers=wanted, **fallback)
+
+    cuda_options = _cuda_options() if chosen == CUDA else {}
+    if chosen == CUDA and captures:
+        with suppress(Exception):  # onnxruntime refuses to capture a network of which a part runs on the CPU
+            return open_one({**cuda_options, "enable_cuda_graph": "1"}, enable_fallback=False)
     try:
         # The CPU has no fallback; onnxruntime would try again, and log it on the terminal.
-        return ort.InferenceSession(str(path), options, providers=wanted, enable_fallback=chosen != "cpu")
+        return open_one(cuda_options, enable_fallback=chosen != "cpu")
     except Exception as error:  # onnxruntime's own exceptions share no public base class
         raise ModelError(f"onnxruntime can't load the network ({one_line(error)})", path,
                          "expected an ONNX graph that this onnxruntime supports") from None

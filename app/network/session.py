@@ -1,6 +1,7 @@
 """A network in onnxruntime: one call per frame, between inputs that are prepared and outputs that are checked."""
 
 from collections.abc import Callable, Mapping
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,16 @@ from app.network.contract import TensorSpec
 from app.network.contract_json import read_contract
 from app.network.cuda_runtime import find_cuda
 from app.network.inputs import channel_bounds, clamp, prepare_inputs
-from app.network.providers import AUTO, CUDA, LOG_NOTHING, one_line, open_session, short_name
+from app.network.providers import (
+    AUTO,
+    CUDA,
+    CUDA_GRAPH,
+    LOG_NOTHING,
+    NO_CUDA_GRAPH,
+    one_line,
+    open_session,
+    short_name,
+)
 from app.network.static_cache import StaticCache, is_cache_tensor
 
 _ORT_TYPES = {"float32": "tensor(float)", "float16": "tensor(float16)"}
@@ -57,7 +67,8 @@ class Network:
                  scale: float | None = None) -> None:
         self.path = Path(path)
         self.contract = read_contract(path).with_scale(scale)
-        self._session = open_session(self.path, provider)
+        self._session = open_session(self.path, provider, captures=self.is_bindable)
+        self._graph_numbers = count(1)
         self.provider = short_name(self._session.get_providers()[0])
         self.cuda = find_cuda() if self.provider == CUDA else None
         if strict and provider not in (AUTO, self.provider):
@@ -142,7 +153,7 @@ class Network:
         cached = self._cache.feeds(inputs)
         names = [*self.contract.outputs, *self._cache.outputs(cached)]
         try:
-            results = self._session.run(names, {**inputs, **cached})
+            results = self._session.run(names, {**inputs, **cached}, _run_options(NO_CUDA_GRAPH))
         except Exception as error:  # onnxruntime's own exceptions share no public base class
             raise self._failure(error, (self._size[1], self._size[0])) from None
         count = len(self.contract.outputs)
@@ -164,14 +175,14 @@ class Network:
         size : tuple of int
             Width and height of the screen grid.
         device : str
-            onnxruntime's name of it; on ``cuda`` the function returns before the outputs are there.
+            onnxruntime's name of it; on ``cuda`` the function returns before the outputs are there, and where it can
+            it captures the network as a CUDA graph at its first call, which it replays from then on.
         """
         binding = self._session.io_binding()
         for specs, bind in ((self.contract.inputs, binding.bind_input), (self.contract.outputs, binding.bind_output)):
             for tensor, shape in self.contract.padded_shapes(specs, size).items():
                 bind(tensor, device, 0, np.float32, shape, addresses[tensor])
-        options = ort.RunOptions()
-        options.log_severity_level = LOG_NOTHING
+        options = _run_options(str(next(self._graph_numbers)) if device == CUDA else NO_CUDA_GRAPH)
         if device == CUDA:  # what follows is on the same stream
             options.add_run_config_entry("disable_synchronize_execution_providers", "1")
 
@@ -205,3 +216,11 @@ class Network:
             if tensors[t].type != dtype:
                 raise ModelError(f"{kind} {t!r} of the graph is a {tensors[t].type}", self.path,
                                  f"expected {dtype}, the contract's dtype")
+
+
+def _run_options(graph: str) -> ort.RunOptions:
+    """Options of a run that is captured as the CUDA graph of that number, if the session captures."""
+    options = ort.RunOptions()
+    options.log_severity_level = LOG_NOTHING
+    options.add_run_config_entry(CUDA_GRAPH, graph)
+    return options

@@ -6,13 +6,13 @@ from collections.abc import Callable, Sequence
 from time import perf_counter
 
 from app.load import embedded_scene, load_scene, orbit
-from app.network.selection import DEFAULT_MODEL, SSGI, SURFEL_MODEL, Model, find_models
+from app.network.selection import DEFAULT_MODEL, SURFEL_MODEL, Model, find_models
 from app.renderer import Renderer
 from app.scene import Camera, Scene
 from app.settings import Settings
 from gpu_sections.common import Json, Options, format_size
 
-MODELS = ("none", SSGI, SURFEL_MODEL, DEFAULT_MODEL)
+MODELS = ("none", SURFEL_MODEL, DEFAULT_MODEL)
 SMALL_SIZE = (64, 48)  # at which the CPU dominates
 ORBIT_FRAMES = 720
 
@@ -22,7 +22,7 @@ def frames(options: Options) -> Json:
     scenes = {"cornell-box": embedded_scene()}
     if options.scene is not None:
         scenes[options.scene.stem] = load_scene(options.scene)
-    warm_up, counted = (3, 4) if options.quick else (12, 60)
+    warm_up, counted = (3, 4) if options.quick else (12, 30)
     rows = {}
     for name, scene in scenes.items():
         cameras = orbit(scene, scene.cameras[scene.default_camera].at(0.0), ORBIT_FRAMES)[:warm_up + counted]

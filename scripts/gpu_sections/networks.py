@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import onnxruntime as ort
 import torch
 
 from app.arrays import F32
+from app.network.providers import CUDA_GRAPH, NO_CUDA_GRAPH
 from app.network.selection import DEFAULT_MODEL, SURFEL_MODEL
 from app.paths import nets_dir
 from export.models.ember import Ember
 from gpu_sections.common import Json, Options, format_size, max_error, measure_ms, read_inputs, skipped
 
-CUDA = "CUDAExecutionProvider"
+CUDA, CPU = "CUDAExecutionProvider", "CPUExecutionProvider"
 
 
 def network(options: Options) -> Json:
@@ -33,22 +35,25 @@ def onnxruntime_cuda(options: Options) -> Json:
     rows = {}
     for model, size in product((SURFEL_MODEL, DEFAULT_MODEL), options.sizes):
         inputs, path = read_inputs(model, size), nets_dir() / f"{model}.onnx"
-        reference = ort.InferenceSession(path, providers=["CPUExecutionProvider"]).run(None, inputs)[0]
+        reference = ort.InferenceSession(path, providers=[CPU]).run(None, inputs)[0]
         for label, settings in {"tf32": {"use_tf32": "1"}, "float32": {"use_tf32": "0"}}.items():
-            session = ort.InferenceSession(path, providers=[(CUDA, settings), "CPUExecutionProvider"])
+            session = ort.InferenceSession(path, providers=[(CUDA, settings), CPU])
             output = session.run(None, inputs)[0]
             rows[f"{model} {format_size(size)} {label}"] = {
                 "runs_on": session.get_providers()[0],
                 **measure_ms(partial(session.run, None, inputs), options),
                 "max_error": max_error(output, reference),
                 "mean_error": float(np.abs(output - reference).mean() / np.abs(reference).mean())}
+        for captures in (False, True):
+            rows[f"{model} {format_size(size)} bound, graph={captures}"] = _measure_bound(
+                path, inputs, captures, options)
     return rows
 
 
 def _measure(inputs: dict[str, F32], options: Options) -> Json:
     cuda = torch.cuda.is_available()
     device = torch.device("cuda" if cuda else "cpu")
-    session = ort.InferenceSession(nets_dir() / f"{SURFEL_MODEL}.onnx", providers=["CPUExecutionProvider"])
+    session = ort.InferenceSession(nets_dir() / f"{SURFEL_MODEL}.onnx", providers=[CPU])
     model = Ember().eval().to(device)
     tensors = {name: torch.from_numpy(values).to(device) for name, values in inputs.items()}
 
@@ -72,24 +77,28 @@ def _measure(inputs: dict[str, F32], options: Options) -> Json:
                                          "max_error": max_error(values, reference), "mean_error": mean_error}
         torch.backends.cuda.matmul.allow_tf32 = False
         if not cuda:
-            return {**row, "cuda_graph": skipped("torch finds no CUDA device")}
+            return row
         upload = wait_for(lambda: [torch.from_numpy(values).to(device) for values in inputs.values()])
-        return {**row, "host_to_device": measure_ms(upload, options),
-                "cuda_graph": _measure_graph(model, tensors, reference, wait_for, options)}
+        return {**row, "host_to_device": measure_ms(upload, options)}
 
 
-def _measure_graph(model: Ember, tensors: dict[str, torch.Tensor], reference: F32,
-                   wait_for: Callable[[Callable[[], object]], Callable[[], None]], options: Options) -> Json:
-    """Replay the network as a CUDA graph."""
-    stream = torch.cuda.Stream()  # type: ignore[no-untyped-call]
-    stream.wait_stream(torch.cuda.current_stream())
-    with torch.cuda.stream(stream):
-        for _ in range(3):
-            model(**tensors)
-    torch.cuda.current_stream().wait_stream(stream)
-    graph = torch.cuda.CUDAGraph()
-    with torch.cuda.graph(graph):
-        output = model(**tensors)[0]
-    replay = wait_for(graph.replay)
-    replay()
-    return {**measure_ms(replay, options, 100), "max_error": max_error(output.cpu().numpy(), reference)}
+def _measure_bound(path: Path, inputs: Mapping[str, F32], captures: bool, options: Options) -> Json:
+    """The network between tensors that stay on the GPU, launched node by node or as one CUDA graph."""
+    session = ort.InferenceSession(
+        path, providers=[(CUDA, {"use_tf32": "0", "enable_cuda_graph": str(int(captures))}), CPU])
+    outputs = session.run(None, dict(inputs), _not_captured())
+    binding = session.io_binding()
+    for name, values in inputs.items():
+        binding.bind_ortvalue_input(name, ort.OrtValue.ortvalue_from_numpy(values, "cuda", 0))
+    results = [ort.OrtValue.ortvalue_from_numpy(np.zeros_like(values), "cuda", 0) for values in outputs]
+    for node, result in zip(session.get_outputs(), results, strict=True):
+        binding.bind_ortvalue_output(node.name, result)
+    times = measure_ms(lambda: session.run_with_iobinding(binding), options, 100)
+    return {**times, "max_difference": max(max_error(result.numpy(), values)
+                                           for result, values in zip(results, outputs, strict=True))}
+
+
+def _not_captured() -> ort.RunOptions:
+    options = ort.RunOptions()
+    options.add_run_config_entry(CUDA_GRAPH, NO_CUDA_GRAPH)
+    return options

@@ -246,6 +246,7 @@ def test_the_fake_accepts_what_is_right(books: Books) -> None:
     for _ in range(2):
         with books.runtime.mapped(books.resources) as addresses:
             assert len(set(addresses)) == 2
+    books.runtime.synchronize()
     for resource in books.resources:
         books.runtime.unregister(resource)
     books.library.close()
@@ -287,3 +288,12 @@ def test_the_fake_finds_writes_after_unmapping(books: Books) -> None:
     (ctypes.c_float * 16).from_address(address)[3] = 1.0
     with pytest.raises(AssertionError, match="after it was unmapped"):
         books.runtime.mapped(books.resources).__enter__()
+
+
+def test_the_fake_finds_work_that_nobody_has_waited_for(books: Books) -> None:
+    with books.runtime.mapped(books.resources):
+        pass
+    for resource in books.resources:
+        books.runtime.unregister(resource)
+    with pytest.raises(AssertionError, match="nobody has waited"):
+        books.library.close()

@@ -33,6 +33,25 @@ def test_onnxruntime_computes_on_the_stream_that_buffers_are_mapped_on(stream: i
     assert [options.get("user_compute_stream") for _, options in asked] == [None if stream is None else "18193", None]
 
 
+@pytest.mark.parametrize("can_capture", [True, False])
+def test_a_network_is_captured_where_it_can_be(can_capture: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+
+    def open_one(*_: object, providers: list[Any], **fallback: bool) -> None:
+        asked.append(providers[0][1].get("enable_cuda_graph"))
+        if asked[-1] is not None and not can_capture:
+            assert fallback == {"enable_fallback": False}  # which would print
+            raise RuntimeError("not all nodes run on CUDA")
+
+    monkeypatch.setattr(ort, "get_available_providers", lambda: ["CUDAExecutionProvider", "CPUExecutionProvider"])
+    monkeypatch.setattr(ort, "InferenceSession", open_one)
+    open_session(Path("network.onnx"), "auto", captures=True)
+    assert asked == (["1"] if can_capture else ["1", None])
+    asked.clear()
+    open_session(Path("network.onnx"), "auto")
+    assert asked == [None]
+
+
 def test_without_a_library_there_is_no_cuda(monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(name: str) -> None:
         raise OSError(name)
