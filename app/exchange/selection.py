@@ -11,6 +11,7 @@ from app.exchange.exchange import Exchange
 from app.exchange.mapped import MappedExchange
 from app.gl.context import Device
 from app.network.bounces import RepeatedNetwork
+from app.network.providers import CPU
 
 if TYPE_CHECKING:
     from app.network.session import Network
@@ -21,13 +22,16 @@ OpenExchange = Callable[[Device, Any, tuple[int, int]], Exchange]  # of a networ
 def open_exchange(device: Device, network: Network | RepeatedNetwork, size: tuple[int, int]) -> Exchange:
     """The fastest exchange for ``network`` on a screen grid of ``size``: on a GPU, the one with the fewest copies.
 
-    A software renderer's loads from buffers are so slow that numpy prepares tensors sooner (docs/design.md).
+    A software renderer's loads from buffers are so slow that numpy prepares tensors sooner (docs/design.md). Memory of
+    the CPU that is bound to a session on a GPU would be copied there once, when it is bound.
     """
     if isinstance(network, RepeatedNetwork) or not network.is_bindable or device.software:
         return CopyExchange(device, network, size)
+    if network.provider == CPU:
+        return MappedExchange(device, network, size)
     if network.cuda is not None and network.cuda.shares_device():
         return CudaExchange(device, network, size, network.cuda)
-    return MappedExchange(device, network, size)
+    return CopyExchange(device, network, size)
 
 
 class Exchanges:

@@ -12,7 +12,7 @@ import onnxruntime as ort
 from app.errors import ModelError, SettingsError, did_you_mean
 from app.network.cuda_runtime import CUDA_REMEDY, find_cuda
 
-AUTO, CUDA = "auto", "cuda"
+AUTO, CUDA, CPU = "auto", "cuda", "cpu"
 MAX_REASON_LENGTH = 200
 LOG_NOTHING = 4  # onnxruntime's severities
 CUDA_GRAPH, NO_CUDA_GRAPH = "gpu_graph_id", "-1"  # an option of a run, and its value for one that is not captured
@@ -54,7 +54,7 @@ def open_session(path: Path, provider: str, captures: bool = False) -> ort.Infer
     """
     check_provider(provider)
     known = list_providers()
-    chosen = provider if provider != AUTO else CUDA if CUDA in known else "cpu"
+    chosen = provider if provider != AUTO else CUDA if CUDA in known else CPU
     if chosen == CUDA:
         _load_cuda_libraries()
     options = ort.SessionOptions()
@@ -67,7 +67,7 @@ def open_session(path: Path, provider: str, captures: bool = False) -> ort.Infer
 
     def open_one(cuda_options: Mapping[str, str], **fallback: bool) -> ort.InferenceSession:
         wanted = [(name, cuda_options if short_name(name) == CUDA else {}) for name in ort.get_available_providers()
-                  if short_name(name) in (chosen, "cpu")]
+                  if short_name(name) in (chosen, CPU)]
         return ort.InferenceSession(str(path), options, providers=wanted, **fallback)
 
     cuda_options = _cuda_options() if chosen == CUDA else {}
@@ -76,7 +76,7 @@ def open_session(path: Path, provider: str, captures: bool = False) -> ort.Infer
             return open_one({**cuda_options, "enable_cuda_graph": "1"}, enable_fallback=False)
     try:
         # The CPU has no fallback; onnxruntime would try again, and log it on the terminal.
-        return open_one(cuda_options, enable_fallback=chosen != "cpu")
+        return open_one(cuda_options, enable_fallback=chosen != CPU)
     except Exception as error:  # onnxruntime's own exceptions share no public base class
         raise ModelError(f"onnxruntime can't load the network ({one_line(error)})", path,
                          "expected an ONNX graph that this onnxruntime supports") from None

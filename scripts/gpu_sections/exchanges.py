@@ -15,6 +15,7 @@ from app.exchange.selection import OpenExchange, open_exchange
 from app.gl.context import Device
 from app.load import embedded_scene, orbit
 from app.network.cuda_runtime import READ_ONLY, find_cuda
+from app.network.providers import AUTO, CPU
 from app.network.selection import DEFAULT_MODEL, SURFEL_MODEL, find_models
 from app.renderer import Renderer
 from app.settings import Settings
@@ -39,7 +40,8 @@ def exchanges(options: Options) -> Json:
 def _measure(model: str, size: tuple[int, int], exchange: OpenExchange, options: Options) -> tuple[Json, F32]:
     scene = embedded_scene()
     cameras = iter(orbit(scene, scene.cameras[scene.default_camera].at(0.0), 2 * (WARM_UP + REPEATS)))
-    with Renderer(scene, Settings(size=size), find_models(model), exchange) as renderer:
+    provider = CPU if exchange is MappedExchange else AUTO
+    with Renderer(scene, Settings(size, provider=provider), find_models(model), exchange) as renderer:
         times = measure_ms(lambda: renderer.advance(next(cameras)), options)
         return {"device": renderer.device, "frame_ms": times}, renderer.resource("indirect_now").astype(np.float32)
 

@@ -215,7 +215,8 @@ def test_each_network_gets_the_exchange_that_it_and_the_machine_allow(tmp_path: 
         assert chosen(plain) == "copy"
         monkeypatch.setattr(device, "software", False)
         assert [chosen(network) for network in (plain, half, cached, repeated)] == ["mapped", "copy", "copy", "copy"]
-        for devices, expected in (((0,), "cuda"), ((1,), "mapped"), ((), "mapped")):
+        plain.provider = "cuda"
+        for devices, expected in (((0,), "cuda"), ((1,), "copy"), ((), "copy")):
             library = FakeCudart(devices)
             plain.cuda = library.runtime()
             assert chosen(plain) == expected
