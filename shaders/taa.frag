@@ -55,9 +55,9 @@ void main()
     ivec2 outward = clamp(t - ivec2(quad_side()), ivec2(0), last) - t;
     vec3 now = current(t);
     vec4 moved = nearest_motion(t, outward);
-    vec3 mean, square;
-    neighbourhood(t, outward, ycocg(now), mean, square);
-    vec3 deviation = sqrt(max(square - mean * mean, 0.0));
+    vec3 mean, variance;
+    neighbourhood(t, outward, ycocg(now), mean, variance);
+    vec3 deviation = sqrt(variance);
 
     bool still = is_still(moved.xy);
     vec2 back = still ? vec2(0.0) : is_finite(moved.x + moved.y) ? -moved.xy : vec2(1e9);
@@ -97,8 +97,8 @@ void main()
 
     out_deviation = 0.0;
 #ifdef SETTLED
-    float change = ycocg(now - history).x, variance = share < 1.0 ? 0.0 : spread * spread;
-    if (keep) out_deviation = min(sqrt((1.0 - 1.0 / frames) * (variance + change * change / frames)), HALF_MAX);
+    float change = ycocg(now - history).x, known = share < 1.0 ? 0.0 : spread * spread;
+    if (keep) out_deviation = min(sqrt((1.0 - 1.0 / frames) * (known + change * change / frames)), HALF_MAX);
 #endif
 #ifdef WRITE_RESAMPLED
     vec2 fraction = fract(back);  // half a texel blurs most, a whole one not at all

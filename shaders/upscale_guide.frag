@@ -31,8 +31,8 @@ void main()
     ivec2 last = ivec2(image.xy) - 1, t = min(ivec2(gl_FragCoord.xy), last);
     ivec2 outward = clamp(t - ivec2(quad_side()), ivec2(0), last) - t;
     vec4 moved = nearest_motion(t, outward);
-    vec3 mean, square;
-    neighbourhood(t, outward, ycocg(current(t)), mean, square);
+    vec3 mean, variance;
+    neighbourhood(t, outward, ycocg(current(t)), mean, variance);
 
     bool finite = is_finite(moved.x + moved.y);
     vec2 back = finite ? -moved.xy : vec2(1e9);
@@ -49,10 +49,12 @@ void main()
     bool healthy = is_finite(dot(mean_before, vec4(1.0)) + dot(deviation_before, vec3(1.0))) && mean_before.a >= 1.0;
     float frames = unmoved && healthy && history_valid ? min(mean_before.a + 1.0, SETTLED_FRAMES) : 1.0;
     if (frames > 1.0) {
-        mean = mix(mean_before.rgb, mean, 1.0 / frames);
-        square = mix(deviation_before * deviation_before + mean_before.rgb * mean_before.rgb, square, 1.0 / frames);
+        float part = 1.0 / frames;
+        vec3 change = mean - mean_before.rgb;
+        variance = mix(deviation_before * deviation_before, variance + (1.0 - part) * change * change, part);
+        mean = mix(mean_before.rgb, mean, part);
     }
     out_mean = vec4(mean, frames);
-    out_deviation = vec4(sqrt(max(square - mean * mean, 0.0)), 0.0);
+    out_deviation = vec4(sqrt(variance), 0.0);
     out_motion = vec4(moved.xy, visible && finite ? 1.0 : 0.0, 0.0);
 }

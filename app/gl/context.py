@@ -18,6 +18,7 @@ GL_MAP_READ_BIT, GL_MAP_WRITE_BIT, GL_MAP_PERSISTENT_BIT, GL_MAP_COHERENT_BIT = 
 MAPPED = GL_MAP_READ_BIT | GL_MAP_WRITE_BIT | GL_MAP_PERSISTENT_BIT | GL_MAP_COHERENT_BIT
 GL_COLOR_BUFFER_BIT, GL_NEAREST = 0x4000, 0x2600
 GL_TEXTURE_2D, GL_DEPTH_COMPONENT32F, GL_DEPTH_COMPONENT, GL_FLOAT = 0x0DE1, 0x8CAC, 0x1902, 0x1406
+GL_FORMATS = {1: 0x1903, 2: 0x8227, 4: 0x1908}  # of red, red and green, all four channels
 REQUIRED = 450  # clip control, fine derivatives
 DEVICE_INDEX = "GLCONTEXT_DEVICE_INDEX"  # environment variable that glcontext reads: number of an EGL device, from 0
 ANISOTROPY = 8.0
@@ -118,6 +119,10 @@ class Device:
         target.use()
         self._functions.call("glBlitNamedFramebuffer", source.glo, target.glo, 0, 0, *source.size, 0, 0, *target.size,
                              GL_COLOR_BUFFER_BIT, GL_NEAREST)
+
+    def clear(self, texture: moderngl.Texture) -> None:
+        """Set all texels to 0; new ones hold whatever was in the GPU's memory."""
+        self._functions.call("glClearTexImage", texture.glo, 0, GL_FORMATS[texture.components], GL_FLOAT, None)
 
     def map_buffer(self, size: int) -> tuple[moderngl.Buffer, int]:
         """A buffer of ``size`` bytes that stays mapped for reading and writing, and the address of its memory.

@@ -60,6 +60,7 @@ class Pool:
         texture = self._device.ctx.texture((width, height), tex.components, dtype=tex.dtype)
         texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
         texture.repeat_x = texture.repeat_y = False
+        self._device.clear(texture)
         return texture
 
     def texture(self, name: str) -> moderngl.Texture:
