@@ -32,8 +32,9 @@ uniform vec4 specular_roughness;           // F0, perceptual roughness
 uniform vec3 emission;
 uniform vec2 emission_flags;  // shines from both sides; may light other surfaces
 #ifdef ACCUMULATES
-uniform float lod_bias;  // levels of detail; averaged frames resolve finer texels than one (Karis 2014)
-#define lookup(map, at) texture(map, at, lod_bias)
+uniform float footprint;  // of a lookup, in pixels: averaged frames resolve finer texels than one (Karis 2014)
+// A bias would leave an anisotropic footprint as long as it is.
+#define lookup(map, at) textureGrad(map, at, footprint * dFdx(at), footprint * dFdy(at))
 #else
 #define lookup(map, at) texture(map, at)
 #endif

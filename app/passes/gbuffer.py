@@ -146,7 +146,7 @@ def draw_surfaces(device: Device, frame: FrameState, clip: F64, defines: dict[st
         program = device.program("gbuffer.vert", "gbuffer.frag", defines={**defines, **used})
         program.set(clip_from_relative=clip, **(samplers or {}))
         if averages:
-            program.set(lod_bias=lod_bias)
+            program.set(footprint=2.0**lod_bias)
         if moving:
             program.set(previous_clip=previous_clip, jitter=frame.jitter)
             if frame.view.is_orthographic:
