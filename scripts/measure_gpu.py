@@ -66,7 +66,10 @@ def _parse_arguments() -> argparse.Namespace:
     parser.add_argument("--scene", type=Path, metavar="FILE", help="also time the frames of this scene")
     parser.add_argument("--tests", action="store_true", help="run the GL tests instead of the other sections")
     parser.add_argument("--test-seconds", type=float, default=200, metavar="S", help="stop the tests after this time")
-    return parser.parse_args()
+    arguments = parser.parse_args()
+    if arguments.tests and arguments.sections:
+        parser.error("--tests runs no other section")
+    return arguments
 
 
 def _section_name(name: str) -> str:

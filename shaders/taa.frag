@@ -97,8 +97,8 @@ void main()
 
     out_deviation = 0.0;
 #ifdef SETTLED
-    float change = ycocg(now - history).x, known = share < 1.0 ? 0.0 : spread * spread;
-    if (keep) out_deviation = min(sqrt((1.0 - 1.0 / frames) * (known + change * change / frames)), HALF_MAX);
+    float change = ycocg(now - history).x, variance_before = share < 1.0 ? 0.0 : spread * spread;
+    if (keep) out_deviation = min(sqrt((1.0 - 1.0 / frames) * (variance_before + change * change / frames)), HALF_MAX);
 #endif
 #ifdef WRITE_RESAMPLED
     vec2 fraction = fract(back);  // half a texel blurs most, a whole one not at all

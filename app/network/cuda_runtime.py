@@ -8,11 +8,13 @@ from contextlib import contextmanager
 from functools import cache
 from importlib import util
 from pathlib import Path
+from threading import RLock
 from typing import Any
 
 from app.errors import DeviceError
 
 CUDA_REMEDY = "pip uninstall onnxruntime; pip install 'onnxruntime-gpu[cuda,cudnn]'"  # both fill the same folder
+CUDA_LOCK = RLock()  # of the stream that all of the process shares
 READ_ONLY, WRITE_DISCARD = 1, 2  # cudaGraphicsRegisterFlags
 _ALL_DEVICES = 1                 # cudaGLDeviceList
 _MAX_DEVICES = 16
@@ -99,7 +101,7 @@ class CudaRuntime:
 @cache
 def find_cuda() -> CudaRuntime | None:
     """The runtime, one for the whole process; None where its library or a GPU for it is missing."""
-    for name in (*_packaged_libraries(), *_LIBRARIES):
+    for name in (*packaged_libraries(), *_LIBRARIES):
         try:
             return CudaRuntime(ctypes.CDLL(name))
         except (OSError, AttributeError, DeviceError):
@@ -107,7 +109,7 @@ def find_cuda() -> CudaRuntime | None:
     return None
 
 
-def _packaged_libraries() -> list[str]:
+def packaged_libraries() -> list[str]:
     """Where NVIDIA's Python packages have the library."""
     spec = util.find_spec("nvidia")
     folders = spec.submodule_search_locations if spec is not None else None

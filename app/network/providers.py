@@ -1,16 +1,15 @@
 """Execution providers of onnxruntime: which exist, and sessions on one of them."""
 
-import io
 import os
-from collections.abc import Mapping
-from contextlib import redirect_stdout, suppress
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, nullcontext
 from functools import cache
 from pathlib import Path
 
 import onnxruntime as ort
 
 from app.errors import ModelError, SettingsError, did_you_mean
-from app.network.cuda_runtime import CUDA_REMEDY, find_cuda
+from app.network.cuda_runtime import CUDA_LOCK, CUDA_REMEDY, find_cuda, packaged_libraries
 
 AUTO, CUDA, CPU = "auto", "cuda", "cpu"
 MAX_REASON_LENGTH = 200
@@ -40,10 +39,10 @@ def check_provider(provider: str) -> None:
 
 
 def open_session(path: Path, provider: str, captures: bool = False) -> ort.InferenceSession:
-    """A session on ``provider``, or for ``auto`` on CUDA if there is any, else on the CPU.
+    """A session on ``provider``, or for ``auto`` on CUDA if there is any; on the CPU where that one does not work.
 
-    If it ``captures``, its runs on CUDA with an identifier of a graph other than ``NO_CUDA_GRAPH`` are captured as one
-    and replayed, where all of the network runs there.
+    On CUDA it ``captures``, where all of the network runs there: each run needs the option ``CUDA_GRAPH``, which is
+    either ``NO_CUDA_GRAPH`` or the number of the graph that it is captured as, or replayed.
 
     Raises
     ------
@@ -53,10 +52,7 @@ def open_session(path: Path, provider: str, captures: bool = False) -> ort.Infer
         When onnxruntime can't load the file.
     """
     check_provider(provider)
-    known = list_providers()
-    chosen = provider if provider != AUTO else CUDA if CUDA in known else CPU
-    if chosen == CUDA:
-        _load_cuda_libraries()
+    chosen = provider if provider != AUTO else CUDA if CUDA in list_providers() else CPU
     options = ort.SessionOptions()
     options.graph_optimization_level = ort.GraphOptimizationLevel.ORT_ENABLE_ALL
     options.intra_op_num_threads = _physical_cores()
@@ -64,40 +60,48 @@ def open_session(path: Path, provider: str, captures: bool = False) -> ort.Infer
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.use_deterministic_compute = True
     options.log_severity_level = LOG_NOTHING
+    for name, settings in _attempts(chosen, captures):
+        wanted = [(available, settings if short_name(available) == name else {})
+                  for available in ort.get_available_providers() if short_name(available) in (name, CPU)]
+        try:
+            with exclusive(name):
+                return ort.InferenceSession(str(path), options, providers=wanted, enable_fallback=False)
+        except Exception as error:  # onnxruntime's own exceptions share no public base class
+            failure = error
+    raise ModelError(f"onnxruntime can't load the network ({one_line(failure)})", path,
+                     "expected an ONNX graph that this onnxruntime supports")
 
-    def open_one(cuda_options: Mapping[str, str], **fallback: bool) -> ort.InferenceSession:
-        wanted = [(name, cuda_options if short_name(name) == CUDA else {}) for name in ort.get_available_providers()
-                  if short_name(name) in (chosen, CPU)]
-        return ort.InferenceSession(str(path), options, providers=wanted, **fallback)
 
-    cuda_options = _cuda_options() if chosen == CUDA else {}
-    if chosen == CUDA and captures:
-        with suppress(Exception):  # onnxruntime refuses to capture a network of which a part runs on the CPU
-            return open_one({**cuda_options, "enable_cuda_graph": "1"}, enable_fallback=False)
-    try:
-        # The CPU has no fallback; onnxruntime would try again, and log it on the terminal.
-        return open_one(cuda_options, enable_fallback=chosen != CPU)
-    except Exception as error:  # onnxruntime's own exceptions share no public base class
-        raise ModelError(f"onnxruntime can't load the network ({one_line(error)})", path,
-                         "expected an ONNX graph that this onnxruntime supports") from None
+def _attempts(provider: str, captures: bool) -> Iterator[tuple[str, dict[str, str]]]:
+    """Providers that a session is opened on until one works, each with its options."""
+    if provider == CUDA:
+        _load_cuda_libraries()
+        options = _cuda_options()
+        if captures:  # onnxruntime refuses if a part of the network runs on the CPU
+            yield CUDA, {**options, "enable_cuda_graph": "1"}
+        yield CUDA, options
+    elif provider != CPU:
+        yield provider, {}
+    yield CPU, {}
+
+
+def exclusive(provider: str) -> AbstractContextManager[object]:
+    """To be entered by whoever uses CUDA: other calls meanwhile would be captured into a graph, or make it fail."""
+    return CUDA_LOCK if provider == CUDA else nullcontext()
 
 
 @cache
 def _load_cuda_libraries() -> None:
-    """Load CUDA and cuDNN from NVIDIA's Python packages, where the dynamic linker does not look.
-
-    onnxruntime would print what is missing. Its session then falls back to the CPU, which ``doctor`` says.
-    """
-    ort.set_default_logger_severity(LOG_NOTHING)
-    if hasattr(ort, "preload_dlls"):  # since onnxruntime 1.21
-        with redirect_stdout(io.StringIO()):
-            ort.preload_dlls()
+    """Load CUDA and cuDNN from NVIDIA's Python packages, where the dynamic linker does not look."""
+    ort.set_default_logger_severity(LOG_NOTHING)  # or it prints what is missing; ``doctor`` says what runs instead
+    if packaged_libraries() and hasattr(ort, "preload_dlls"):  # since onnxruntime 1.21
+        ort.preload_dlls()
 
 
 def _cuda_options() -> dict[str, str]:
     """Options of the CUDA provider: a stream that OpenGL's buffers are mapped on, and products in single precision.
 
-    Products of matrices with 10 bits of mantissa (TF32) would err by 2 % of the light on the mean, 30 % at worst.
+    Products of matrices with 10 bits of mantissa (TF32) would put single texels off by 10 % of the brightest light.
     """
     runtime = find_cuda()
     return {"use_tf32": "0", **({} if runtime is None else {"user_compute_stream": str(runtime.stream)})}

@@ -16,10 +16,12 @@ from app.network.cuda_runtime import find_cuda
 from app.network.inputs import channel_bounds, clamp, prepare_inputs
 from app.network.providers import (
     AUTO,
+    CPU,
     CUDA,
     CUDA_GRAPH,
     LOG_NOTHING,
     NO_CUDA_GRAPH,
+    exclusive,
     one_line,
     open_session,
     short_name,
@@ -67,22 +69,31 @@ class Network:
                  scale: float | None = None) -> None:
         self.path = Path(path)
         self.contract = read_contract(path).with_scale(scale)
-        self._session = open_session(self.path, provider, captures=self.is_bindable)
         self._graph_numbers = count(1)
-        self.provider = short_name(self._session.get_providers()[0])
-        self.cuda = find_cuda() if self.provider == CUDA else None
+        self._open(provider)
         if strict and provider not in (AUTO, self.provider):
             raise DeviceError(f"the network runs on {self.provider!r}", "strict_device", f"expected {provider!r}")
         self._check_graph("input", self.contract.inputs, self._session.get_inputs())
         self._check_graph("output", self.contract.outputs, self._session.get_outputs())
+        self._output_bounds = {t: channel_bounds(spec) for t, spec in self.contract.outputs.items()}
+        try:
+            self.resize(size)
+        except ModelError:
+            if provider != AUTO or self.provider != CUDA:
+                raise
+            self._open(CPU)  # since CUDA lacks something, such as cuDNN
+            self.resize(size)
+
+    def _open(self, provider: str) -> None:
+        self._session = open_session(self.path, provider, captures=self.is_bindable)
+        self.provider = short_name(self._session.get_providers()[0])
+        self.cuda = find_cuda() if self.provider == CUDA else None
         static_input = self.contract.static_input
         try:
             self._cache = StaticCache(self._session, static_input)
         except ValueError as error:
             raise ModelError(str(error), self.path, f"expected a graph that caches what depends on {static_input!r} "
                              "alone, as its contract declares") from None
-        self._output_bounds = {t: channel_bounds(spec) for t, spec in self.contract.outputs.items()}
-        self.resize(size)
 
     def resize(self, size: tuple[int, int]) -> None:
         """Allocate for a screen grid of the given width and height, and do a warm-up run."""
@@ -153,7 +164,8 @@ class Network:
         cached = self._cache.feeds(inputs)
         names = [*self.contract.outputs, *self._cache.outputs(cached)]
         try:
-            results = self._session.run(names, {**inputs, **cached}, _run_options(NO_CUDA_GRAPH))
+            with exclusive(self.provider):
+                results = self._session.run(names, {**inputs, **cached}, _run_options(NO_CUDA_GRAPH))
         except Exception as error:  # onnxruntime's own exceptions share no public base class
             raise self._failure(error, (self._size[1], self._size[0])) from None
         count = len(self.contract.outputs)
@@ -165,7 +177,8 @@ class Network:
         """Whether onnxruntime alone makes the outputs from prepared inputs, without a conversion or a cache."""
         return self.contract.dtype == "float32" and self.contract.static_input is None
 
-    def bind(self, addresses: Mapping[str, int], size: tuple[int, int], device: str = "cpu") -> Callable[[], None]:
+    def bind(self, addresses: Mapping[str, int], size: tuple[int, int], device: str = "cpu",
+             captures: bool = False) -> Callable[[], None]:
         """A function that infers from prepared inputs in memory to outputs in memory.
 
         Parameters
@@ -175,14 +188,16 @@ class Network:
         size : tuple of int
             Width and height of the screen grid.
         device : str
-            onnxruntime's name of it; on ``cuda`` the function returns before the outputs are there, and where it can
-            it captures the network as a CUDA graph at its first call, which it replays from then on.
+            onnxruntime's name of it; on ``cuda`` the function may return before the outputs are there.
+        captures : bool
+            Where it can, capture the network as a CUDA graph at the function's first call, and replay it from then on.
+            onnxruntime keeps the graph as long as this network.
         """
         binding = self._session.io_binding()
         for specs, bind in ((self.contract.inputs, binding.bind_input), (self.contract.outputs, binding.bind_output)):
             for tensor, shape in self.contract.padded_shapes(specs, size).items():
                 bind(tensor, device, 0, np.float32, shape, addresses[tensor])
-        options = _run_options(str(next(self._graph_numbers)) if device == CUDA else NO_CUDA_GRAPH)
+        options = _run_options(str(next(self._graph_numbers)) if captures else NO_CUDA_GRAPH)
         if device == CUDA:  # what follows is on the same stream
             options.add_run_config_entry("disable_synchronize_execution_providers", "1")
 

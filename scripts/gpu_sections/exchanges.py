@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from contextlib import closing
 from itertools import product
@@ -14,14 +15,15 @@ from app.exchange.mapped import MappedExchange
 from app.exchange.selection import OpenExchange, open_exchange
 from app.gl.context import Device
 from app.load import embedded_scene, orbit
+from app.network.contract_json import read_contract
 from app.network.cuda_runtime import READ_ONLY, find_cuda
 from app.network.providers import AUTO, CPU
 from app.network.selection import DEFAULT_MODEL, SURFEL_MODEL, find_models
+from app.paths import nets_dir
 from app.renderer import Renderer
 from app.settings import Settings
 from gpu_sections.common import REPEATS, WARM_UP, Json, Options, format_size, max_error, measure_ms, skipped
 
-TENSOR_BYTES = 2048 * 4, 2048 * 18 * 4, 2048 * 144 * 4 * 4
 EXCHANGES: Mapping[str, OpenExchange] = {"copy": CopyExchange, "mapped": MappedExchange, "chosen": open_exchange}
 
 
@@ -47,12 +49,14 @@ def _measure(model: str, size: tuple[int, int], exchange: OpenExchange, options:
 
 
 def _measure_mapping(options: Options) -> Json:
-    """What CUDA takes to map GL buffers of the size of ember's tensors, after a pass has written one, and to let go."""
+    """What CUDA takes to map GL buffers for ember's inputs, after a pass has written one, and to let go."""
+    contract = read_contract(nets_dir() / f"{SURFEL_MODEL}.onnx")
     with closing(Device()) as device, device.ctx:
         cuda = find_cuda()
         if cuda is None or not cuda.shares_device():
             return skipped("CUDA does not share OpenGL's device")
-        buffers = [device.ctx.buffer(reserve=size) for size in TENSOR_BYTES]
+        shapes = contract.padded_shapes(contract.inputs, contract.screen_size(options.sizes[0]))
+        buffers = [device.ctx.buffer(reserve=4 * math.prod(shape)) for shape in shapes.values()]
         resources = [cuda.register(buffer.glo, READ_ONLY) for buffer in buffers]
 
         def map_once() -> None:

@@ -45,7 +45,7 @@ def onnxruntime_cuda(options: Options) -> Json:
                 "max_error": max_error(output, reference),
                 "mean_error": float(np.abs(output - reference).mean() / np.abs(reference).mean())}
         for captures in (False, True):
-            rows[f"{model} {format_size(size)} bound, graph={captures}"] = _measure_bound(
+            rows[f"{model} {format_size(size)} bound, {'captured' if captures else 'node by node'}"] = _measure_bound(
                 path, inputs, captures, options)
     return rows
 
