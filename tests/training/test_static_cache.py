@@ -57,9 +57,9 @@ def test_geometry_is_recomputed_only_when_it_changes(files: dict[str, Path], mon
     run = network._session.run
 
     class Spy:
-        def run(self, names: list[str], feeds: dict[str, Any]) -> Any:
+        def run(self, names: list[str], feeds: dict[str, Any], options: Any) -> Any:
             recomputed.append(bool(feeds["recompute"]))
-            return run(names, feeds)
+            return run(names, feeds, options)
 
     monkeypatch.setattr(network, "_session", Spy())
     for geometry, light in ((0, 0), (0, 1), (1, 1), (1, 2), (1, 2)):
