@@ -63,7 +63,8 @@ def test_all_is_well_here(tmp_path: Path) -> None:
     assert ("libcudart" in line and "onnxruntime-gpu" in line) == (find_cuda() is None)
     device = report["frames"]["device"]
     assert device["exchange"] in ("copy", "mapped", "cuda")
-    assert f"the network runs on {device['provider']}; exchange of its tensors with OpenGL: {device['exchange']}" in lines
+    said = f"the network runs on {device['provider']}; exchange of its tensors with OpenGL: {device['exchange']}"
+    assert said in lines
     assert {"gbuffer", "direct", "network", "copy"} <= set(report["frames"]["passes"])
 
 
