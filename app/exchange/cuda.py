@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 from app.exchange.shared import SharedExchange
 from app.gl.context import Device
-from app.network.cuda_runtime import READ_ONLY, WRITE_DISCARD, CudaRuntime
-from app.network.providers import CUDA, exclusive
+from app.network.cuda_runtime import CUDA_LOCK, READ_ONLY, WRITE_DISCARD, CudaRuntime
 
 if TYPE_CHECKING:
     from app.network.session import Network
@@ -32,14 +31,14 @@ class CudaExchange(SharedExchange):
         self._run: Callable[[], None] | None = None
 
     def release(self) -> None:
-        with exclusive(CUDA):
+        with CUDA_LOCK:
             self._runtime.synchronize()  # onnxruntime would free memory in a callback on the stream, which aborts
             for resource in self._resources.values():
                 self._runtime.unregister(resource)
         super().release()
 
     def _infer(self) -> None:
-        with exclusive(CUDA), self._runtime.mapped([*self._resources.values()]) as mapped:
+        with CUDA_LOCK, self._runtime.mapped([*self._resources.values()]) as mapped:
             addresses = dict(zip(self._resources, mapped, strict=True))
             if self._run is None or addresses != self._addresses:  # each mapping may give others
                 self._run = self._network.bind(addresses, self._size, self._runtime.device, captures=self._run is None)

@@ -109,8 +109,9 @@ def find_cuda() -> CudaRuntime | None:
     return None
 
 
-def packaged_libraries() -> list[str]:
+@cache
+def packaged_libraries() -> tuple[str, ...]:
     """Where NVIDIA's Python packages have the library."""
     spec = util.find_spec("nvidia")
     folders = spec.submodule_search_locations if spec is not None else None
-    return [str(file) for folder in folders or () for file in sorted(Path(folder).rglob("libcudart.so*"))]
+    return tuple(str(file) for folder in folders or () for file in sorted(Path(folder).rglob("libcudart.so*")))

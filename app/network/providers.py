@@ -75,7 +75,7 @@ def open_session(path: Path, provider: str, captures: bool = False) -> ort.Infer
 def _attempts(provider: str, captures: bool) -> Iterator[tuple[str, dict[str, str]]]:
     """Providers that a session is opened on until one works, each with its options."""
     if provider == CUDA:
-        _load_cuda_libraries()
+        load_cuda_libraries()
         options = _cuda_options()
         if captures:  # onnxruntime refuses if a part of the network runs on the CPU
             yield CUDA, {**options, "enable_cuda_graph": "1"}
@@ -85,13 +85,21 @@ def _attempts(provider: str, captures: bool) -> Iterator[tuple[str, dict[str, st
     yield CPU, {}
 
 
+def run_options(graph: str) -> ort.RunOptions:
+    """Options of a run that is captured as the CUDA graph of that number, if the session captures."""
+    options = ort.RunOptions()
+    options.log_severity_level = LOG_NOTHING
+    options.add_run_config_entry(CUDA_GRAPH, graph)
+    return options
+
+
 def exclusive(provider: str) -> AbstractContextManager[object]:
     """To be entered by whoever uses CUDA: other calls meanwhile would be captured into a graph, or make it fail."""
     return CUDA_LOCK if provider == CUDA else nullcontext()
 
 
 @cache
-def _load_cuda_libraries() -> None:
+def load_cuda_libraries() -> None:
     """Load CUDA and cuDNN from NVIDIA's Python packages, where the dynamic linker does not look."""
     ort.set_default_logger_severity(LOG_NOTHING)  # or it prints what is missing; ``doctor`` says what runs instead
     if packaged_libraries() and hasattr(ort, "preload_dlls"):  # since onnxruntime 1.21

@@ -18,12 +18,11 @@ from app.network.providers import (
     AUTO,
     CPU,
     CUDA,
-    CUDA_GRAPH,
-    LOG_NOTHING,
     NO_CUDA_GRAPH,
     exclusive,
     one_line,
     open_session,
+    run_options,
     short_name,
 )
 from app.network.static_cache import StaticCache, is_cache_tensor
@@ -165,7 +164,7 @@ class Network:
         names = [*self.contract.outputs, *self._cache.outputs(cached)]
         try:
             with exclusive(self.provider):
-                results = self._session.run(names, {**inputs, **cached}, _run_options(NO_CUDA_GRAPH))
+                results = self._session.run(names, {**inputs, **cached}, run_options(NO_CUDA_GRAPH))
         except Exception as error:  # onnxruntime's own exceptions share no public base class
             raise self._failure(error, (self._size[1], self._size[0])) from None
         count = len(self.contract.outputs)
@@ -197,7 +196,7 @@ class Network:
         for specs, bind in ((self.contract.inputs, binding.bind_input), (self.contract.outputs, binding.bind_output)):
             for tensor, shape in self.contract.padded_shapes(specs, size).items():
                 bind(tensor, device, 0, np.float32, shape, addresses[tensor])
-        options = _run_options(str(next(self._graph_numbers)) if captures else NO_CUDA_GRAPH)
+        options = run_options(str(next(self._graph_numbers)) if captures else NO_CUDA_GRAPH)
         if device == CUDA:  # what follows is on the same stream
             options.add_run_config_entry("disable_synchronize_execution_providers", "1")
 
@@ -231,11 +230,3 @@ class Network:
             if tensors[t].type != dtype:
                 raise ModelError(f"{kind} {t!r} of the graph is a {tensors[t].type}", self.path,
                                  f"expected {dtype}, the contract's dtype")
-
-
-def _run_options(graph: str) -> ort.RunOptions:
-    """Options of a run that is captured as the CUDA graph of that number, if the session captures."""
-    options = ort.RunOptions()
-    options.log_severity_level = LOG_NOTHING
-    options.add_run_config_entry(CUDA_GRAPH, graph)
-    return options

@@ -3,7 +3,6 @@
 Layers of blended and transmissive surfaces before it are peeled (Everitt 2001), each into a G-buffer of its own.
 """
 
-import math
 from collections.abc import Iterable, Mapping
 
 import moderngl
@@ -139,14 +138,14 @@ def draw_surfaces(device: Device, frame: FrameState, clip: F64, defines: dict[st
     dithers = averages and not device.mixes_levels
     if averages:
         defines = {**defines, "ACCUMULATES": 1}
-    lod_bias = LOD_BIAS + math.log2(frame.size[1] / frame.output_size[1]) + (_dither(frame) if dithers else 0.0)
+    footprint = frame.size[1] / frame.output_size[1] * 2.0 ** (LOD_BIAS + (_dither(frame) if dithers else 0.0))
 
     def program_of(features: tuple[str, ...]) -> Program:
         used = {f: 1 for f in features if f in FEATURES or (moving and f == "DEFORMED")}
         program = device.program("gbuffer.vert", "gbuffer.frag", defines={**defines, **used})
         program.set(clip_from_relative=clip, **(samplers or {}))
         if averages:
-            program.set(footprint=2.0**lod_bias)
+            program.set(footprint=footprint)
         if moving:
             program.set(previous_clip=previous_clip, jitter=frame.jitter)
             if frame.view.is_orthographic:

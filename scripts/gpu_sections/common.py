@@ -73,6 +73,11 @@ def max_error(values: F32, reference: F32) -> float:
     return float(np.abs(values - reference).max() / np.abs(reference).max())
 
 
+def mean_error(values: F32, reference: F32) -> float:
+    """Mean absolute error, relative to the reference's mean absolute value."""
+    return float(np.abs(values - reference).mean() / np.abs(reference).mean())
+
+
 def format_size(size: tuple[int, int]) -> str:
     return f"{size[0]}x{size[1]}"
 

@@ -12,11 +12,11 @@ import onnxruntime as ort
 import torch
 
 from app.arrays import F32
-from app.network.providers import CUDA_GRAPH, NO_CUDA_GRAPH
+from app.network.providers import NO_CUDA_GRAPH, load_cuda_libraries, run_options
 from app.network.selection import DEFAULT_MODEL, SURFEL_MODEL
 from app.paths import nets_dir
 from export.models.ember import Ember
-from gpu_sections.common import Json, Options, format_size, max_error, measure_ms, read_inputs, skipped
+from gpu_sections.common import Json, Options, format_size, max_error, mean_error, measure_ms, read_inputs, skipped
 
 CUDA, CPU = "CUDAExecutionProvider", "CPUExecutionProvider"
 
@@ -30,8 +30,7 @@ def onnxruntime_cuda(options: Options) -> Json:
     """Times of onnxruntime's CUDA provider with and without TF32, and errors against its CPU provider."""
     if CUDA not in ort.get_available_providers():
         return skipped(f"this onnxruntime has no {CUDA}")
-    if hasattr(ort, "preload_dlls"):
-        ort.preload_dlls()  # CUDA and cuDNN of the nvidia-* packages
+    load_cuda_libraries()
     rows = {}
     for model, size in product((SURFEL_MODEL, DEFAULT_MODEL), options.sizes):
         inputs, path = read_inputs(model, size), nets_dir() / f"{model}.onnx"
@@ -43,7 +42,7 @@ def onnxruntime_cuda(options: Options) -> Json:
                 "runs_on": session.get_providers()[0],
                 **measure_ms(partial(session.run, None, inputs), options),
                 "max_error": max_error(output, reference),
-                "mean_error": float(np.abs(output - reference).mean() / np.abs(reference).mean())}
+                "mean_error": mean_error(output, reference)}
         for captures in (False, True):
             rows[f"{model} {format_size(size)} bound, {'captured' if captures else 'node by node'}"] = _measure_bound(
                 path, inputs, captures, options)
@@ -72,9 +71,9 @@ def _measure(inputs: dict[str, F32], options: Options) -> Json:
         for tf32 in (False, True):
             torch.backends.cuda.matmul.allow_tf32 = tf32
             values = model(**tensors)[0].cpu().numpy()
-            mean_error = float(np.abs(values - reference).mean() / np.abs(reference).mean())
             row[f"torch tf32={tf32}"] = {**measure_ms(wait_for(lambda: model(**tensors)), options),
-                                         "max_error": max_error(values, reference), "mean_error": mean_error}
+                                         "max_error": max_error(values, reference),
+                                         "mean_error": mean_error(values, reference)}
         torch.backends.cuda.matmul.allow_tf32 = False
         if not cuda:
             return row
@@ -86,7 +85,7 @@ def _measure_bound(path: Path, inputs: Mapping[str, F32], captures: bool, option
     """The network between tensors that stay on the GPU, launched node by node or as one CUDA graph."""
     session = ort.InferenceSession(
         path, providers=[(CUDA, {"use_tf32": "0", "enable_cuda_graph": str(int(captures))}), CPU])
-    outputs = session.run(None, dict(inputs), _not_captured())
+    outputs = session.run(None, dict(inputs), run_options(NO_CUDA_GRAPH))
     binding = session.io_binding()
     for name, values in inputs.items():
         binding.bind_ortvalue_input(name, ort.OrtValue.ortvalue_from_numpy(values, "cuda", 0))
@@ -96,9 +95,3 @@ def _measure_bound(path: Path, inputs: Mapping[str, F32], captures: bool, option
     times = measure_ms(lambda: session.run_with_iobinding(binding), options, 100)
     return {**times, "max_difference": max(max_error(result.numpy(), values)
                                            for result, values in zip(results, outputs, strict=True))}
-
-
-def _not_captured() -> ort.RunOptions:
-    options = ort.RunOptions()
-    options.add_run_config_entry(CUDA_GRAPH, NO_CUDA_GRAPH)
-    return options

@@ -18,7 +18,7 @@ from app.network.session import Network
 def with_cuda(monkeypatch: pytest.MonkeyPatch) -> None:
     """An onnxruntime that has CUDA, whose libraries are not loaded."""
     monkeypatch.setattr(ort, "get_available_providers", lambda: ["CUDAExecutionProvider", "CPUExecutionProvider"])
-    monkeypatch.setattr(providers, "_load_cuda_libraries", lambda: None)
+    monkeypatch.setattr(providers, "load_cuda_libraries", lambda: None)
 
 
 @pytest.mark.parametrize(("provider", "expected"), [
@@ -49,7 +49,7 @@ def test_the_libraries_of_cuda_are_loaded_from_their_packages(provider: str, pac
                                                               monkeypatch: pytest.MonkeyPatch) -> None:
     """The dynamic linker does not look there."""
     loaded: list[str] = []
-    providers._load_cuda_libraries.cache_clear()
+    providers.load_cuda_libraries.cache_clear()
     monkeypatch.setattr(ort, "get_available_providers", lambda: ["CUDAExecutionProvider", "CPUExecutionProvider"])
     monkeypatch.setattr(ort, "InferenceSession", lambda *_, **__: None)
     monkeypatch.setattr(ort, "set_default_logger_severity", lambda severity: None)
@@ -57,7 +57,7 @@ def test_the_libraries_of_cuda_are_loaded_from_their_packages(provider: str, pac
     monkeypatch.setattr(providers, "packaged_libraries", lambda: ["libcudart.so.13"] if packages else [])
     for _ in range(2):
         open_session(Path("network.onnx"), provider)
-    providers._load_cuda_libraries.cache_clear()
+    providers.load_cuda_libraries.cache_clear()
     assert len(loaded) == expected
 
 
