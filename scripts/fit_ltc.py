@@ -14,11 +14,17 @@ two cosines, and a third one beyond column LAST_TWO_LOBED of the table, where tw
 The fit minimises errors of integrals over spherical caps of several sizes, relative to the largest such integral of
 each size. Neighbouring cells are drawn together, so that their parameters can be interpolated. It takes a few minutes
 with OPENBLAS_NUM_THREADS=1, which suits small matrices in several processes, and needs scipy.
+
+Cells at grazing angles, and of rough surfaces from 50° on, are then refined all at once. What is minimised there are
+errors over rectangles, at the cells and halfway between them, where parameters are interpolated. The approximation is
+integrated in closed form, so that no lobe is too thin to be seen by samples. ``--refine`` does only this, from the
+table that is there, in about a minute.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 import sys
 from collections.abc import Iterable
@@ -28,7 +34,9 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 from scipy.optimize import least_squares
+from scipy.sparse.linalg import splu
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # app, which need not be installed
 
@@ -55,6 +63,22 @@ THIRD_ANCHOR_PARAMETERS = np.array([0.21, -0.68, -1.58, 0.2, 0.01, 0.56, -0.42, 
                                     -0.46, 0.27, -1.56, -0.01, 0.09])
 THIRD_SMOOTHNESS = 0.01  # while the third lobe is spread
 LAST_ROW_REFITTED = 22  # from this column on
+
+LEAST_SWAPPED = 0.5  # distance that two lobes are nearer to those beside them if they change places
+REFINED_COLUMNS, REFINED_ROW = (23, 15), 12  # from which columns on: in rows before this one, and in it and beyond
+PANES, WINDOW_PANES = 64, 28  # of each width, of each window
+PANE_WIDTHS = (0.35, 1.0, 3.0, math.inf)  # as multiples of the lobe's, at most WIDEST_PANE
+WIDEST_PANE = 1.6
+CLASS_WEIGHTS = np.array([1.0, 1.0, 1.5, 1.5, 1.5, 1.5])  # of PANE_WIDTHS, narrow windows, large windows
+REFINED_ERROR = 0.016  # as TYPICAL_ERROR
+REFINED_ALBEDO_WEIGHT = 3.0
+REFINED_SMOOTHNESS = 0.3
+LOGARITHMIC = np.tile([True, False, True, False, False], LOBES)  # parameters of the table
+REFINED_SCALES = np.tile([1, 0.3, 1, 0.1, 0.1], LOBES)  # of a lobe's a, b, c, w_x and w_z
+REFINING_STEPS = 60
+LEAST_GAIN = 1e-4  # of a step, as a share of the sum of squares
+DIFFERENCE = 1e-5  # of a parameter, for derivatives
+HORIZON = np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0, -1, 0]])  # corners of everything above it
 
 Cell = tuple[int, int]
 
@@ -236,16 +260,6 @@ class CellProblem:
         return np.sqrt(1 + (errors * self._scale / TYPICAL_ERROR) ** 2)
 
 
-def measure_lobe(view: View, parameters: F64, rings: int = 200) -> tuple[float, float]:
-    """Directional albedo of GGX over that of the approximation, and the mean of Schlick's (1 - v·h)⁵ over the lobe."""
-    light, solid_angle = sample_lights(view, rings)
-    half = light + view.view
-    half /= np.linalg.norm(half, axis=1, keepdims=True)
-    power = evaluate_ggx(view, light) * solid_angle
-    albedo = evaluate_lobe(view, parameters, light) @ solid_angle
-    return float(power.sum() / albedo), float(power @ (1 - half @ view.view) ** 5 / power.sum())
-
-
 def fit_path(cells: list[Cell], start: F64) -> list[F64]:
     """Parameters of two lobes in ``cells``, each begun at those of the one before it."""
     found = []
@@ -339,6 +353,260 @@ def _continue(table: F64, paths: list[list[Cell]], found: Iterable[list[F64]]) -
             table[cell] = parameters
 
 
+def sample_lobe(view: View, count: int = 2**15) -> tuple[F64, F64]:
+    """Directions that GGX prefers, shape (N, 3), and weights, shape (N,), which add up to its directional albedo."""
+    u, phi = (np.arange(count) + 0.5) / count, 2 * np.pi * (np.arange(count) * GOLDEN_RATIO % 1)
+    slope = np.sqrt(u / (1 - u)) * view.alpha
+    half = np.stack([slope * np.cos(phi), slope * np.sin(phi), np.ones(count)], 1)
+    half /= np.linalg.norm(half, axis=1, keepdims=True)
+    v_h = half @ view.view
+    light = 2 * v_h[:, None] * half - view.view
+    is_lit = (v_h > 0) & (light[:, 2] > 0)
+    half, v_h, light = half[is_lit], v_h[is_lit], light[is_lit]
+    q = half[:, 0] ** 2 + half[:, 1] ** 2 + view.alpha**2 * half[:, 2] ** 2
+    density = view.alpha**2 / (np.pi * q**2) * half[:, 2] / (4 * v_h)
+    return light, evaluate_ggx(view, light) / density / count
+
+
+def sample_panes(view: View, random: np.random.Generator) -> tuple[F64, NDArray[np.int64]]:
+    """Corners of rectangles seen from the origin, shape (N, 4, 3), and each one's class of sizes, shape (N,)."""
+    def unit(x: F64) -> F64:
+        return x / np.linalg.norm(x, axis=-1, keepdims=True)
+
+    lights = sample_lobe(view, 2**12)[0]
+    mirrored = np.array([-view.sine, 0.0, view.cosine])
+    panes = []
+    for width in PANE_WIDTHS:  # across the direction to them, three in four of them about the lobe
+        centre = lights[random.integers(len(lights), size=PANES)]
+        anywhere = unit(random.normal(size=(PANES, 3)))
+        anywhere[:, 2] = np.abs(anywhere[:, 2])
+        centre = np.where(random.random((PANES, 1)) < 0.25, anywhere, centre)
+        u = unit(np.cross(centre, random.normal(size=(PANES, 3))))
+        aspect = np.exp(random.normal(0, 0.5, (PANES, 1)))
+        size = min(width * 2 * view.alpha, WIDEST_PANE)
+        u, v = size * aspect * u, size / aspect * np.cross(centre, u)
+        panes.append((centre + u * random.uniform(-1, 1, (PANES, 1)) / 2, u, v))
+    facing = np.array([view.cosine, 0.0, view.sine])
+    windows = [(1.2 * mirrored, (0, 1.8, 0), 0.25 * facing), ((-1.6, 0.1, 0.15), (0, 1.8, 0.1), (0.1, -0.1, 0.25)),
+               (1.2 * mirrored, (0.3, 1.6, 0), 1.6 * facing), ((-0.3, 0.3, 0.8), (0, 3.0, 0), (2.0, 0, 0)),
+               ((-1.5, 0.3, 0.4), (0.5, 3.0, 0), (0.2, 0, 2.0))]
+    for window in windows:  # seen from points of a floor
+        centre, u, v = (x * random.normal(1, 0.15, (WINDOW_PANES, 1)) for x in np.array(window))
+        panes.append((centre - random.uniform([-2, -0.8, 0], [2, 0.8, 0], (WINDOW_PANES, 3)), u, v))
+    centre, u, v = (np.concatenate(x) for x in zip(*panes, strict=True))
+    v *= np.sign((np.cross(u, v) * centre).sum(1, keepdims=True))  # counterclockwise
+    corners = np.stack([centre + x * u / 2 + y * v / 2 for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))], 1)
+    counts = [PANES] * len(PANE_WIDTHS) + [2 * WINDOW_PANES, 3 * WINDOW_PANES]
+    return corners, np.repeat(np.arange(len(CLASS_WEIGHTS)), counts)
+
+
+def clip_to_horizon(corners: F64) -> tuple[F64, NDArray[np.bool_]]:
+    """Unit vectors to the corners of the parts above the horizon, shape (N, 5, 3), some twice; which panes have any."""
+    after = np.roll(corners, -1, 1)
+    height, height_after = corners[..., 2], after[..., 2]
+    is_above, crosses = height > 0, (height > 0) != (height_after > 0)
+    share = np.divide(height, height - height_after, out=np.zeros_like(height), where=crosses)
+    points = np.stack([corners, corners + share[..., None] * (after - corners)], 2).reshape(-1, 8, 3)
+    is_kept = np.stack([is_above, crosses], 2).reshape(-1, 8)
+    order = np.argsort(~is_kept, axis=1, kind="stable")[:, :5]
+    order = np.where(np.take_along_axis(is_kept, order, 1), order, order[:, :1])
+    found = np.take_along_axis(points, order[..., None], 1)
+    return found / np.linalg.norm(found, axis=-1, keepdims=True), is_kept.sum(1) > 0
+
+
+def integrate_cosine(corners: F64, a: F64, b: F64, c: F64) -> tuple[F64, F64]:
+    """Integrals over panes of a transformed cosine whose weight is the x axis, or the z axis; shape (V, N) each.
+
+    ``corners`` are in the lobes' frames, shape (V, N, 5, 3), counterclockwise; a, b and c are those of V matrices.
+    """
+    a, b, c = (t[:, None, None] for t in (a, b, c))
+    x, y, z = a * corners[..., 0] + b * corners[..., 2], c * corners[..., 1], corners[..., 2]
+    x1, y1, z1 = (np.concatenate([t[..., 1:], t[..., :1]], -1) for t in (x, y, z))
+    across = y * z1 - z * y1, z * x1 - x * z1, x * y1 - y * x1
+    sine = np.sqrt(across[0] ** 2 + across[1] ** 2 + across[2] ** 2)
+    share = 0.5 * np.arctan2(sine, x * x1 + y * y1 + z * z1) / np.maximum(sine, 1e-200)
+    return (share * across[0]).sum(-1), (share * across[2]).sum(-1)
+
+
+def measure_lobe(view: View, parameters: F64) -> tuple[float, float]:
+    """Directional albedo of GGX over that of the approximation, and the mean of Schlick's (1 - v·h)⁵ over the lobe."""
+    light, power = sample_lobe(view)
+    half = light + view.view
+    half /= np.linalg.norm(half, axis=1, keepdims=True)
+    matrices, weights = evaluate_cosines(view, parameters)
+    x, z = integrate_cosine(HORIZON @ view.frame.T, *(matrices[:, i, j] for i, j in ((0, 0), (0, 2), (1, 1))))
+    albedo = weights[:, 0] @ x[:, 0] + weights[:, 2] @ z[:, 0]
+    return float(power.sum() / albedo), float(power @ (1 - half @ view.view) ** 5 / power.sum())
+
+
+class Refinement:
+    """Errors over rectangles of a whole region of the table, and the parameters in it that make them least.
+
+    What is interpolated, and refined, are a, b, c, w_x and w_z: shape (cells of the table, 15).
+
+    Parameters
+    ----------
+    cells : list of (row, column)
+        Whose parameters may change.
+    """
+
+    def __init__(self, cells: list[Cell]) -> None:
+        self._cells = np.array([i * ANGLES + j for i, j in cells])
+        steps = (-0.5, 0.0, 0.5)
+        points = sorted({(i + di, j + dj) for i, j in cells for di in steps for dj in steps
+                         if 0 <= i + di < ROUGHNESSES - 0.5 and 0 <= j + dj < ANGLES - 0.5})
+        self._at = sparse.csr_array(np.array([_bilinear(point) for point in points]))
+        views = [view_of(point) for point in points]
+        self._slopes = np.array([view.slopes for view in views])
+        parts = [self._panes(view, int(2 * i), int(2 * j)) for view, (i, j) in zip(views, points, strict=True)]
+        most = max(len(part[0]) for part in parts)
+        self._corners = np.zeros((len(views), most, 5, 3))
+        self._exact, self._shares, self._weights = np.zeros((3, len(views), most))
+        self._corners[..., 2] = 1  # panes of no size fill up
+        for k, (corners, exact, shares, weights) in enumerate(parts):
+            used = slice(len(exact))
+            self._corners[k, used], self._exact[k, used] = corners, exact
+            self._shares[k, used], self._weights[k, used] = shares, weights
+        spread = self._at[:, self._cells]
+        self._spread = sparse.kron(spread, sparse.eye_array(5 * LOBES), "csr")
+        grid = np.eye(ROUGHNESSES * ANGLES).reshape(ROUGHNESSES, ANGLES, -1)
+        roughening = sparse.csr_array(np.eye(ROUGHNESSES * ANGLES)[self._cells]
+                                      - [mean_of_neighbours(grid, cell) for cell in cells])
+        self._roughening = roughening * REFINED_SMOOTHNESS
+
+    @staticmethod
+    def _panes(view: View, *seed: int) -> tuple[F64, F64, F64, F64]:
+        """Corners, exact integrals, the inverse of the largest of each class, and weights."""
+        corners, classes = sample_panes(view, np.random.default_rng(seed))
+        clipped, is_lit = clip_to_horizon(corners)
+        light, weight = sample_lobe(view)
+        normals = np.cross(corners, np.roll(corners, -1, 1))[is_lit].astype(np.float32)
+        inside = np.ones((len(normals), len(light)), bool)
+        for k in range(4):
+            inside &= normals[:, k] @ light.T.astype(np.float32) >= 0
+        exact, classes = inside @ weight, classes[is_lit]
+        largest = np.array([exact[classes == k].max(initial=0) for k in range(len(CLASS_WEIGHTS))])
+        count = np.bincount(classes, minlength=len(CLASS_WEIGHTS))
+        albedo = weight.sum()
+        corners = np.concatenate([clipped[is_lit], HORIZON[None]]) @ view.frame.T
+        weights = np.append(CLASS_WEIGHTS[classes] / np.sqrt(count[classes]), REFINED_ALBEDO_WEIGHT)
+        return corners, np.append(exact, albedo), 1 / np.append(largest[classes], albedo), weights
+
+    def errors(self, parameters: F64) -> F64:
+        """Of all integrals, as shares of the largest of their class at that point; shape (V, N)."""
+        return (self._integrate(self._at @ parameters) - self._exact) * self._shares
+
+    def refine(self, parameters: F64) -> F64:
+        """Parameters of all cells, shape (cells, 15), by Levenberg's and Marquardt's steps from those given."""
+        damping, cost = 0.01, self._cost(parameters)
+        for _ in range(REFINING_STEPS):
+            errors = self.errors(parameters) / REFINED_ERROR
+            slopes = self._error_slopes(self._at @ parameters) / REFINED_ERROR
+            emphasis = np.sqrt(1 + errors**2)
+            slopes *= (self._weights * (2 * emphasis - 1 / emphasis))[..., None]
+            down = -np.einsum("vpi,vp->vi", slopes, self._weights * errors * emphasis).ravel()
+            squares = np.einsum("vpi,vpj->vij", slopes, slopes, optimize=True)
+            blocks = sparse.bsr_array((squares, np.arange(len(squares)), np.arange(len(squares) + 1)))
+            rough = self._roughening[:, self._cells]
+            curvature = self._spread.T @ blocks @ self._spread + sparse.kron(rough.T @ rough,
+                                                                             sparse.diags_array(REFINED_SCALES**-2))
+            down = self._spread.T @ down - (rough.T @ (self._roughening @ parameters) / REFINED_SCALES**2).ravel()
+            diagonal = curvature.diagonal()
+            while True:
+                damped = curvature + sparse.diags_array(damping * (diagonal + 0.02 * np.median(diagonal) + 1))
+                change = splu(damped.tocsc()).solve(down).reshape(-1, 5 * LOBES)
+                changed = parameters.copy()
+                changed[self._cells] += np.clip(change, *self._limits(parameters[self._cells]))
+                changed_cost = self._cost(changed)
+                if changed_cost < cost:
+                    break
+                damping *= 4
+                if damping > 1e6:
+                    return parameters
+            gain = cost - changed_cost
+            parameters, cost, damping = changed, changed_cost, max(damping / 3, 1e-6)
+            if gain < LEAST_GAIN * cost:
+                break
+        return parameters
+
+    def _cost(self, parameters: F64) -> float:
+        errors = self.errors(parameters) / REFINED_ERROR
+        rough = self._roughening @ parameters / REFINED_SCALES
+        return float((self._weights**2 * errors**2 * (1 + errors**2)).sum() + (rough**2).sum())
+
+    @staticmethod
+    def _limits(parameters: F64) -> tuple[F64, F64]:
+        """Least and largest step: a and c stay positive."""
+        most = np.broadcast_to(np.tile([0, 0.15, 0, 0.1, 0.1], LOBES), parameters.shape).copy()
+        for k in (0, 2):
+            most[:, k::5] = 0.3 * parameters[:, k::5]
+        return -most, most
+
+    def _integrate(self, parameters: F64) -> F64:
+        """Of all lobes over all panes, shape (V, N), for parameters at all points, shape (V, 15)."""
+        lobes = np.split(parameters, LOBES, axis=1)
+        return np.sum([_weigh(lobe, *self._integrate_lobe(lobe)) for lobe in lobes], axis=0)
+
+    def _integrate_lobe(self, lobe: F64) -> tuple[F64, F64]:
+        return integrate_cosine(self._corners, lobe[:, 0] * self._slopes[:, 0], lobe[:, 1],
+                                lobe[:, 2] * self._slopes[:, 1])
+
+    def _error_slopes(self, parameters: F64) -> F64:
+        """Derivatives of the errors by the parameters at each point, shape (V, N, 15)."""
+        columns = []
+        for lobe in np.split(parameters, LOBES, axis=1):
+            x, z = self._integrate_lobe(lobe)
+            for k in range(3):
+                near = lobe.copy()
+                near[:, k] += DIFFERENCE
+                columns.append((_weigh(lobe, *self._integrate_lobe(near)) - _weigh(lobe, x, z)) / DIFFERENCE)
+            columns += [x, z]
+        return np.stack(columns, -1) * self._shares[..., None]
+
+
+def _weigh(lobe: F64, x: F64, z: F64) -> F64:
+    return lobe[:, 3, None] * x + lobe[:, 4, None] * z
+
+
+def _bilinear(point: tuple[float, float]) -> F64:
+    """Shares of all cells in what is interpolated at a point, shape (cells,)."""
+    weights = np.zeros((ROUGHNESSES, ANGLES))
+    i, j = (int(x) for x in point)
+    for di, dj in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        share = abs(1 - di - (point[0] - i)) * abs(1 - dj - (point[1] - j))
+        if share:
+            weights[i + di, j + dj] = share
+    return weights.ravel()
+
+
+def order_lobes(table: F64) -> None:
+    """Let lobes change places, so that each is like that of the column before, with which it is interpolated."""
+    for i, j in np.ndindex(ROUGHNESSES, ANGLES):
+        if j > REFINED_COLUMNS[0]:
+            lobes, before = table[i, j].reshape(LOBES, 5), table[i, j - 1].reshape(LOBES, 5)
+            orders = [list(order) for order in itertools.permutations(range(LOBES))]
+            distances = [np.abs(lobes[order] - before).sum() for order in orders]
+            best = int(np.argmin(distances))
+            if distances[best] < distances[0] - LEAST_SWAPPED:
+                table[i, j] = lobes[orders[best]].ravel()
+
+
+def refine_table(table: F64) -> F64:
+    """The table with its refined cells."""
+    table = table.copy()
+    order_lobes(table)
+    cells = [(i, j) for i in range(ROUGHNESSES) for j in range(REFINED_COLUMNS[i >= REFINED_ROW], ANGLES)]
+    refined = Refinement(cells).refine(without_logarithms(table)).reshape(table.shape)
+    for cell in cells:
+        table[cell] = np.where(LOGARITHMIC, np.log(np.maximum(refined[cell], 1e-9)), refined[cell])
+    return table
+
+
+def without_logarithms(table: F64) -> F64:
+    """Parameters as they are interpolated, shape (cells, 15)."""
+    return np.where(LOGARITHMIC, np.exp(table), table).reshape(-1, 5 * LOBES)
+
+
 def pack(table: F64) -> NDArray[np.float16]:
     """Texels of ``shaders/include/ltc.glsl``, of the exact albedo; shape (ROUGHNESSES, ANGLES, 4, 4)."""
     texels = np.zeros((ROUGHNESSES, ANGLES, LOBES + 1, 4))
@@ -363,8 +631,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=data_dir() / "ltc.npy", help="the table's file")
     parser.add_argument("--workers", type=int, default=2, help="processes; they do not change the result")
+    parser.add_argument("--refine", action="store_true", help="begin with the table that is there")
     arguments = parser.parse_args()
-    table = fit_table(arguments.workers)
+    table = unpack(np.load(data_dir() / "ltc.npy")) if arguments.refine else fit_table(arguments.workers)
+    table = refine_table(table)
     with replace_file(arguments.out) as temporary, temporary.open("wb") as file:
         np.save(file, pack(table))
 

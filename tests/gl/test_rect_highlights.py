@@ -24,7 +24,7 @@ ROUGHNESSES = (0.1, 0.3, 0.6, 1.0)
 STRIP = 0.4  # width of the floor of one roughness
 AROUND = RectLight((0.0, 1.0, 0.0), (4000.0, 0, 0), (0, 0, 4000.0), (1.0, 1.0, 1.0))
 # Measured errors, largest over roughness and light, rounded up: shares of the largest value over the floor.
-MAX_ERRORS = {0: 0.008, 30: 0.011, 60: 0.011, 75: 0.018, 85: 0.025}
+MAX_ERRORS = {0: 0.008, 30: 0.011, 60: 0.011, 75: 0.017, 85: 0.016, 86.5: 0.021, 88: 0.019}
 
 
 def mirror(roughness: float, f0: float = 1.0) -> Material:
@@ -111,7 +111,7 @@ def is_in_plane(point: F64, light: RectLight) -> bool:
 
 
 @pytest.mark.parametrize("degrees", sorted(MAX_ERRORS))
-def test_highlights_are_the_lobes_integral(degrees: int) -> None:
+def test_highlights_are_the_lobes_integral(degrees: float) -> None:
     """For each roughness and light, relative to the largest value on its floor of any light of that size."""
     lights, images = lights_at(degrees), {}
     for name, light in lights.items():
@@ -136,7 +136,7 @@ def test_highlights_are_the_lobes_integral(degrees: int) -> None:
     assert max(errors.values()) < MAX_ERRORS[degrees]
 
 
-@pytest.mark.parametrize("degrees", [0, 30, 60, 75, 85])
+@pytest.mark.parametrize("degrees", [0, 30, 60, 75, 85, 88])
 @pytest.mark.parametrize("f0", [1.0, 0.04])
 def test_a_light_all_around_reflects_the_directional_albedo(degrees: int, f0: float) -> None:
     """The furnace: a pane so large that it fills the hemisphere. Nothing of it is lost where F0 is 1."""
@@ -152,25 +152,27 @@ def test_a_light_all_around_reflects_the_directional_albedo(degrees: int, f0: fl
         assert found <= 1.01
 
 
-@pytest.mark.parametrize("degrees", [84.5, 87.5])
-def test_roughnesses_between_those_of_the_table(degrees: float) -> None:
-    """Halfway between the table's last two rows, whose parameters must be of one kind to be interpolated."""
+@pytest.mark.parametrize(("roughness", "degrees", "bound"), [
+    (0.15, 88.0, 0.008), (0.2, 88.0, 0.013), (0.67, 87.5, 0.024), (0.82, 80.0, 0.012), (0.87, 88.0, 0.008),
+    (0.975, 84.5, 0.01), (0.975, 87.5, 0.01)])
+def test_roughnesses_between_those_of_the_table(roughness: float, degrees: float, bound: float) -> None:
+    """Between rows and columns of the table, whose parameters must be of one kind to be interpolated."""
     errors, largest = {}, 0.0
     camera = seen_at(degrees, 0.2)
     for name, light in lights_at(degrees).items():
-        scene = without_shadows(make_scene([floor(2.0, material=mirror(0.975))], [light]))
+        scene = without_shadows(make_scene([floor(2.0, material=mirror(roughness))], [light]))
         images = draw(scene, (32, 24), ("specular", "position", "depth"), camera)
         seen = np.argwhere(images["depth"][..., 0] > 0)[::25]
         assert len(seen) > 20
         points = images["position"].astype(np.float64)[seen[:, 0], seen[:, 1]]
-        samples = [lobe_samples(point, np.asarray(camera.eye), 0.975**2) for point in points]
-        once = [lobe_albedo(0.975**2, unit(np.asarray(camera.eye) - point)[1]) for point in points]  # as in the shader
+        samples = [lobe_samples(point, np.asarray(camera.eye), roughness**2) for point in points]
+        once = [lobe_albedo(roughness**2, unit(np.asarray(camera.eye) - point)[1]) for point in points]
         exact = np.array([weight @ hits(point, directions, light)
                           for point, (directions, weight) in zip(points, samples, strict=True)]) / once
         errors[name] = float(np.abs(images["specular"][seen[:, 0], seen[:, 1], 1] - exact).max())
         largest = max(largest, float(exact.max()))
     print(f"{degrees}°", {name: f"{error / largest:.2%}" for name, error in errors.items()})
-    assert max(errors.values()) < 0.01 * largest
+    assert max(errors.values()) < bound * largest
 
 
 @pytest.mark.parametrize("degrees", [1e-4, 86.5, 88.0, 89.0, 89.9])

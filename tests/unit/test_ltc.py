@@ -39,6 +39,20 @@ def test_the_fit_gives_the_committed_cell(fit_ltc: ModuleType, texels: np.ndarra
         np.testing.assert_allclose(fit_ltc.fit_cell(cell, start, target)[used], table[cell][used], atol=0.01)
 
 
+@pytest.mark.parametrize("cell", [(3, 26), (10, 28), (17, 27)])
+def test_the_refinement_gives_the_committed_cell(fit_ltc: ModuleType, texels: np.ndarray,
+                                                 cell: tuple[int, int]) -> None:
+    """Begun at other parameters, between neighbours that stay. Errors are small, also where it is interpolated."""
+    committed = fit_ltc.without_logarithms(fit_ltc.unpack(texels))
+    begun = committed.copy()
+    begun[cell[0] * fit_ltc.ANGLES + cell[1]] *= 1.03
+    refinement = fit_ltc.Refinement([cell])
+    found = refinement.refine(begun)
+    np.testing.assert_allclose(found, committed, rtol=0.01, atol=0.02)
+    errors = refinement.errors(committed)
+    assert np.abs(errors).max() < 0.065 and np.sqrt((errors**2).mean()) < 0.012  # the largest are of small panes
+
+
 def test_a_third_lobe_is_only_where_the_shader_looks_for_it(fit_ltc: ModuleType, texels: np.ndarray) -> None:
     table = fit_ltc.unpack(texels)
     assert f"LAST_TWO_LOBED = {fit_ltc.LAST_TWO_LOBED};" in (shader_dir() / "include" / "ltc.glsl").read_text("utf-8")
@@ -49,7 +63,10 @@ def test_a_third_lobe_is_only_where_the_shader_looks_for_it(fit_ltc: ModuleType,
 @pytest.mark.parametrize("cell", [(0, 0), (7, 15), (19, 24)])
 def test_the_lobe_has_the_directional_albedo_and_the_fresnel_term(fit_ltc: ModuleType, texels: np.ndarray,
                                                                   cell: tuple[int, int]) -> None:
-    table = fit_ltc.unpack(texels)
-    scale, fresnel = fit_ltc.measure_lobe(fit_ltc.view_of(cell), table[cell], 300)
+    parameters, view = fit_ltc.unpack(texels)[cell], fit_ltc.view_of(cell)
+    light, solid_angle = fit_ltc.sample_lights(view, 300)
+    albedo = fit_ltc.evaluate_ggx(view, light) @ solid_angle
+    assert fit_ltc.evaluate_lobe(view, parameters, light) @ solid_angle == pytest.approx(albedo, rel=0.003)
+    scale, fresnel = fit_ltc.measure_lobe(view, parameters)
     assert scale == pytest.approx(1, abs=0.003)
     assert float(texels[cell][3, 3]) == pytest.approx(fresnel, rel=3e-3, abs=1e-6)
