@@ -14,7 +14,7 @@ from app.gl.peeling import PeeledLayer
 from app.gl.pool import Resources
 from app.gl.shadow_rays import specular_defines
 from app.graph import BoundPass, Pass, Resource, Tex
-from app.math3d import R2
+from app.math3d import GOLDEN_RATIO
 from app.paths import data_dir
 
 MAX_SPLIT_LIGHTS = 2  # with shadow maps, whose unlit sides are left out in a step of their own; more leave little unlit
@@ -87,7 +87,7 @@ def _make(device: Device, bound: BoundPass, defines: Mapping[str, object], shado
 
     def uniforms(frame: FrameState) -> Mapping[str, object]:
         values: dict[str, object] = {
-            "noise_phase": (frame.noise_phase + R2[0] * frame.index * frame.accumulates) % 1.0}
+            "noise_phase": (frame.noise_phase + GOLDEN_RATIO * frame.index * frame.accumulates) % 1.0}
         if shadow_grid is not None:
             values["shadow_grid_ratio"] = ratio_to(shadow_grid, frame)
         if lobes is not None:

@@ -1,7 +1,8 @@
 // Soft shadows by percentage closer soft shadows: blocker search, penumbra estimate, filtered lookup
 // (Fernando 2005), with three changes. A tap is a point on the light projected through the mean blocker, so spheres
 // and rectangles share one code. It compares its texel with the receiver's plane in the tap's direction, so flat
-// receivers need no more bias for wide kernels. And the four texels of a quad search together.
+// receivers need no more bias for wide kernels. And the four texels of a quad search together, for blockers and for a
+// shadow's edge: where there are blockers and the first look finds no edge, a second one finds thin things and slits.
 // Of parallel light, one mean can't stand for blockers of several heights, say a table below a blind: those near the
 // receiver weigh most in it, and what is much nearer still hides the light that the others let pass.
 #include "lights.glsl"
@@ -114,10 +115,16 @@ vec2 rim_point(bool square, QuadNoise noise)
     return at * (lane > 2.0 ? 0.4 : 1.1);
 }
 
-// Whether the quad's taps that look for a shadow's edge, of which seen saw the light, found one.
-bool parted(float seen)
+// Where to look for an edge again: half-way between the first points, nearer to the middle.
+vec2 turn_inwards(vec2 rim)
 {
-    return seen > 0.0 && seen < 4.0 * float(TAPS);
+    return rotate(rim, vec2(0.5));
+}
+
+// Whether a quad whose texels took that many taps each, of which seen saw the light, found a shadow's edge.
+bool parted(float seen, int taps)
+{
+    return seen > 0.0 && seen < 4.0 * float(taps);
 }
 
 // Visibility by passed of the filter's taps in a penumbra, elsewhere all or nothing; where a whole quad lies on one
@@ -228,7 +235,14 @@ float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool want
     vec2 rim = rim_point(square, noise) * (disc.share < smallest ? 1.0 : SMALLEST_RIM);
     for (int i = 0; i < edge_taps; ++i) seen += texel_blocks(light, r, tap(r, disc, i == 0 ? rim : -rim)) ? 0.0 : 1.0;
     seen = quad_sum(seen);
-    bool penumbra = parted(seen);
+    float seen_again = 0.0;
+    int taps_again = weight > 0.0 && !parted(seen, TAPS) ? edge_taps : 0;
+    rim = turn_inwards(rim);
+    for (int i = 0; i < taps_again; ++i) {
+        seen_again += texel_blocks(light, r, tap(r, disc, i == 0 ? rim : -rim)) ? 0.0 : 1.0;
+    }
+    seen += quad_sum(seen_again);
+    bool penumbra = parted(seen, TAPS + taps_again);
     int taps = wanted && penumbra ? PENUMBRA_TAPS : 0;
     pattern = quad_pattern(noise, PENUMBRA_TAPS);
     float passed = 0.0;
@@ -319,7 +333,14 @@ float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, 
         seen += parallel_texel_blocks(light, r, r.fraction + (i == 0 ? rim : -rim), spread) ? 0.0 : 1.0;
     }
     seen = quad_sum(seen);
-    bool penumbra = parted(seen);
+    float seen_again = 0.0;
+    int taps_again = weight > 0.0 && !parted(seen, TAPS) ? edge_taps : 0;
+    rim = turn_inwards(rim);
+    for (int i = 0; i < taps_again; ++i) {
+        seen_again += parallel_texel_blocks(light, r, r.fraction + (i == 0 ? rim : -rim), spread) ? 0.0 : 1.0;
+    }
+    seen += quad_sum(seen_again);
+    bool penumbra = parted(seen, TAPS + taps_again);
     vec2 contact = vec2(0.0);
     rim = rim_point(false, noise) * (CONTACT_KERNEL / light.tile.z);
     int contact_taps = CONTACT_SHARE * width * light.tile.z > HARD_KERNEL ? edge_taps : 0;

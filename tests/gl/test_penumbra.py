@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from app.renderer import Renderer
 from app.scene import Camera, DirectionalLight, Light, PointLight, RectLight, SpotLight
+from app.settings import Settings
 from tests.gl import closed_forms as exact
 from tests.gl.closed_forms import F64
-from tests.gl.scenes import floor, make_scene, quad, visibility
+from tests.gl.scenes import draw, floor, make_scene, quad, visibility, without_shadows
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
@@ -81,3 +83,20 @@ def test_spot(outer: float, share: float) -> None:
     light = SpotLight((0.0, HEIGHT, 0.0), (0.0, -1.0, 0.0), (1.0,) * 3, 30.0, outer, radius)
     found, at = profile(light, blocker, radius * share / (1 - share) + 0.01)
     check(found, exact.disc_behind_edge(at, np.array([0, HEIGHT, 0]), radius, 0.0, blocker), at[:, 0])
+
+
+@pytest.mark.parametrize(("frames", "rms"), [(1, 0.07), (16, 0.015)])
+@pytest.mark.parametrize(("slat", "pitch"), [(0.06, 0.08), (0.02, 0.1)], ids=["slits", "slats"])
+def test_what_is_thinner_than_a_penumbra_is_hardly_noisy(frames: int, rms: float, slat: float, pitch: float) -> None:
+    """Taps that look for a penumbra's edge can all meet slats, or all miss them."""
+    height = 0.8
+    sun = DirectionalLight((-0.3, -1.0, 0.0), (1.0,) * 3, 3.0)
+    camera = Camera((0.0, 0.7, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 50.0)
+    slats = [quad((x, height, 2.0), (slat, 0, 0), (0, 0, -4.0)) for x in np.arange(-12, 13) * pitch]
+    scene = make_scene([floor(4.0), *slats], [sun], camera)
+    with Renderer(scene, Settings(size=SIZE)) as renderer:
+        for _ in range(frames):
+            lit = renderer.render(camera)["final"][..., 1]
+    error = (lit - lit.mean(axis=0)) / draw(without_shadows(scene), SIZE, camera=camera)["final"][..., 1]
+    print(f"SLATS {frames} frames: rms {error.std():.4f}, largest {np.abs(error).max():.3f}")
+    assert error.std() < rms
