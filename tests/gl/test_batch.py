@@ -44,6 +44,11 @@ def start(file: Path, out: Path, *options: str, preexec: Callable[[], None] | No
                             preexec_fn=preexec)
 
 
+def heed_interrupts() -> None:
+    """Shells let what they start in the background ignore interrupts."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def limit_files() -> None:
     """Let writing large files fail, as it does on a full disk."""
     resource.setrlimit(resource.RLIMIT_FSIZE, (MAX_BYTES, MAX_BYTES))
@@ -116,7 +121,7 @@ def test_a_scene_that_changes_is_drawn_anew_by_the_same_worker(tmp_path: Path) -
 
 def test_an_interrupted_batch_ends_soon(tmp_path: Path) -> None:
     file = write_jobs(tmp_path / "jobs.jsonl", *({**FAST, "size": [24 + index, 18]} for index in range(30)))
-    process = start(file, tmp_path / "out", "--workers", "1")
+    process = start(file, tmp_path / "out", "--workers", "1", preexec=heed_interrupts)
     while not list((tmp_path / "out").glob("*/stills.json")):
         time.sleep(0.02)
     process.send_signal(signal.SIGINT)
