@@ -24,8 +24,8 @@ from app.math3d import put_rows, unit_rows
 from app.surfels.final_gather import LightAt, gather, sequence
 from app.surfels.tracked import TrackedSurfels
 
-RAYS = RayBudget(first_rays=2**17, max_first_samples=16, changed_rays=2**15, rays=2**14, max_samples=2)
-AT_REST = replace(RAYS, rays=2**16, max_samples=16)  # where nothing moves
+RAYS = RayBudget(first_rays=2**17, max_first_samples=16, changed_rays=2**15, rays=2**14, max_samples=4)
+AT_REST = replace(RAYS, rays=2**16)  # where nothing moves
 STILL_FRAMES = 4.0  # whose cleaned light is averaged at rest, since the first ones were cleaned from few rays
 HISTORY_FRAMES = {MotionKind.NONE: 4096, MotionKind.CAMERA: 96, MotionKind.OBJECTS: 8}  # whose rays count at most
 TURN = np.array([[0, 1], [3, 2]])  # of the texels of 2×2, where not all of them can trace rays in each frame
