@@ -15,10 +15,10 @@ The fit minimises errors of integrals over spherical caps of several sizes, rela
 each size. Neighbouring cells are drawn together, so that their parameters can be interpolated. It takes a few minutes
 with OPENBLAS_NUM_THREADS=1, which suits small matrices in several processes, and needs scipy.
 
-Cells at grazing angles, and of rough surfaces from 50° on, are then refined all at once. What is minimised there are
+Cells at grazing angles, and of rough surfaces from 66° on, are then refined all at once. What is minimised there are
 errors over rectangles, at the cells and halfway between them, where parameters are interpolated. The approximation is
 integrated in closed form, so that no lobe is too thin to be seen by samples. ``--refine`` does only this, from the
-table that is there, in about a minute.
+table that is there, in a minute or two.
 """
 
 from __future__ import annotations
@@ -64,19 +64,19 @@ THIRD_ANCHOR_PARAMETERS = np.array([0.21, -0.68, -1.58, 0.2, 0.01, 0.56, -0.42, 
 THIRD_SMOOTHNESS = 0.01  # while the third lobe is spread
 LAST_ROW_REFITTED = 22  # from this column on
 
-LEAST_SWAPPED = 0.5  # distance that two lobes are nearer to those beside them if they change places
+MIN_SWAP_GAIN = 0.5  # by how much lobes must come nearer to those of the column before to change places
 REFINED_COLUMNS, REFINED_ROW = (23, 15), 12  # from which columns on: in rows before this one, and in it and beyond
 PANES, WINDOW_PANES = 64, 28  # of each width, of each window
-PANE_WIDTHS = (0.35, 1.0, 3.0, math.inf)  # as multiples of the lobe's, at most WIDEST_PANE
-WIDEST_PANE = 1.6
+PANE_WIDTHS = (0.35, 1.0, 3.0, math.inf)  # as multiples of the lobe's, at most MAX_PANE_WIDTH
+MAX_PANE_WIDTH = 1.6
 CLASS_WEIGHTS = np.array([1.0, 1.0, 1.5, 1.5, 1.5, 1.5])  # of PANE_WIDTHS, narrow windows, large windows
 REFINED_ERROR = 0.016  # as TYPICAL_ERROR
 REFINED_ALBEDO_WEIGHT = 3.0
 REFINED_SMOOTHNESS = 0.3
 LOGARITHMIC = np.tile([True, False, True, False, False], LOBES)  # parameters of the table
 REFINED_SCALES = np.tile([1, 0.3, 1, 0.1, 0.1], LOBES)  # of a lobe's a, b, c, w_x and w_z
-REFINING_STEPS = 60
-LEAST_GAIN = 1e-4  # of a step, as a share of the sum of squares
+MAX_REFINING_STEPS = 60
+MIN_GAIN = 1e-4  # of a step, as a share of the sum of squares
 DIFFERENCE = 1e-5  # of a parameter, for derivatives
 HORIZON = np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0, -1, 0]])  # corners of everything above it
 
@@ -383,7 +383,7 @@ def sample_panes(view: View, random: np.random.Generator) -> tuple[F64, NDArray[
         centre = np.where(random.random((PANES, 1)) < 0.25, anywhere, centre)
         u = unit(np.cross(centre, random.normal(size=(PANES, 3))))
         aspect = np.exp(random.normal(0, 0.5, (PANES, 1)))
-        size = min(width * 2 * view.alpha, WIDEST_PANE)
+        size = min(width * 2 * view.alpha, MAX_PANE_WIDTH)
         u, v = size * aspect * u, size / aspect * np.cross(centre, u)
         panes.append((centre + u * random.uniform(-1, 1, (PANES, 1)) / 2, u, v))
     facing = np.array([view.cosine, 0.0, view.sine])
@@ -499,7 +499,8 @@ class Refinement:
     def refine(self, parameters: F64) -> F64:
         """Parameters of all cells, shape (cells, 15), by Levenberg's and Marquardt's steps from those given."""
         damping, cost = 0.01, self._cost(parameters)
-        for _ in range(REFINING_STEPS):
+        rough = self._roughening[:, self._cells]
+        for _ in range(MAX_REFINING_STEPS):
             errors = self.errors(parameters) / REFINED_ERROR
             slopes = self._error_slopes(self._at @ parameters) / REFINED_ERROR
             emphasis = np.sqrt(1 + errors**2)
@@ -507,7 +508,6 @@ class Refinement:
             down = -np.einsum("vpi,vp->vi", slopes, self._weights * errors * emphasis).ravel()
             squares = np.einsum("vpi,vpj->vij", slopes, slopes, optimize=True)
             blocks = sparse.bsr_array((squares, np.arange(len(squares)), np.arange(len(squares) + 1)))
-            rough = self._roughening[:, self._cells]
             curvature = self._spread.T @ blocks @ self._spread + sparse.kron(rough.T @ rough,
                                                                              sparse.diags_array(REFINED_SCALES**-2))
             down = self._spread.T @ down - (rough.T @ (self._roughening @ parameters) / REFINED_SCALES**2).ravel()
@@ -525,7 +525,7 @@ class Refinement:
                     return parameters
             gain = cost - changed_cost
             parameters, cost, damping = changed, changed_cost, max(damping / 3, 1e-6)
-            if gain < LEAST_GAIN * cost:
+            if gain < MIN_GAIN * cost:
                 break
         return parameters
 
@@ -587,7 +587,7 @@ def order_lobes(table: F64) -> None:
             orders = [list(order) for order in itertools.permutations(range(LOBES))]
             distances = [np.abs(lobes[order] - before).sum() for order in orders]
             best = int(np.argmin(distances))
-            if distances[best] < distances[0] - LEAST_SWAPPED:
+            if distances[best] < distances[0] - MIN_SWAP_GAIN:
                 table[i, j] = lobes[orders[best]].ravel()
 
 

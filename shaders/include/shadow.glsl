@@ -11,7 +11,7 @@
 #include "shadow_tile.glsl"
 #include "shadow_map.glsl"
 
-const int TAPS = 2;                    // blocker-search and edge-test samples per texel; the four texels of a quad share theirs
+const int TAPS = 2;                    // per texel, of the search for blockers and of each look for an edge; the four texels of a quad share theirs
 const int PENUMBRA_TAPS = 14;          // of the filter
 const float HARD_KERNEL = 1.0;         // smallest radius of the filter, in texels
 const float CONTACT_KERNEL = 1.25;     // texels around a receiver in which blockers are looked for that are much nearer to it
@@ -115,7 +115,7 @@ vec2 rim_point(bool square, QuadNoise noise)
     return at * (lane > 2.0 ? 0.4 : 1.1);
 }
 
-// Where to look for an edge again: half-way between the first points, nearer to the middle.
+// Where to look for an edge again: turned by an eighth of a circle and drawn inwards.
 vec2 turn_inwards(vec2 rim)
 {
     return rotate(rim, vec2(0.5));
