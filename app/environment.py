@@ -14,6 +14,7 @@ ORDER = 4            # of spherical harmonics
 CELLS = (32, 64)     # rows and columns of the map that light is sampled from
 CELL_EXTENT = 2 * math.pi / CELLS[1], math.pi / CELLS[0]  # of azimuth and polar angle, radians
 MIN_CELL_TEXELS = 4  # along a cell
+SKY_DISTANCE = 100.0  # where rays to the environment end, relative to the scene's longest edge
 UNIFORM_SHARE = 0.2  # of the directions, spread over the whole sphere; the others go where the light is
 
 
@@ -42,7 +43,7 @@ class SkyLight:
     cell_power: F32
     cell_solid_angle: F32
 
-    def irradiance(self, normal: F32, open_to: Bools) -> F32:
+    def irradiance(self, normal: F32, open_to: Bools, traced: Bools) -> F32:
         """Irradiance / π of points, shape (N, 3), that see the environment along some of the directions.
 
         It is exact for the cells where nothing is occluded; the directions alone estimate the occlusion.
@@ -50,10 +51,11 @@ class SkyLight:
         Parameters
         ----------
         normal : ndarray, float32, shape (N, 3)
-        open_to : ndarray of bool, shape (N, K)
+        open_to, traced : ndarray of bool, shape (N, K)
+            The directions that are open, and those of which it is known.
         """
         unoccluded = np.maximum(normal @ self.cell.T, 0) @ self.cell_power
-        cosine = np.maximum(normal @ self.direction.T, 0)
+        cosine = np.maximum(normal @ self.direction.T, 0) * traced
         sampled, visible = cosine @ self.power, (cosine * open_to) @ self.power
         facing = cosine > 0  # where no direction that faces a point has light, all of them count alike
         unlit = (facing & open_to).sum(axis=1, keepdims=True) / np.maximum(facing.sum(axis=1, keepdims=True), 1)

@@ -65,7 +65,8 @@ THIRD_SMOOTHNESS = 0.01  # while the third lobe is spread
 LAST_ROW_REFITTED = 22  # from this column on
 
 MIN_SWAP_GAIN = 0.5  # by how much lobes must come nearer to those of the column before to change places
-REFINED_COLUMNS, REFINED_ROW = (23, 15), 12  # from which columns on: in rows before this one, and in it and beyond
+REFINED_ROW = 12  # from this roughness on, more columns are refined
+SMOOTH_COLUMN, ROUGH_COLUMN = 23, 15  # the first refined ones, in rows before it and in those from it on
 PANES, WINDOW_PANES = 64, 28  # of each width, of each window
 PANE_WIDTHS = (0.35, 1.0, 3.0, math.inf)  # as multiples of the lobe's, at most MAX_PANE_WIDTH
 MAX_PANE_WIDTH = 1.6
@@ -480,10 +481,11 @@ class Refinement:
         corners, classes = sample_panes(view, np.random.default_rng(seed))
         clipped, is_lit = clip_to_horizon(corners)
         light, weight = sample_lobe(view)
+        light = light.T.astype(np.float32)
         normals = np.cross(corners, np.roll(corners, -1, 1))[is_lit].astype(np.float32)
-        inside = np.ones((len(normals), len(light)), bool)
+        inside = np.ones((len(normals), light.shape[1]), bool)
         for k in range(4):
-            inside &= normals[:, k] @ light.T.astype(np.float32) >= 0
+            inside &= normals[:, k] @ light >= 0
         exact, classes = inside @ weight, classes[is_lit]
         largest = np.array([exact[classes == k].max(initial=0) for k in range(len(CLASS_WEIGHTS))])
         count = np.bincount(classes, minlength=len(CLASS_WEIGHTS))
@@ -582,7 +584,7 @@ def _bilinear(point: tuple[float, float]) -> F64:
 def order_lobes(table: F64) -> None:
     """Let lobes change places, so that each is like that of the column before, with which it is interpolated."""
     for i, j in np.ndindex(ROUGHNESSES, ANGLES):
-        if j > REFINED_COLUMNS[0]:
+        if j > SMOOTH_COLUMN:
             lobes, before = table[i, j].reshape(LOBES, 5), table[i, j - 1].reshape(LOBES, 5)
             orders = [list(order) for order in itertools.permutations(range(LOBES))]
             distances = [np.abs(lobes[order] - before).sum() for order in orders]
@@ -595,7 +597,8 @@ def refine_table(table: F64) -> F64:
     """The table with its refined cells."""
     table = table.copy()
     order_lobes(table)
-    cells = [(i, j) for i in range(ROUGHNESSES) for j in range(REFINED_COLUMNS[i >= REFINED_ROW], ANGLES)]
+    cells = [(i, j) for i in range(ROUGHNESSES)
+             for j in range(ROUGH_COLUMN if i >= REFINED_ROW else SMOOTH_COLUMN, ANGLES)]
     refined = Refinement(cells).refine(without_logarithms(table)).reshape(table.shape)
     for cell in cells:
         table[cell] = np.where(LOGARITHMIC, np.log(np.maximum(refined[cell], 1e-9)), refined[cell])

@@ -7,13 +7,13 @@ import moderngl
 import numpy as np
 
 from app.arrays import F32, F64, Bools
+from app.environment import SKY_DISTANCE
 from app.gl.context import Device
 from app.gl.frame_state import FrameState
 from app.gl.shader import Program
 
 PASSES_PROXIES, MEETS_ALL = 1.0, 2.0  # kinds of rays in shadow_rays.frag
-SKY_DISTANCE = 100.0         # of the scene's longest edge, that rays towards the environment cross
-RAY_EPSILON = 1e-4           # of the scene's longest edge, by which rays start off their surface
+RAY_EPSILON = 1e-4  # of the scene's longest edge, by which rays start off their surface
 
 
 class RayScene(Protocol):

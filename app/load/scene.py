@@ -125,7 +125,7 @@ def finish_scene(builder: SceneBuilder, path: Path, sidecar: Sidecar, *, lightin
     camera = choose_camera(builder, path, sidecar, space)
     view = builder.cameras[camera].at(0.0)
     sidecar, name = apply_lighting(builder, path, sidecar, lighting, view)
-    if name is None and studio and not builder.lights and is_dark(builder):
+    if name is None and studio and not builder.lights and is_dark(builder, space):
         sidecar, name = _light_the_dark(builder, path, sidecar, view, space())
     own_lights = len(builder.lights)
     _extract_suns(builder)

@@ -4,11 +4,13 @@ It is a lighting like those of a scene JSON, so that it can be chosen by name an
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from app.errors import SettingsError
 from app.load.emission import mean_radiance
+from app.load.free_space import FreeSpace
 from app.load.geometry import RawMesh, face_vectors
 from app.load.scene_builder import SceneBuilder, vector
 from app.load.sidecar import Lighting
@@ -16,7 +18,9 @@ from app.math3d import normalize
 from app.scene import Camera, DirectionalLight, Instance, Material, bounds_of, swept_bounds_of
 
 STUDIO = "studio"       # name of the lighting
-MIN_IRRADIANCE = 0.05   # W/m² of a scene's own emission, below which it counts as unlit; the studio gives about 2.5
+# W/m² of a scene's own emission on its bounding box, below which it counts as unlit; the studio gives about 2.5.
+MIN_ROOM_IRRADIANCE = 0.05
+MIN_OBJECT_IRRADIANCE = 0.25  # whose light mostly leaves it
 _ZENITH, _HORIZON = 0.45, 0.22  # radiance; the same below the horizon, so the backdrop has no edge
 _KEY_IRRADIANCE = 2.2   # with the environment, just below what shows a white surface as white
 _KEY_RADIUS_DEG = 3.0   # a soft edge of its shadow
@@ -72,14 +76,14 @@ def _ground_albedo() -> float:
     return math.pi * _HORIZON / (environment + key)
 
 
-def is_dark(builder: SceneBuilder) -> bool:
+def is_dark(builder: SceneBuilder, space: Callable[[], FreeSpace]) -> bool:
     """Whether the emission of a scene's surfaces, if it has any, lights next to nothing.
 
     What counts is its irradiance on the scene's bounding box, as if all of its light arrived there.
     """
     x, y, z = np.ptp(bounds_of(tuple(builder.meshes), tuple(builder.instances)), axis=0).tolist()
-    power = sum(_emitted_power(builder, instance) for instance in builder.instances)
-    return power <= MIN_IRRADIANCE * 2 * (x * y + y * z + z * x)
+    power, area = sum(_emitted_power(builder, i) for i in builder.instances), 2 * (x * y + y * z + z * x)
+    return power <= MIN_ROOM_IRRADIANCE * area or (power <= MIN_OBJECT_IRRADIANCE * area and not space().is_room)
 
 
 def describe(builder: SceneBuilder) -> str:

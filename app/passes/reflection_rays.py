@@ -3,7 +3,7 @@
 import numpy as np
 
 from app.arrays import F32, Bools, Ints
-from app.environment import radiance_along
+from app.environment import SKY_DISTANCE, radiance_along
 from app.gl.frame_state import Execute, FrameState, MotionKind
 from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
@@ -16,7 +16,6 @@ from app.surfels.tracked import TrackedSurfels
 
 FIRST_RAYS = 2**17    # of a frame without history: all of them
 FRAME_RAYS = {MotionKind.NONE: 2**14, MotionKind.CAMERA: 2**12, MotionKind.OBJECTS: 2**13}  # of other frames
-SKY_DISTANCE = 100.0  # of the scene's longest edge, at which the environment is
 MAX_UNIT_ERROR = 0.1  # of a direction's squared length
 
 

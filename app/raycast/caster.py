@@ -194,7 +194,8 @@ class Caster:
         put_rows(hits.position, rows, origins.take(rows, axis=0) + along)
         return hits
 
-    def is_occluded(self, origins: F32, vectors: F32, proxies_block: bool) -> Bools:
+    def is_occluded(self, origins: F32, vectors: F32, proxies_block: bool,
+                    bodies: Sequence[int] | None = None) -> Bools:
         """Whether a surface blocks light from the end of each vector to its origin, shape (N,).
 
         Parameters
@@ -203,10 +204,12 @@ class Caster:
             In local space.
         proxies_block : bool
             Whether the meshes of analytic lights count.
+        bodies : sequence of int, optional
+            Those whose surfaces count; default all.
         """
         occluded = np.zeros(len(origins), np.bool_)
-        for index, (body, matrix) in enumerate(zip(self.bodies, self.matrices, strict=True)):
-            inverse = affine_inverse(matrix)
+        for index in range(len(self.bodies)) if bodies is None else bodies:
+            body, inverse = self.bodies[index], affine_inverse(self.matrices[index])
             if inverse is None:
                 continue  # scaled to nothing
             rows = np.flatnonzero(~occluded)
@@ -312,9 +315,18 @@ class AttachedPoints:
         for rows, origin, axes in self._frames():
             position[rows], normal[rows] = _turn(position[rows] - origin, normal[rows], axes.transpose(0, 2, 1))
         self._stored = position, normal
+        self._current: tuple[int, tuple[F32, F32]] | None = None  # the caster's revision, and what was found for it
 
     def current(self) -> tuple[F32, F32]:
-        """Positions and normals in local space, for the current bodies."""
+        """Positions and normals in local space, for the current bodies; read-only."""
+        if self._current is None or self._current[0] != self._caster.revision:
+            current = self._find_current()
+            for values in current:
+                values.flags.writeable = False
+            self._current = self._caster.revision, current
+        return self._current[1]
+
+    def _find_current(self) -> tuple[F32, F32]:
         position, normal = (values.copy() for values in self._stored)
         for rows, origin, axes in self._frames():
             position[rows], normal[rows] = _turn(position[rows], normal[rows], axes)

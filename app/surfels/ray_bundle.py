@@ -1,7 +1,7 @@
 """The rays of all surfels: traced once through the static body, and in each frame only where bodies move."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -39,8 +39,6 @@ class RayBundle:
     ----------
     directions : ndarray, float32, shape (N, K, 3)
         Local space, unit length.
-    rotate_with_body : bool
-        Whether a surfel's rays rotate with its body.
     traced : int, optional
         How many rays of a surfel on a moving body are traced, the first ones; each of the others repeats one of them.
         Default all.
@@ -51,8 +49,7 @@ class RayBundle:
         Where the rays, N · K sorted by surfel, end on the static body.
     """
 
-    def __init__(self, caster: Caster, surfels: AttachedPoints, directions: F32, rotate_with_body: bool = True,
-                 traced: int | None = None) -> None:
+    def __init__(self, caster: Caster, surfels: AttachedPoints, directions: F32, traced: int | None = None) -> None:
         rays = directions.shape[1]
         self._caster, self._surfels, self._rays, self._traced = caster, surfels, rays, traced or rays
         position, normal = surfels.current()
@@ -64,8 +61,6 @@ class RayBundle:
         self._components = np.ascontiguousarray(np.moveaxis(self._directions, 2, 0))  # multiplied several times as fast
         dynamic = directions[self._dynamic, :self._traced].reshape(-1, 3)
         anchors = surfels.anchors.select(np.repeat(self._dynamic, self._traced))
-        if not rotate_with_body:
-            anchors = replace(anchors, body=np.full(len(dynamic), STATIC))
         self._dynamic_rays = AttachedPoints(caster, np.zeros_like(dynamic), dynamic, anchors)
 
     def trace_changes(self) -> ChangedRays:
@@ -98,10 +93,22 @@ class RayBundle:
         """Whether rays of static surfels may meet a sphere before ``distance``, shape (N, K)."""
         to = center - self._origins
         x, y, z = (component * toward[:, None] for component, toward in zip(self._components, to.T, strict=True))
-        along, square = x + y + z, row_dots(to, to)[:, None]
-        off = square - along * along
-        max_off = radius**2 + ROUNDING * square
-        return np.asarray((off <= max_off) & (along > -radius) & (along - radius <= distance))
+        along = x + y + z
+        return may_meet_sphere(to, along, radius) & (along - radius <= distance)
+
+
+def may_meet_sphere(to: F32, along: F32, radius: float) -> Bools:
+    """Whether each of the K rays from N points may meet a sphere, shape (N, K).
+
+    Parameters
+    ----------
+    to : ndarray, float32, shape (N, 3)
+        From the points to the sphere's centre.
+    along : ndarray, float32, shape (N, K)
+        Dot products of ``to`` and the rays' unit directions.
+    """
+    square = row_dots(to, to)[:, None]
+    return np.asarray((square - along * along <= radius**2 + ROUNDING * square) & (along > -radius))
 
 
 def trace_cosine_rays(caster: Caster, surfels: AttachedPoints, rays: int, rng: np.random.Generator) -> RayBundle:

@@ -17,6 +17,7 @@ from app.surfels.clip_planes import find_clip_planes
 from app.surfels.farthest_points import neighbour_distance, sample_farthest
 from app.surfels.random_walks import sample_sphere, trace_walks
 from app.surfels.ray_bundle import RayBundle, trace_cosine_rays
+from app.surfels.sky_rays import SkyRays
 
 CANDIDATES = 8             # hits of random walks for each surfel
 MAX_LIGHT_SAMPLES = 16     # of a surfel, whose mean is its direct light;
@@ -102,8 +103,7 @@ class WorldSurfels:
         self._sky = None
         if scene.environment is not None:
             self._sky = sky_light(scene.environment, SKY_RAYS)
-            directions = np.broadcast_to(self._sky.direction, (self.used, SKY_RAYS, 3))
-            self._sky_rays = RayBundle(self._caster, self._surfels, directions, rotate_with_body=False)
+            self._sky_rays = SkyRays(self._caster, self._surfels, self._sky.direction)
         self._trace()
 
     def move_to(self, time: float) -> bool:
@@ -191,9 +191,7 @@ class WorldSurfels:
         """Irradiance / π from the environment, shape (used, 3)."""
         if self._sky is None:
             return np.zeros((self.used, 3), np.float32)
-        changed, unoccluded = self._sky_rays.trace_changes(), self._sky_rays.static.body < 0
-        unoccluded[changed.ray] = changed.hits.body[changed.hit] < 0
-        return self._sky.irradiance(self._surfels.current()[1], unoccluded.reshape(self.used, SKY_RAYS))
+        return self._sky.irradiance(self._surfels.current()[1], self._sky_rays.open_to(), self._sky_rays.traced)
 
     def _nearest(self, hits: Hits) -> Ints:
         """The surfel with the largest weight at each hit, on the same body if that has any; -1 for the sky.

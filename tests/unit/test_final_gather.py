@@ -11,8 +11,8 @@ import pytest
 
 from app.arrays import F32
 from app.gl.frame_state import MotionKind
-from app.gl.ray_budget import RayBudget
 from app.math3d import View
+from app.passes.final_gather import RAYS as BUDGET
 from app.passes.final_gather import _texels_of_turn
 from app.raycast.caster import Caster
 from app.scene import Camera, Material, Scene
@@ -85,12 +85,11 @@ def test_distances_are_short_beside_a_wall_and_never_beyond_the_reach() -> None:
 @pytest.mark.parametrize(("texels", "turns", "count"), [(1000, 1, 4), (10_000, 1, 1), (20_000, 2, 1), (49_152, 4, 1),
                                                         (10**6, 4, 1)])
 def test_texels_take_turns_where_rays_are_few_and_no_ray_is_traced_twice(texels: int, turns: int, count: int) -> None:
-    budget = RayBudget(first_rays=2**17, max_first_samples=16, changed_rays=2**15, rays=2**14, max_samples=4)
     numbers: set[int] = set()
     for index in range(8):
         frame = SimpleNamespace(history_valid=True, motion=MotionKind.CAMERA, index=index, size=(64, 48),
                                 output_size=(64, 48))
-        found, chosen = budget.turns(frame, texels, has_history=True, most=4)
+        found, chosen = BUDGET.turns(frame, texels, has_history=True, most=4)
         assert (found, len(chosen)) == (turns, count)
         if index % turns == 0:
             assert not numbers & set(chosen)

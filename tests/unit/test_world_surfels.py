@@ -7,14 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.environment import sky_light
 from app.math3d import View, unit_rows
 from app.raycast.caster import STATIC, Anchors, AttachedPoints, Caster
-from app.scene import Camera, Material, Motion, Scene
+from app.scene import Camera, Environment, Material, Motion, Scene
 from app.surfels import kernel
 from app.surfels.farthest_points import neighbour_distance, sample_farthest
 from app.surfels.neighbours import nearest
 from app.surfels.random_walks import sample_cosine_hemisphere, trace_walks
-from app.surfels.ray_bundle import trace_cosine_rays
+from app.surfels.ray_bundle import SHARE, trace_cosine_rays
+from app.surfels.sky_rays import SkyRays
 from app.surfels.tracked import TrackedSurfels
 from app.surfels.world import MAX_END_SAMPLES, MAX_LIGHT_SAMPLES, MIN_SAMPLE_COSINE, MIN_SAMPLED_RADII, WorldSurfels
 from tests.deforming import bent, deforming_scene, material_points
@@ -321,6 +323,38 @@ def test_move_to_gives_the_same_tables_as_new_rays() -> None:
     dynamic = world._light_samples.anchors.body == 1
     np.testing.assert_allclose(world.light_sample_position[dynamic] - before["light_sample_position"][dynamic],
                                [(0, 0.7 * 1.5, 0.7)] * dynamic.sum(), atol=1e-5)
+
+
+def courtyard() -> Scene:
+    """Open above, with a block that moves from a corner into the middle."""
+    walls = [quad((0, 0, 0), (4, 0, 0), (0, 2, 0)), quad((0, 0, 0), (0, 2, 0), (0, 0, 4)), floor(8.0)]
+    block = box((0, 0, 0), (1, 1, 1), GREY, slide((0.0, 1.0), [(0.2, 0.1, 0.2), (2, 0.1, 2)]))
+    return replace(make_scene([*walls, block]), environment=Environment(np.ones((8, 16, 3), np.float32)))
+
+
+@pytest.mark.parametrize("time", [0.0, 0.7, 1.0])
+def test_surfels_see_the_sky_where_rays_end_nowhere(time: float) -> None:
+    scene = courtyard()
+    caster = Caster(scene)
+    above = np.random.default_rng(0).uniform((-2, 3, -2), (3, 3, 3), (400, 3)).astype(np.float32)
+    hits = caster.cast(above, np.tile(np.array([-0.3, -1, -0.2], np.float32), (400, 1)))
+    hits = hits.select(np.flatnonzero(hits.body >= 0))
+    surfels = AttachedPoints(caster, hits.position, hits.normal, hits.anchors)
+    assert scene.environment is not None
+    directions = sky_light(scene.environment, 64).direction
+    rays = SkyRays(caster, surfels, directions)
+    caster.move_to(time)
+    position, normal = surfels.current()
+    every = np.tile(directions, (len(position), 1))
+    origins = np.repeat(position + caster.ray_epsilon * normal, len(directions), axis=0)
+    ends_nowhere = (caster.cast(origins, every).body < 0).reshape(len(position), -1)
+    expected = ends_nowhere & (normal @ directions.T > 0) & rays.traced
+    np.testing.assert_array_equal(rays.open_to(), expected)
+    is_moving = hits.body > 0
+    assert is_moving.sum() > 5 and (~is_moving).sum() > 50
+    assert rays.traced[~is_moving].all()
+    assert (rays.traced[is_moving].sum(axis=1) == len(directions) // SHARE).all()
+    assert 0.2 < rays.open_to()[~is_moving].mean() < 0.5
 
 
 def test_a_body_that_returns_restores_the_tables() -> None:
