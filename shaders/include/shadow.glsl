@@ -14,8 +14,8 @@
 const int TAPS = 2;                    // per texel, of the search for blockers and of each look for an edge; the four texels of a quad share theirs
 const int PENUMBRA_TAPS = 14;          // of the filter
 const float HARD_KERNEL = 1.0;         // smallest radius of the filter, in texels
-const float CONTACT_KERNEL = 1.25;     // texels around a receiver in which blockers are looked for that are much nearer to it
-const float CONTACT_SHARE = 0.7;       // of the filter's radius, which the light's image at such a blocker is smaller than
+const float CONTACT_KERNEL = 1.25;     // least radius around a receiver in which blockers much nearer to it are looked for, in texels
+const float CONTACT_FADE = 0.35;       // share of the filter's radius by which the light's image at a blocker is smaller if it hides all light
 const float SMALLEST_RIM = 0.5;        // of the rim's usual radius
 const float MIN_BLOCKER_SHARE = 0.15;    // of the distance to the light; blockers nearer to the light are not searched
 const float SLACK = 2.0;               // on the light's squared radius, when asking whether a line meets it
@@ -304,14 +304,22 @@ vec2 nearest_parallel_blocker(Light light, ParallelReceiver r, vec2 at, float sp
     return before_parallel_receiver(r, at, stored, margin) ? vec2(stored, 1.0) * weight : vec2(0.0);
 }
 
-// Whether a texel holds a blocker so near that the light is much smaller there than the filter, and whether it holds none.
-vec2 contact_texel(Light light, ParallelReceiver r, vec2 at, float spread, float width)
+// Radius of the light's image at what a texel holds before the receiver; 0 where it holds nothing.
+float image_size(Light light, ParallelReceiver r, vec2 at, float spread)
 {
     vec2 texel = clamp(at * light.tile.z, 0.0, light.tile.z - 1.0);
     float stored = texelFetch(shadow, ivec2(light.tile.xy + texel), 0).r;
-    float size = spread * (r.depth - stored) + HARD_KERNEL / light.tile.z;
-    bool before = before_parallel_receiver(r, at, stored, 0.0);
-    return vec2(before && size < CONTACT_SHARE * width ? 1.0 : 0.0, before ? 0.0 : 1.0);
+    return before_parallel_receiver(r, at, stored, 0.0) ? spread * (r.depth - stored) + HARD_KERNEL / light.tile.z : 0.0;
+}
+
+// How much light a texel hides by a blocker so near that the light's image there is smaller than the filter, and whether
+// that is known: not where a blocker farther away covers what lies behind it.
+vec2 contact_texel(Light light, ParallelReceiver r, vec2 at, float spread, float width)
+{
+    float size = image_size(light, r, at, spread);
+    vec2 away = at - r.fraction;
+    bool meets = dot(away, away) <= SLACK * size * size;
+    return vec2(meets ? clamp((1.0 - size / width) / CONTACT_FADE, 0.0, 1.0) : 0.0, size < width ? 1.0 : 0.0);
 }
 
 float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, QuadNoise noise, bool wanted)
@@ -342,8 +350,9 @@ float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, 
     seen += quad_sum(seen_again);
     bool penumbra = parted(seen, TAPS + taps_again);
     vec2 contact = vec2(0.0);
-    rim = rim_point(false, noise) * (CONTACT_KERNEL / light.tile.z);
-    int contact_taps = CONTACT_SHARE * width * light.tile.z > HARD_KERNEL ? edge_taps : 0;
+    int contact_taps = width * light.tile.z > HARD_KERNEL ? edge_taps : 0;
+    float image = contact_taps > 0 ? image_size(light, r, r.fraction, spread) : 0.0;
+    rim = rim_point(false, noise) * max(image < width ? image : 0.0, CONTACT_KERNEL / light.tile.z);
     for (int i = 0; i < contact_taps; ++i) {
         contact += contact_texel(light, r, r.fraction + (i == 0 ? rim : -rim), spread, width);
     }
@@ -354,7 +363,7 @@ float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, 
         passed += parallel_texel_blocks(light, r, r.fraction + next_point(pattern, false) * width, spread) ? 0.0 : 1.0;
     }
     contact = vec2(quad_sum(contact.x), quad_sum(contact.y));
-    float passes_contact = contact.x > 0.0 ? contact.y / (contact.x + contact.y) : 1.0;
+    float passes_contact = 1.0 - contact.x / max(contact.y, 1.0);
     return passes_contact * soft_visibility(seen, penumbra, passed, taps, p, n);
 }
 
