@@ -509,17 +509,35 @@ class Camera:
     orthographic_height: float | None = None
     intrinsics: Intrinsics | None = None
 
+    def placed(self, matrix: F64) -> Camera:
+        """The camera where a matrix of shape (4, 4) takes it; of its scale only mirroring counts."""
+        eye, target, up = (np.asarray(v, np.float64) for v in (self.eye, self.target, self.up))
+        forward, up = (_turn(matrix, direction) for direction in (target - eye, up))
+        eye = matrix[:3, :3] @ eye + matrix[:3, 3]
+        return replace(self, eye=tuple(eye.tolist()), target=tuple((eye + forward).tolist()), up=tuple(up.tolist()))
+
+
+def _turn(matrix: F64, direction: F64) -> F64:
+    """The unit vector into which a matrix turns a direction, which stays if the matrix has scale 0."""
+    turned = matrix[:3, :3] @ direction
+    if not turned.any():
+        turned = direction
+    return np.asarray(turned / np.linalg.norm(turned))
+
 
 @dataclass(frozen=True)
 class CameraPath:
     """A fixed (one key) or key-framed camera; linear between keys, of one kind, and held outside them.
 
-    With a ``period`` above 0 it begins again after so many seconds.
+    Attributes
+    ----------
+    placement : Placement or None
+        Takes the camera from the space of the keys to the world.
     """
 
     times: tuple[float, ...]
     keys: tuple[Camera, ...]
-    period: float = 0.0
+    placement: Placement | None = None
 
     @staticmethod
     def still(camera: Camera) -> CameraPath:
@@ -527,13 +545,14 @@ class CameraPath:
 
     @property
     def moves(self) -> bool:
-        return len(self.keys) > 1
+        return len(self.keys) > 1 or self.placement is not None
 
     def at(self, time: float) -> Camera:
         """The camera at ``time`` seconds."""
-        if not self.moves:
-            return self.keys[0]
-        time = time % self.period if self.period > 0 else time
+        camera = self.keys[0] if len(self.keys) == 1 else self._interpolate(time)
+        return camera if self.placement is None else camera.placed(self.placement.at(time))
+
+    def _interpolate(self, time: float) -> Camera:
         rows = np.array([(*k.eye, *k.target, *k.up, k.fov_y_deg, k.orthographic_height or 0.0,
                           *(astuple(k.intrinsics) if k.intrinsics else ())) for k in self.keys], np.float64)
         row = _interpolate(time, np.asarray(self.times), rows).tolist()

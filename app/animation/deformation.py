@@ -58,22 +58,35 @@ class Skin:
     def moves(self) -> bool:
         return bool(self.tree.moves[self.nodes].any())
 
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether the joints turn most of the vertices' surfaces inside out at time 0."""
+        return bool((np.linalg.det(self._blend(0.0)[:, :, :3]) < 0).mean() > 0.5) if len(self.joints) else False
+
     def select(self, rows: Ints) -> Skin:
         """The skin of the vertices at an index."""
         return Skin(self.tree, self.nodes, self.inverse_binds, self.joints[rows], self.weights[rows])
 
     def apply(self, vertices: Vertices, time: float) -> Vertices:
         """The vertices in world space at ``time`` seconds."""
-        matrices = (self.tree.world_at(time)[self.nodes] @ self.inverse_binds)[:, :3]
-        blended = np.zeros((len(vertices.positions), 3, 4))
-        for joint, weight in zip(self.joints.T, self.weights.T, strict=True):
-            blended += weight[:, None, None] * matrices[joint]
+        blended = self._blend(time)
         linear = blended[:, :, :3]
+        cofactors = _cofactors(linear)
+        determinant = (linear[:, :, 0] * cofactors[:, :, 0]).sum(axis=1)
+        sign = np.where(determinant < 0, -1.0, 1.0)[:, None]  # what is mirrored keeps its front
         tangents = vertices.tangents
         if tangents is not None:
-            tangents = np.concatenate([_apply(linear, tangents[:, :3]), tangents[:, 3:]], axis=1)
+            tangents = np.concatenate([_apply(linear, tangents[:, :3]), sign * tangents[:, 3:]], axis=1)
         return Vertices(_apply(linear, vertices.positions) + blended[:, :, 3],
-                        _apply(_cofactors(linear), vertices.normals), tangents)
+                        sign * _apply(cofactors, vertices.normals), tangents)
+
+    def _blend(self, time: float) -> F64:
+        """The matrix of each vertex, shape (V, 3, 4)."""
+        matrices = (self.tree.world_at(time)[self.nodes] @ self.inverse_binds)[:, :3]
+        blended = np.zeros((len(self.joints), 3, 4))
+        for joint, weight in zip(self.joints.T, self.weights.T, strict=True):
+            blended += weight[:, None, None] * matrices[joint]
+        return blended
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +21,10 @@ from app.load.gltf_materials import DEFAULT, MATERIAL_EXTENSIONS, MaterialReader
 from app.load.photometry import LUMENS_PER_WATT, are_photometric, to_radiometric
 from app.load.scene_builder import MAX_COORDINATE, MAX_INSTANCES, SceneBuilder, color, vector
 from app.load.tangents import with_tangents
-from app.math3d import quaternion_matrices
+from app.math3d import normalize, quaternion_matrices
 from app.scene import Camera, CameraPath, DirectionalLight, Light, PointLight, SpotLight, bounds_of
 
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
-_CAMERA_KEYS, _MAX_KEYS = 60, 10_000  # of an animated camera: for each second, and in all
 _SUPPORTED_EXTENSIONS = MATERIAL_EXTENSIONS | {
     "KHR_lights_punctual", "EXT_mesh_gpu_instancing", "KHR_mesh_quantization", "KHR_draco_mesh_compression",
     "EXT_meshopt_compression", "KHR_texture_basisu"}
@@ -103,7 +103,8 @@ class _Reader:
             self._camera(self._file.json["cameras"][node["camera"]], node.get("name"), index, world)
         if "KHR_lights_punctual" in extensions:
             lights = self._file.json["extensions"]["KHR_lights_punctual"]["lights"]
-            self._builder.lights.append(self._light(lights[extensions["KHR_lights_punctual"]["light"]], world))
+            light = self._light(lights[extensions["KHR_lights_punctual"]["light"]], world)
+            self._builder.lights += [] if light is None else [light]
             if self._poses.tree.moves[index]:
                 self._builder.notice("lights of animated nodes stay where they are at time 0")
         if "mesh" not in node:
@@ -146,8 +147,10 @@ class _Reader:
             assert raw.source is not None
             deformation = deformation.select(raw.source, np.zeros(3)).with_tangents(raw.tangents)
             vertices = deformation.vertices_at(0.0)
+            is_mirrored = deformation.skin is not None and deformation.skin.is_mirrored
             mesh = self._builder.add_mesh(name, replace(
-                raw, positions=vertices.positions, normals=vertices.normals if has_normals else None,
+                raw, triangles=raw.triangles[:, ::-1] if is_mirrored else raw.triangles,
+                positions=vertices.positions, normals=vertices.normals if has_normals else None,
                 tangents=vertices.tangents, source=np.arange(len(raw.source)) if deformation.moves else None), material)
             if mesh is not None:
                 yield mesh, deformation
@@ -225,16 +228,18 @@ class _Reader:
         return matrices
 
     def _camera(self, spec: dict[str, Any], node_name: str | None, index: int, world: F64) -> None:
-        name = node_name or spec.get("name") or f"camera {len(self._builder.cameras)}"
+        cameras = self._builder.cameras
+        name = node_name or spec.get("name") or f"camera {len(cameras)}"
+        if name in cameras:  # names need not be unique
+            name = next(other for number in count(2) if (other := f"{name} {number}") not in cameras)
         camera = self._lens(spec, name)
         if camera is None:
             return
-        if not self._poses.tree.moves[index] or self._poses.period == 0:
-            self._builder.cameras[name] = CameraPath.still(_camera_at(camera, world))
-            return
-        times = np.linspace(0, self._poses.period, math.ceil(min(self._poses.period * _CAMERA_KEYS, _MAX_KEYS)) + 1)
-        keys = [_camera_at(camera, self._poses.tree.world_at(t)[index]) for t in times[:-1]]
-        self._builder.cameras[name] = CameraPath(tuple(times.tolist()), (*keys, keys[-1]), self._poses.period)
+        if self._poses.tree.moves[index] and self._poses.period > 0:
+            cameras[name] = CameraPath((0.0,), (camera,), NodePlacement(self._poses.tree, index, np.eye(4)))
+        else:
+            _check_translation(world)
+            cameras[name] = CameraPath.still(camera.placed(world))
 
     def _lens(self, spec: dict[str, Any], name: str) -> Camera | None:
         """A camera of the file's projection, anywhere; None for one that can't be drawn."""
@@ -251,42 +256,35 @@ class _Reader:
             return None
         return replace(camera, fov_y_deg=fov)
 
-    def _light(self, spec: dict[str, Any], world: F64) -> Light:
+    def _light(self, spec: dict[str, Any], world: F64) -> Light | None:
+        """A light; None for one without a direction."""
+        kind = spec["type"]
         power = color(np.asarray(spec.get("color", (1, 1, 1)), np.float64) * spec.get("intensity", 1.0))
-        position, direction = vector(_translation(world)), vector(_direction(world, (0, 0, -1)))
+        _check_translation(world)
+        position, along = vector(world[:3, 3]), -world[:3, 2]
         if "range" in spec:
             self._builder.approximation("KHR_lights_punctual: lights reach beyond their range, with squared distance")
-        if spec["type"] == "directional":
-            return DirectionalLight(direction, power)
-        if spec["type"] == "spot":
-            cone = spec.get("spot", {})
-            # In this order, max gives 0 for an angle that is not a number.
-            outer = min(max(0.0, math.degrees(cone.get("outerConeAngle", math.pi / 4))), 90.0)
-            inner = min(max(0.0, math.degrees(cone.get("innerConeAngle", 0.0))), outer)
-            return SpotLight(position, direction, power, inner, outer)
-        if spec["type"] == "point":
+        if kind == "point":
             return PointLight(position, power)
-        raise ValueError(f"unknown light type {spec['type']!r}")
+        if kind not in ("directional", "spot"):
+            raise ValueError(f"unknown light type {kind!r}")
+        if not along.any():
+            self._builder.notice("lights of nodes of scale 0 have no direction and are omitted")
+            return None
+        direction = vector(normalize(along))
+        if kind == "directional":
+            return DirectionalLight(direction, power)
+        self._builder.approximation("KHR_lights_punctual: spots fade linearly in angle between their two cones")
+        cone = spec.get("spot", {})
+        # In this order, max gives 0 for an angle that is not a number.
+        outer = min(max(0.0, math.degrees(cone.get("outerConeAngle", math.pi / 4))), 90.0)
+        inner = min(max(0.0, math.degrees(cone.get("innerConeAngle", 0.0))), outer)
+        return SpotLight(position, direction, power, inner, outer)
 
 
-def _camera_at(camera: Camera, world: F64) -> Camera:
-    eye, forward, up = _translation(world), _direction(world, (0, 0, -1)), _direction(world, (0, 1, 0))
-    return replace(camera, eye=vector(eye), target=vector(eye + forward), up=vector(up))
-
-
-def _translation(world: F64) -> F64:
-    position = world[:3, 3]
-    if not np.abs(position).max() < MAX_COORDINATE:
+def _check_translation(world: F64) -> None:
+    if not np.abs(world[:3, 3]).max() < MAX_COORDINATE:
         raise ValueError(f"a camera or light has a coordinate beyond {MAX_COORDINATE:g}")
-    return position
-
-
-def _direction(world: F64, local: tuple[float, float, float]) -> F64:
-    direction = world[:3, :3] @ np.asarray(local, np.float64)
-    length = float(np.linalg.norm(direction))
-    if not length > 0:
-        raise ValueError("a camera or light has a parent node of scale 0")
-    return direction / length
 
 
 def _triangulate(order: Ints, mode: int) -> Ints:

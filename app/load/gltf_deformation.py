@@ -9,6 +9,7 @@ import numpy as np
 from app.animation.deformation import Deformation, Skin, Vertices
 from app.animation.track import Track
 from app.arrays import F64, Ints
+from app.errors import SceneError
 from app.load.geometry import RawMesh
 from app.load.gltf_animation import Poses
 from app.load.gltf_file import GltfFile
@@ -29,9 +30,10 @@ class DeformationReader:
         """The deformation of a primitive at node ``index``, relative to no origin."""
         specs = primitive.get("targets", [])
         count = len(raw.positions)
-        self._vertices += count * (1 + len(specs))
+        self._vertices += min(count, raw.triangles.size) * (1 + len(specs))  # others are dropped
         if self._vertices > _MAX_VERTICES:
-            raise ValueError(f"skins and morph targets have more than {_MAX_VERTICES} vertices")
+            raise SceneError("skins and morph targets have too many vertices", self._builder.where,
+                             f"expected at most {_MAX_VERTICES:,}, counted for each target")
         zeros = np.zeros((count, 3))
         attributes = primitive["attributes"]
         base = Vertices(raw.positions, zeros if raw.normals is None else np.nan_to_num(raw.normals),
@@ -41,6 +43,9 @@ class DeformationReader:
         return Deformation(base, targets, self._weights(node, index, len(specs)), skin, self._poses.tree.times)
 
     def _target(self, spec: dict[str, int], zeros: F64, base: Vertices) -> Vertices:
+        if any(name not in ("POSITION", "NORMAL", "TANGENT") for name in spec):
+            self._builder.notice("morph targets of colours and texture coordinates are ignored")
+
         def read(name: str) -> F64:
             return zeros if name not in spec else self._attribute(spec[name], 3, len(zeros))
 

@@ -35,7 +35,7 @@ class MaterialReader:
         name = spec.get("name", f"material {index}")
         self._textures.begin_material(name)
         extensions = spec.get("extensions", {})
-        if "pbrMetallicRoughness" not in spec and "KHR_materials_pbrSpecularGlossiness" in extensions:
+        if "KHR_materials_pbrSpecularGlossiness" in extensions:  # which pbrMetallicRoughness only stands in for
             material = self._specular_glossiness(extensions["KHR_materials_pbrSpecularGlossiness"])
         else:
             material = self._metallic_roughness(spec.get("pbrMetallicRoughness", {}), extensions)

@@ -11,7 +11,7 @@ import pytest
 
 from app.errors import SceneError
 from app.evaluation.hashing import content_key
-from app.load import load_scene
+from app.load import gltf_deformation, load_scene, scene_builder
 from app.math3d import View, translation
 from app.scene import Scene
 from export.dataset.scene_key import scene_key
@@ -124,6 +124,45 @@ def test_a_camera_follows_its_node(tmp_path: Path) -> None:
     for time in (0.0, 0.5, 0.9, 1.5):
         np.testing.assert_allclose(camera.at(time).eye, [time % 1, 0, 3], atol=1e-9)
         np.testing.assert_allclose(camera.at(time).target, [time % 1, 0, 2], atol=1e-9)
+
+
+def test_a_camera_jumps_and_loops_with_its_own_animation(tmp_path: Path) -> None:
+    """By steps, at a time that no rate of frames meets; another animation is longer."""
+    gltf = Gltf()
+    gltf.json["cameras"] = [{"type": "perspective", "perspective": {"yfov": 0.5}}]
+    gltf.json["nodes"] += [{"camera": 0, "name": "eye"}, {}]
+    gltf.json["scenes"][0]["nodes"] = [0, 1, 2]
+    animate(gltf, 1, "translation", [[0, 0, 3], [100, 0, 3], [100, 0, 3]], (0, 1 / 3, 0.7), "STEP")
+    animate(gltf, 2, "translation", [[0, 0, 0], [1, 0, 0]])
+    camera = load_scene(gltf.save(tmp_path), animation="all").cameras["eye"]
+    assert [camera.at(t).eye[0] for t in (0.0, 0.333, 0.334, 0.69, 0.71, 1.1)] == [0, 0, 100, 100, 0, 100]
+
+
+def test_cameras_of_one_name_are_all_kept(tmp_path: Path) -> None:
+    gltf = Gltf()
+    gltf.json["cameras"] = [{"type": "perspective", "perspective": {"yfov": 0.5}}]
+    gltf.json["nodes"] += [{"camera": 0, "name": "eye", "translation": [x, 0, 3]} for x in (1, 2, 3)]
+    gltf.json["scenes"][0]["nodes"] = [0, 1, 2, 3]
+    cameras = load_scene(gltf.save(tmp_path)).cameras
+    assert {name: camera.at(0).eye[0] for name, camera in cameras.items()} == {"eye": 1, "eye 2": 2, "eye 3": 3}
+
+
+@pytest.mark.parametrize("is_animated", [False, True])
+def test_a_light_and_a_camera_at_a_node_of_scale_0_are_no_error(tmp_path: Path, is_animated: bool) -> None:
+    """A way to hide what is below a node."""
+    gltf = Gltf()
+    gltf.json["cameras"] = [{"type": "perspective", "perspective": {"yfov": 0.5}}]
+    gltf.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point"}, {"type": "spot"}]}}
+    hidden = {"scale": [0, 0, 0], "translation": [0, 0, 2]}
+    gltf.json["nodes"] += [{"camera": 0, "name": "eye", **hidden},
+                           *({"extensions": {"KHR_lights_punctual": {"light": k}}, **hidden} for k in (0, 1))]
+    gltf.json["scenes"][0]["nodes"] = [0, 1, 2, 3]
+    if is_animated:
+        animate(gltf, 1, "scale", [[0, 0, 0], [1, 1, 1]], (0, 1), "STEP")
+    scene = load_scene(gltf.save(tmp_path))
+    assert scene.cameras["eye"].at(0.5).target == (0, 0, 1)
+    assert [light.position for light in scene.lights] == [(0, 0, 2)]
+    assert any("scale 0" in notice for notice in scene.notices)
 
 
 @pytest.mark.parametrize("times", [(0,), (-1, 0), (-2, -1)])
@@ -418,3 +457,60 @@ def test_tangents_of_normal_maps_follow(tmp_path: Path, given: bool) -> None:
     gltf.json["nodes"][2]["rotation"] = QUARTER
     (still,) = load_scene(gltf.save(tmp_path)).meshes
     np.testing.assert_allclose(still.tangents[:, :3], [[0, 1, 0]] * len(still.tangents), atol=1e-6)
+
+
+@pytest.mark.parametrize("is_animated", [False, True])
+def test_a_skin_that_mirrors_faces_outwards(tmp_path: Path, is_animated: bool) -> None:
+    """As the same mesh without a skin below the mirrored node: front, normals and bitangents."""
+    def build(is_skinned: bool) -> Scene:
+        gltf = Gltf()
+        uvs = np.array([[0, 0], [1, 0], [0, 1]], np.float32)
+        texture = gltf.texture(np.full((2, 2, 3), 128))
+        gltf.json["materials"] = [{"normalTexture": {"index": texture}}]
+        gltf.primitive["material"] = 0
+        gltf.primitive["attributes"] |= {
+            "NORMAL": gltf.array(np.tile(np.array([0, 0, 1], np.float32), (3, 1))), "TEXCOORD_0": gltf.array(uvs)}
+        gltf.json["nodes"] = [{"mesh": 0, "name": "body"}, {"name": "joint"},
+                              {"scale": [-1, 1, 1], "children": [0, 1]}]
+        gltf.json["scenes"][0]["nodes"] = [2]
+        if is_skinned:
+            gltf.json["nodes"][0]["skin"] = 0
+            gltf.json["skins"] = [{"joints": [1]}]
+            gltf.primitive["attributes"] |= {"JOINTS_0": gltf.array(np.zeros((3, 4), np.uint8)),
+                                             "WEIGHTS_0": gltf.array(np.eye(4, dtype=np.float32)[[0, 0, 0]])}
+        if is_animated:
+            animate(gltf, 1 if is_skinned else 0, "translation", [[0, 0, 0], [0, 0, 1]])
+        return load_scene(gltf.save(tmp_path, f"{is_skinned}.gltf"))
+
+    def frame(scene: Scene) -> tuple[np.ndarray, ...]:
+        """Corners in the order in which the front is seen, normals, tangents, bitangents: in world space."""
+        (instance,) = scene.instances
+        mesh, matrix = instance.mesh_at(scene.meshes, 0.5), instance.transform_at(0.5)
+        sign = np.sign(np.linalg.det(matrix[:3, :3]))
+        corners = mesh.positions[mesh.triangles[0]] @ matrix[:3, :3].T + matrix[:3, 3]
+        assert mesh.tangents is not None
+        normals = mesh.normals @ np.linalg.inv(matrix[:3, :3])
+        tangents = mesh.tangents[:, :3] @ matrix[:3, :3].T
+        bitangents = np.cross(normals, tangents) * mesh.tangents[:, 3:] * sign
+        return sign * np.cross(corners[1] - corners[0], corners[2] - corners[0]), normals, tangents, bitangents
+
+    for found, expected in zip(frame(build(True)), frame(build(False)), strict=True):
+        np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+def test_vertices_that_primitives_share_count_where_they_are_used(tmp_path: Path,
+                                                                  monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gltf_deformation, "_MAX_VERTICES", 100)
+    monkeypatch.setattr(scene_builder, "MAX_VERTICES", 100)
+    gltf = Gltf()
+    positions = gltf.array(np.random.default_rng(0).random((90, 3)).astype(np.float32))
+    target = gltf.array(np.zeros((90, 3), np.float32))
+    gltf.json["meshes"][0]["primitives"] = [
+        {"attributes": {"POSITION": positions}, "indices": gltf.array(np.arange(3 * k, 3 * k + 3, dtype=np.uint8)),
+         "targets": [{"POSITION": target, "COLOR_0": target}]} for k in range(10)]
+    scene = load_scene(gltf.save(tmp_path))
+    assert sum(len(mesh.positions) for mesh in scene.meshes) == 30
+    assert any("morph targets of colours" in notice for notice in scene.notices)
+    monkeypatch.setattr(gltf_deformation, "_MAX_VERTICES", 50)
+    with pytest.raises(SceneError, match=r"too many vertices.*at most 50"):
+        load_scene(gltf.save(tmp_path))

@@ -244,7 +244,8 @@ def test_unlit_has_nothing_but_its_colour(tmp_path):
 def test_specular_glossiness_is_converted(tmp_path):
     gltf = with_uvs(Gltf(), TRIANGLE[:, :2])
     info = {"index": gltf.texture(PIXELS)}
-    gltf.material(extensions={"KHR_materials_pbrSpecularGlossiness": {
+    fallback = {"baseColorFactor": [1, 0, 0, 1]}
+    gltf.material(pbrMetallicRoughness=fallback, extensions={"KHR_materials_pbrSpecularGlossiness": {
         "diffuseFactor": [0.1, 0.2, 0.3, 1], "specularFactor": [0.5, 0.6, 0.7], "glossinessFactor": 0.8,
         "specularGlossinessTexture": info}})
     _, material = read(gltf, tmp_path)
