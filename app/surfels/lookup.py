@@ -14,7 +14,7 @@ CELL_RADII = 0.5      # edge of a cell, in median radii of surfels
 MAX_CELLS = 2**17     # that are remembered
 AXIS_CELLS = 2**19    # along an axis; coordinates beyond share a cell
 MIN_EXPONENT = -80.0  # as in the network
-BLOCK = 4096          # points for which candidates are looked for at once
+BLOCK = 512           # points for which candidates are looked for at once, so that a cache holds their exponents
 
 
 class SurfelLookup:
@@ -133,10 +133,13 @@ class SurfelLookup:
         for start in range(0, len(position), BLOCK):
             rows = slice(start, start + BLOCK)
             at = np.concatenate([position[rows], np.ones_like(position[rows, :1])], axis=1)
-            exponent = (kernel.queries(position[rows], normal[rows]) @ self._keys.T + self._columns[7]
-                        + np.minimum(at @ self._clip.T, 0))
-            near = np.argpartition(-exponent, count - 1, axis=1)[:, :count]
-            order = np.take_along_axis(-exponent, near, axis=1).argsort(axis=1)
+            beyond = at @ self._clip.T
+            against = kernel.queries(position[rows], normal[rows]) @ self._keys.T  # becomes minus the exponents
+            against += self._columns[7]
+            against += np.minimum(beyond, 0, out=beyond)
+            np.negative(against, out=against)
+            near = np.argpartition(against, count - 1, axis=1)[:, :count]
+            order = np.take_along_axis(against, near, axis=1).argsort(axis=1)
             blocks.append(np.take_along_axis(near, order, axis=1))
         return np.concatenate(blocks)
 
