@@ -35,8 +35,10 @@ def lighting_of(lighting: str | None, studio: bool | None) -> str | None:
     Raises
     ------
     SettingsError
-        When they ask for two.
+        When they contradict each other.
     """
+    if studio is False and lighting == STUDIO:
+        raise SettingsError("excludes --lighting studio", "--no-studio", "expected only one of them")
     if not studio:
         return lighting
     if lighting not in (None, STUDIO):

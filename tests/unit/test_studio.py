@@ -106,8 +106,9 @@ def test_a_scene_json_comes_first(crate):
 
 def test_options():
     assert [lighting_of("sun", None), lighting_of("sun", False), lighting_of(None, True)] == ["sun", "sun", "studio"]
-    with pytest.raises(SettingsError, match="--studio"):
-        lighting_of("sun", True)
+    for lighting, studio in (("sun", True), ("studio", False)):
+        with pytest.raises(SettingsError, match="excludes"):
+            lighting_of(lighting, studio)
 
 
 def irradiance(scene, normal):
