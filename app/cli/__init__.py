@@ -1,6 +1,9 @@
 """The command line, with one file per command. ``render`` runs if no command is named."""
 
+import errno
+import os
 import sys
+from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -43,6 +46,11 @@ class DefaultGroup(TyperGroup):
             status = USER_ERROR
         except typer.Abort:
             status = 1
+        except OSError as error:
+            if error.filename is not None or error.errno not in (errno.ENOSPC, errno.EIO):
+                raise
+            _print_error(f"standard output: can't be written, {error.strerror} (expected room for a few lines)")
+            status = USER_ERROR
         sys.exit(status)
 
 
@@ -101,4 +109,7 @@ def _about(
 
 def main() -> None:
     """Run the command line with the arguments of the process."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # it was closed by the shell
+            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115
     cli()

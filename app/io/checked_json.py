@@ -32,25 +32,30 @@ def read_checked(path: Path, definition: str = "", schema: str = SCHEMA) -> Any:
     """
     try:
         text = path.read_text("utf-8-sig")
+    except FileNotFoundError as error:
+        raise SceneError("no such JSON file", path, "expected the path of an existing file") from error
     except (OSError, ValueError) as error:  # UnicodeDecodeError, or a path with a null byte
         raise SceneError("can't read the JSON file", path, "expected a readable UTF-8 file") from error
     try:
         content = parse(text)
-    except (ValueError, RecursionError) as error:
+    except RecursionError as error:
+        raise SceneError("nested too deeply", path, "expected a JSON file of this program's kind") from error
+    except ValueError as error:
         raise SceneError(f"not a JSON file ({error})", path, "expected valid JSON with finite numbers") from error
     check(content, path, definition, schema)
     return content
 
 
 def parse(text: str) -> Any:
-    """The value of a JSON text, all of whose numbers are finite floats.
+    """The value of a JSON text, all of whose numbers are finite floats and whose objects have each key once.
 
     Raises
     ------
     ValueError, RecursionError
         For anything else.
     """
-    return json.loads(text, parse_float=_finite, parse_int=_finite, parse_constant=_finite)
+    return json.loads(text, parse_float=_finite, parse_int=_finite, parse_constant=_finite,
+                      object_pairs_hook=_object)
 
 
 def check(content: Any, where: object, definition: str = "", schema: str = SCHEMA,
@@ -99,6 +104,15 @@ def _finite(text: str) -> float:
     return value
 
 
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in content if keys.count(key) > 1)
+        raise ValueError(f"key {twice!r} is there twice in an object")
+    return content
+
+
 def _explain(violation: ValidationError) -> tuple[str, list[object], str]:
     """What is wrong, the key, and what was expected."""
     keys, rule, value = list(violation.absolute_path), violation.validator_value, violation.instance
@@ -126,5 +140,5 @@ def _explain(violation: ValidationError) -> tuple[str, list[object], str]:
 
 
 def _short(value: object) -> str:
-    text = json.dumps(value)
+    text = f"{value:g}" if isinstance(value, float) else json.dumps(value)
     return text if len(text) <= 40 else text[:37] + "..."

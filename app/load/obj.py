@@ -24,7 +24,10 @@ _MAX_OBJECTS = 64  # names; a file with more is one object
 
 def read_obj(path: Path, builder: SceneBuilder) -> None:
     """Fill ``builder`` from an OBJ file and the MTL files that it names."""
-    text = _normalize(path.read_bytes().decode("utf-8", errors="replace"))
+    data = path.read_bytes()
+    if b"\0" in data:
+        raise ValueError("it is not text")
+    text = _normalize(data.decode("utf-8", errors="replace"))
     materials: dict[str, Material] = {}
     for name in re.findall(r"^mtllib (.+)$", text, re.MULTILINE):
         materials |= read_mtl(path.parent, name, builder)
@@ -37,7 +40,10 @@ def read_obj(path: Path, builder: SceneBuilder) -> None:
     indices: dict[str, int] = {}
     # With this MTL file, trimesh keeps the numbers of the parts as material names.
     numbers = "\n".join(f"newmtl {i}" for i in range(len(parts)))
-    content = load_obj(io.StringIO(text), resolver={"parts": numbers})
+    try:
+        content = load_obj(io.StringIO(text), resolver={"parts": numbers})
+    except IndexError as error:
+        raise ValueError("a face has a vertex, normal or uv that the file does not list") from error
     for geometry in content.get("geometry", {}).values():
         name, material = parts[int(geometry["visual"].material.name)]
         if material not in indices:

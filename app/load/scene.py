@@ -1,5 +1,6 @@
 """Loads a scene: reads its file, applies the scene JSON, and adds a camera and a light where they are missing."""
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
@@ -169,8 +170,7 @@ def _read(path: Path, variant: str | None, animation: str | None) -> SceneBuilde
     except MemoryError as error:
         raise SceneError("the scene does not fit into memory", path, "expected a smaller or undamaged file") from error
     except Exception as error:
-        reason = " ".join(f"{type(error).__name__}: {error}".split())[:120]
-        raise SceneError(f"the scene file is corrupt: {reason}", path,
+        raise SceneError(f"the scene file is corrupt: {_reason(error)}", path,
                          f"expected a valid {path.suffix} file") from error
     if variant is not None and variant not in builder.variants:
         raise SceneError(f"no material variant {variant!r}", path, did_you_mean(variant, builder.variants))
@@ -180,6 +180,20 @@ def _read(path: Path, variant: str | None, animation: str | None) -> SceneBuilde
                          f"expected a glTF file with animations to play {animation!r}")
     require_instances(builder, path)
     return builder
+
+
+def _reason(error: Exception) -> str:
+    """What an error that a reader met says about the file."""
+    match error:
+        case json.JSONDecodeError():
+            return f"it is not JSON at line {error.lineno}, column {error.colno}"
+        case UnicodeDecodeError():
+            return "it is not text in UTF-8"
+        case KeyError():
+            return f"{error} is missing"
+        case RecursionError():
+            return "it is nested too deeply"
+    return " ".join(str(error).split())[:120] or type(error).__name__
 
 
 def require_instances(builder: SceneBuilder, path: Path) -> None:

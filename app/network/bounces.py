@@ -80,7 +80,7 @@ def with_bounces(model: Network | Literal["ssgi"] | None,
         When the model has no such input and can't be applied repeatedly, or there is no model.
     """
     if model is None:
-        raise SettingsError("needs an indirect-light model", "bounces", "expected a model for indirect light")
+        raise SettingsError("needs a network", "bounces", "expected a --model that computes indirect light")
     if isinstance(model, str):
         if bounces > 1:
             raise _single_bounce(model)

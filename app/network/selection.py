@@ -25,6 +25,7 @@ DEFAULT_MODEL = "final-gather"                # light gathered along rays, clean
 SURFEL_MODEL = "ember"                        # whose light at surfels gathered rays end with
 DEFAULT_COMPARISON = (NONE, SURFEL_MODEL, DEFAULT_MODEL)
 HALF_SUFFIX = "-half"                         # of networks in half precision beside the same in single precision
+SUFFIX = ".onnx"                              # of networks' files
 SEPARATOR = "+"                               # between two models that are used together
 Model = Path | Literal["ssgi", "unshadowed_environment"]
 
@@ -63,7 +64,7 @@ class Models:
 
 def bundled_models() -> dict[str, Path]:
     """The networks that come with the program, name to file, sorted by name."""
-    return {path.stem: path for path in sorted(nets_dir().glob("*.onnx"), key=lambda path: path.stem)}
+    return {path.stem: path for path in sorted(nets_dir().glob(f"*{SUFFIX}"), key=lambda path: path.stem)}
 
 
 def all_models() -> tuple[str, ...]:
@@ -98,6 +99,10 @@ def find_model(name: str, where: str = "--model") -> Model:
         return bundled[name]
     if Path(name).is_file():
         return Path(name)
+    if Path(name).is_dir():
+        raise ModelError(f"{name!r} is a folder", where, "expected an .onnx file")
+    if name.endswith(SUFFIX):
+        raise ModelError(f"no such file {name!r}", where, "expected the path of an existing .onnx file")
     raise ModelError(f"no model {name!r}", where,
                      f"{did_you_mean(name, (NONE, *bundled, SSGI, UNSHADOWED))}, or an .onnx file")
 

@@ -111,7 +111,7 @@ def test_a_single_bounce_needs_no_repetition(name: str) -> None:
     ("ssgi", 2, f"--bounces: ssgi computes a single bounce (expected 1, {ADVICE})"),
     ("bcnn-8", 3, f"--bounces: bcnn-8 always computes all bounces (expected none, {ADVICE})"),
     ("gfa-8", 1, f"--bounces: gfa-8 always computes all bounces (expected none, {ADVICE})"),
-    ("none", 1, "--bounces: needs an indirect-light model (expected a model for indirect light)"),
+    ("none", 1, "--bounces: needs a network (expected a --model that computes indirect light)"),
 ])
 def test_others_are_refused_in_one_line(model: str, bounces: int, said: str, tmp_path: Path) -> None:
     out = tmp_path / "out"

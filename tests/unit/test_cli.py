@@ -201,7 +201,8 @@ def test_verbose_lists_what_runs(invoke) -> None:
     (["--fram", "3"], "--fram"),
     (["--camera", "nobody"], "--camera"),
     (["--camera", "missing.json"], "missing.json"),
-    (["--model", "missing.onnx"], "missing.onnx"),
+    (["--model", "missing.onnx"], "--model: no such file 'missing.onnx'"),
+    (["--model", "."], "--model: '.' is a folder"),
     (["missing.obj"], "missing.obj"),
     (["one.obj", "two.obj"], "two.obj"),
     (["--scene-json", "alone.json"], "--scene-json"),
@@ -272,6 +273,13 @@ def test_the_module_runs_from_anywhere(tmp_path: Path) -> None:
     wrong = run("--size", "nonsense")
     assert (wrong.returncode, wrong.stderr) == (
         2, "error: --size: bad size 'nonsense' (expected WIDTHxHEIGHT in pixels, such as 1024x768)\n")
+
+
+@pytest.mark.parametrize(("redirection", "code"), [(">/dev/full", 2), (">&-", 0), ("2>&-", 0)])
+def test_streams_that_are_full_or_closed(redirection: str, code: int) -> None:
+    done = subprocess.run(f'"{sys.executable}" -m app models {redirection}', shell=True, cwd=ROOT, capture_output=True,
+                          text=True, check=False)
+    assert done.returncode == code and done.stderr.count("\n") == (code > 0) and "Traceback" not in done.stderr
 
 
 @pytest.mark.parametrize(("arguments", "stderr", "message"), [

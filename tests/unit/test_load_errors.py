@@ -30,4 +30,19 @@ def test_corrupt_files_give_a_one_line_error(tmp_path, suffix, content):
     path.write_bytes(content)
     with pytest.raises(SceneError) as caught:
         load_scene(path)
-    assert "\n" not in str(caught.value) and str(path) in str(caught.value)
+    message = str(caught.value)
+    assert "\n" not in message and str(path) in message and "Error" not in message
+
+
+@pytest.mark.parametrize(("name", "content", "match"), [
+    ("a.obj", "v 0 0 0\nv 1 0 0\nf 1 2 7\n", "a vertex, normal or uv that the file does not list"),
+    ("a.obj", "glTF\x02\0\0\0", "not text"),
+    ("a.glb", "", "not JSON at line 1, column 1"),
+    ("a.gltf", "[" * 100_000, "nested too deeply"),
+    ("a.gltf", ('{"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}], '
+               '"meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}]}'), "'accessors' is missing"),
+])
+def test_errors_say_what_is_wrong_with_a_file(tmp_path, name, content, match):
+    (tmp_path / name).write_text(content)
+    with pytest.raises(SceneError, match=match):
+        load_scene(tmp_path / name)

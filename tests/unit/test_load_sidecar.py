@@ -213,7 +213,8 @@ def test_numbers_at_their_bounds_are_accepted(load, content):
 
 
 @pytest.mark.parametrize(("content", "match"), [
-    ("{", "not a JSON file"), ("[]", "an object"), ('{"cameras": NaN}', "finite"), ("[" * 100_000, "not a JSON file"),
+    ("{", "not a JSON file"), ("[]", "an object"), ('{"cameras": NaN}', "finite"), ("[" * 100_000, "too deeply"),
+    ('{"cameras": {}, "cameras": {}}', "'cameras' is there twice"),
     ('{"lightings": {"a": {"lights": [], "emission": 1e999}}}', "finite"),
     ({"camera": {}}, "did you mean 'cameras'"), ({"default": {"camera": "x"}}, "default.camera"),
     ({"objects": {"qud": {"keys": [{"time": 0}]}}}, r"objects\.qud.*did you mean 'quad'"),

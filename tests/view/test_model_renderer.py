@@ -70,7 +70,7 @@ def test_the_encoder_ignores_a_fourth_component() -> None:
     (["--model", "ember", "--model", "radiosity"], "two models"),
     (["--model", "ember", "--model", "ember"], "two models that compute indirect light"),
     (["--model", UNSHADOWED, "--model", UNSHADOWED], "two models that shade an environment"),
-    (["--model", "none", "--bounces", "2"], "needs an indirect-light model"),
+    (["--model", "none", "--bounces", "2"], "--bounces: needs a network"),
     (["--bounces", "0"], "bad number of bounces"),
 ])
 def test_models_that_do_not_fit_together_are_rejected_at_once(args: list[str], expected: str) -> None:
