@@ -520,7 +520,7 @@ class Camera:
 def _turn(matrix: F64, direction: F64) -> F64:
     """The unit vector into which a matrix turns a direction, which stays if the matrix has scale 0."""
     turned = matrix[:3, :3] @ direction
-    if not turned.any():
+    if not np.linalg.norm(turned) > 0:
         turned = direction
     return np.asarray(turned / np.linalg.norm(turned))
 
@@ -549,10 +549,10 @@ class CameraPath:
 
     def at(self, time: float) -> Camera:
         """The camera at ``time`` seconds."""
-        camera = self.keys[0] if len(self.keys) == 1 else self._interpolate(time)
+        camera = self.keys[0] if len(self.keys) == 1 else self._between_keys(time)
         return camera if self.placement is None else camera.placed(self.placement.at(time))
 
-    def _interpolate(self, time: float) -> Camera:
+    def _between_keys(self, time: float) -> Camera:
         rows = np.array([(*k.eye, *k.target, *k.up, k.fov_y_deg, k.orthographic_height or 0.0,
                           *(astuple(k.intrinsics) if k.intrinsics else ())) for k in self.keys], np.float64)
         row = _interpolate(time, np.asarray(self.times), rows).tolist()

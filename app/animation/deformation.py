@@ -61,7 +61,8 @@ class Skin:
     @property
     def is_mirrored(self) -> bool:
         """Whether the joints turn most of the vertices' surfaces inside out at time 0."""
-        return bool((np.linalg.det(self._blend(0.0)[:, :, :3]) < 0).mean() > 0.5) if len(self.joints) else False
+        is_mirrored = np.linalg.det(self._blend(0.0)[:, :, :3]) < 0
+        return bool(2 * np.count_nonzero(is_mirrored) > len(is_mirrored))
 
     def select(self, rows: Ints) -> Skin:
         """The skin of the vertices at an index."""

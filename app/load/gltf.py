@@ -104,7 +104,8 @@ class _Reader:
         if "KHR_lights_punctual" in extensions:
             lights = self._file.json["extensions"]["KHR_lights_punctual"]["lights"]
             light = self._light(lights[extensions["KHR_lights_punctual"]["light"]], world)
-            self._builder.lights += [] if light is None else [light]
+            if light is not None:
+                self._builder.lights.append(light)
             if self._poses.tree.moves[index]:
                 self._builder.notice("lights of animated nodes stay where they are at time 0")
         if "mesh" not in node:
@@ -268,7 +269,7 @@ class _Reader:
             return PointLight(position, power)
         if kind not in ("directional", "spot"):
             raise ValueError(f"unknown light type {kind!r}")
-        if not along.any():
+        if not np.linalg.norm(along) > 0:
             self._builder.notice("lights of nodes of scale 0 have no direction and are omitted")
             return None
         direction = vector(normalize(along))

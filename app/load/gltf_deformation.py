@@ -30,7 +30,7 @@ class DeformationReader:
         """The deformation of a primitive at node ``index``, relative to no origin."""
         specs = primitive.get("targets", [])
         count = len(raw.positions)
-        self._vertices += min(count, raw.triangles.size) * (1 + len(specs))  # others are dropped
+        self._vertices += raw.most_used * (1 + len(specs))
         if self._vertices > _MAX_VERTICES:
             raise SceneError("skins and morph targets have too many vertices", self._builder.where,
                              f"expected at most {_MAX_VERTICES:,}, counted for each target")

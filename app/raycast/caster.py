@@ -205,7 +205,7 @@ class Caster:
         proxies_block : bool
             Whether the meshes of analytic lights count.
         bodies : sequence of int, optional
-            Those whose surfaces count; default all.
+            Those whose surfaces count, in ascending order; default all.
         """
         occluded = np.zeros(len(origins), np.bool_)
         for index in range(len(self.bodies)) if bodies is None else bodies:

@@ -281,14 +281,26 @@ bool before_parallel_receiver(ParallelReceiver r, vec2 at, float stored, float m
     return stored < r.depth + min(dot(r.gradient, at - r.fraction) - margin, 0.0);
 }
 
-// As texel_blocks; spread is the growth of the light's image in map fractions per unit of depth.
-bool parallel_texel_blocks(Light light, ParallelReceiver r, vec2 at, float spread)
+// Radius of the light's image at what a texel holds before the receiver; 0 where it holds nothing. spread is the growth
+// of the image in map fractions per unit of depth.
+float image_size(Light light, ParallelReceiver r, vec2 at, float spread)
 {
     vec2 texel = clamp(at * light.tile.z, 0.0, light.tile.z - 1.0);
     float stored = texelFetch(shadow, ivec2(light.tile.xy + texel), 0).r;
-    float size = spread * (r.depth - stored) + HARD_KERNEL / light.tile.z;
+    return before_parallel_receiver(r, at, stored, 0.0) ? spread * (r.depth - stored) + HARD_KERNEL / light.tile.z : 0.0;
+}
+
+// Whether the line from the receiver through what lies there meets the light.
+bool meets_image(ParallelReceiver r, vec2 at, float size)
+{
     vec2 away = at - r.fraction;
-    return before_parallel_receiver(r, at, stored, 0.0) && dot(away, away) <= SLACK * size * size;
+    return size > 0.0 && dot(away, away) <= SLACK * size * size;
+}
+
+// As texel_blocks.
+bool parallel_texel_blocks(Light light, ParallelReceiver r, vec2 at, float spread)
+{
+    return meets_image(r, at, image_size(light, r, at, spread));
 }
 
 // As nearest_blocker, but blockers near the receiver weigh more: little of the light passes them.
@@ -304,22 +316,12 @@ vec2 nearest_parallel_blocker(Light light, ParallelReceiver r, vec2 at, float sp
     return before_parallel_receiver(r, at, stored, margin) ? vec2(stored, 1.0) * weight : vec2(0.0);
 }
 
-// Radius of the light's image at what a texel holds before the receiver; 0 where it holds nothing.
-float image_size(Light light, ParallelReceiver r, vec2 at, float spread)
-{
-    vec2 texel = clamp(at * light.tile.z, 0.0, light.tile.z - 1.0);
-    float stored = texelFetch(shadow, ivec2(light.tile.xy + texel), 0).r;
-    return before_parallel_receiver(r, at, stored, 0.0) ? spread * (r.depth - stored) + HARD_KERNEL / light.tile.z : 0.0;
-}
-
 // How much light a texel hides by a blocker so near that the light's image there is smaller than the filter, and whether
 // that is known: not where a blocker farther away covers what lies behind it.
 vec2 contact_texel(Light light, ParallelReceiver r, vec2 at, float spread, float width)
 {
     float size = image_size(light, r, at, spread);
-    vec2 away = at - r.fraction;
-    bool meets = dot(away, away) <= SLACK * size * size;
-    return vec2(meets ? clamp((1.0 - size / width) / CONTACT_FADE, 0.0, 1.0) : 0.0, size < width ? 1.0 : 0.0);
+    return vec2(meets_image(r, at, size) ? clamp((1.0 - size / width) / CONTACT_FADE, 0.0, 1.0) : 0.0, size < width ? 1.0 : 0.0);
 }
 
 float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, QuadNoise noise, bool wanted)

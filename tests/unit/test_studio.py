@@ -106,8 +106,8 @@ def test_a_scene_json_comes_first(crate):
 
 def test_options():
     assert [lighting_of("sun", None), lighting_of("sun", False), lighting_of(None, True)] == ["sun", "sun", "studio"]
-    for lighting, studio in (("sun", True), ("studio", False)):
-        with pytest.raises(SettingsError, match="excludes"):
+    for lighting, studio, option in (("sun", True, "--studio"), ("studio", False, "--no-studio")):
+        with pytest.raises(SettingsError, match=option):
             lighting_of(lighting, studio)
 
 
