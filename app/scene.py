@@ -20,6 +20,8 @@ Color = tuple[float, float, float]
 
 MIN_ATTENUATION = 1e-6            # share of light left; its logarithm is finite
 MIN_ATTENUATION_DISTANCE = 1e-12  # in lengths of the scene
+MIN_SCALE = 1e-300                # of a matrix; what is less counts as 0
+MIN_RELATIVE_SCALE = 1e-9         # of an axis, to the longest one
 MIN_REST_SHARE = 0.01             # of the longest edge at all times that the one at time 0 counts as
 
 
@@ -510,19 +512,33 @@ class Camera:
     intrinsics: Intrinsics | None = None
 
     def placed(self, matrix: F64) -> Camera:
-        """The camera where a matrix of shape (4, 4) takes it; of its scale only mirroring counts."""
+        """The camera where a matrix of shape (4, 4) takes it; of its scale only mirroring counts.
+
+        Its directions stay where the scale is 0 along two axes or more.
+        """
         eye, target, up = (np.asarray(v, np.float64) for v in (self.eye, self.target, self.up))
-        forward, up = (_turn(matrix, direction) for direction in (target - eye, up))
+        axes = unit_columns(matrix[:3, :3])
+        forward, up = ((direction if axes is None else axes @ direction) / np.linalg.norm(direction)
+                       for direction in (target - eye, up))
         eye = matrix[:3, :3] @ eye + matrix[:3, 3]
         return replace(self, eye=tuple(eye.tolist()), target=tuple((eye + forward).tolist()), up=tuple(up.tolist()))
 
 
-def _turn(matrix: F64, direction: F64) -> F64:
-    """The unit vector into which a matrix turns a direction, which stays if the matrix has scale 0."""
-    turned = matrix[:3, :3] @ direction
-    if not np.linalg.norm(turned) > 0:
-        turned = direction
-    return np.asarray(turned / np.linalg.norm(turned))
+def unit_columns(matrix: F64) -> F64 | None:
+    """The columns of a matrix of shape (3, 3) at unit length; one of length 0 becomes perpendicular to the others.
+
+    None if there are more of these.
+    """
+    columns = matrix / max(float(np.abs(matrix).max()), MIN_SCALE)  # squares of its smallest numbers would be 0
+    lengths = np.linalg.norm(columns, axis=0)
+    short = np.flatnonzero(lengths <= MIN_RELATIVE_SCALE)
+    if len(short) > 1:
+        return None
+    columns = columns / np.maximum(lengths, MIN_RELATIVE_SCALE)
+    for axis in short:
+        perpendicular = np.cross(columns[:, axis - 2], columns[:, axis - 1])
+        columns[:, axis] = perpendicular / np.linalg.norm(perpendicular)
+    return np.asarray(columns)
 
 
 @dataclass(frozen=True)

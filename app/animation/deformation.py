@@ -10,7 +10,7 @@ import numpy as np
 from app.animation.latest import Latest
 from app.animation.node_tree import MAX_COORDINATE, NodeTree
 from app.animation.track import Track
-from app.arrays import F32, F64, Ints
+from app.arrays import F32, F64, Bools, Ints
 from app.math3d import unit_rows
 from app.scene import Shape
 
@@ -58,11 +58,9 @@ class Skin:
     def moves(self) -> bool:
         return bool(self.tree.moves[self.nodes].any())
 
-    @property
-    def is_mirrored(self) -> bool:
-        """Whether the joints turn most of the vertices' surfaces inside out at time 0."""
-        is_mirrored = np.linalg.det(self._blend(0.0)[:, :, :3]) < 0
-        return bool(2 * np.count_nonzero(is_mirrored) > len(is_mirrored))
+    def is_mirrored(self, time: float) -> Bools:
+        """Which vertices the joints mirror at ``time`` seconds, shape (V,)."""
+        return np.asarray(np.linalg.det(self._blend(time)[:, :, :3]) < 0)
 
     def select(self, rows: Ints) -> Skin:
         """The skin of the vertices at an index."""

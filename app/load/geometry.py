@@ -34,11 +34,6 @@ class RawMesh:
     tangents: F64 | None = None
     source: Ints | None = None
 
-    @property
-    def most_used(self) -> int:
-        """The number of vertices that triangles can use; primitives that share vertices use few of them each."""
-        return min(len(self.positions), self.triangles.size)
-
 
 @dataclass(frozen=True, eq=False)
 class CleanMesh:

@@ -1,6 +1,7 @@
 """glTF and GLB files -> ``SceneBuilder``."""
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import count
@@ -12,17 +13,18 @@ from trimesh.util import triangle_strips_to_faces
 
 from app.animation.deformation import Deformation
 from app.animation.node_tree import NodePlacement
-from app.arrays import F64, Ints
+from app.arrays import F64, Bools, Ints
 from app.load.geometry import RawMesh, add_alpha
 from app.load.gltf_animation import local_matrix, read_poses
 from app.load.gltf_deformation import DeformationReader
 from app.load.gltf_file import GltfFile, open_gltf
 from app.load.gltf_materials import DEFAULT, MATERIAL_EXTENSIONS, MaterialReader, read_variant
+from app.load.gltf_vertices import UsedVertices
 from app.load.photometry import LUMENS_PER_WATT, are_photometric, to_radiometric
 from app.load.scene_builder import MAX_COORDINATE, MAX_INSTANCES, SceneBuilder, color, vector
 from app.load.tangents import with_tangents
-from app.math3d import normalize, quaternion_matrices
-from app.scene import Camera, CameraPath, DirectionalLight, Light, PointLight, SpotLight, bounds_of
+from app.math3d import quaternion_matrices
+from app.scene import Camera, CameraPath, DirectionalLight, Light, PointLight, SpotLight, bounds_of, unit_columns
 
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _SUPPORTED_EXTENSIONS = MATERIAL_EXTENSIONS | {
@@ -42,6 +44,7 @@ class _Reader:
         self._uv_sets: list[tuple[int, ...]] = []
         self._variant: int | None = None
         self._meshes: dict[int, list[int]] = {}
+        self._repeated: Counter[str] = Counter()  # names of cameras
         self._is_animated = "animations" in file.json
         self._poses = read_poses(file, builder)
         self._deformations = DeformationReader(file, builder, self._poses)
@@ -141,16 +144,15 @@ class _Reader:
             content = self._read_primitive(primitive, name)
             if content is None:
                 continue
-            raw, material = content
-            deformation = self._deformations.read(node, index, primitive, raw)
+            raw, material, used = content
+            deformation = self._deformations.read(node, index, primitive, raw, used)
             has_normals = raw.normals is not None
             raw = with_tangents(replace(raw, source=np.arange(len(raw.positions))), self._builder.materials[material])
             assert raw.source is not None
             deformation = deformation.select(raw.source, np.zeros(3)).with_tangents(raw.tangents)
-            vertices = deformation.vertices_at(0.0)
-            is_mirrored = deformation.skin is not None and deformation.skin.is_mirrored
+            vertices, skin = deformation.vertices_at(0.0), deformation.skin
             mesh = self._builder.add_mesh(name, replace(
-                raw, triangles=raw.triangles[:, ::-1] if is_mirrored else raw.triangles,
+                raw, triangles=raw.triangles if skin is None else _face_outwards(raw.triangles, skin.is_mirrored(0.0)),
                 positions=vertices.positions, normals=vertices.normals if has_normals else None,
                 tangents=vertices.tangents, source=np.arange(len(raw.source)) if deformation.moves else None), material)
             if mesh is not None:
@@ -166,10 +168,10 @@ class _Reader:
 
     def _primitive(self, spec: dict[str, Any], name: str) -> int | None:
         content = self._read_primitive(spec, name)
-        return None if content is None else self._builder.add_mesh(name, *content)
+        return None if content is None else self._builder.add_mesh(name, *content[:2])
 
-    def _read_primitive(self, spec: dict[str, Any], name: str) -> tuple[RawMesh, int] | None:
-        """A primitive with the index of its material; None if it can't be drawn."""
+    def _read_primitive(self, spec: dict[str, Any], name: str) -> tuple[RawMesh, int, UsedVertices] | None:
+        """A primitive with the index of its material and the reader of its vertices; None if it can't be drawn."""
         mode, attributes = spec.get("mode", _TRIANGLES), spec.get("attributes", {})
         if mode not in (_TRIANGLES, _STRIP, _FAN):
             self._builder.notice("point clouds and lines are omitted")
@@ -183,35 +185,24 @@ class _Reader:
             material = default
         elif not 0 <= material < default:
             raise IndexError(f"no material {material}")
-        positions = self._file.accessor(attributes["POSITION"]).astype(np.float64)
-        order = self._file.accessor(spec["indices"])[:, 0] if "indices" in spec else np.arange(len(positions))
+        used = UsedVertices(self._file, spec)
+
+        def read(key: str, *widths: int) -> F64 | None:
+            return used.read(key, attributes[key], *widths) if key in attributes else None
+
         first, second = (*self._uv_sets[material], None, None)[:2]
-        colors = add_alpha(self._attribute(attributes, "COLOR_0", len(positions), 3, 4))
+        colors = add_alpha(read("COLOR_0", 3, 4))
         if colors is not None and (colors[:, 3] < 1).any():
             self._materials.apply_vertex_alpha(material)
         return RawMesh(
-            positions=positions,
-            triangles=_triangulate(order.astype(np.int64), mode),
-            normals=self._attribute(attributes, "NORMAL", len(positions), 3),
-            uvs=self._uvs(attributes, first, len(positions)),
+            positions=used.read("POSITION", attributes["POSITION"], 3),
+            triangles=_triangulate(used.order, mode),
+            normals=read("NORMAL", 3),
+            uvs=_flip_v(read(f"TEXCOORD_{first}", 2)),
             colors=colors,
-            second_uvs=self._uvs(attributes, second, len(positions)),
-            tangents=self._attribute(attributes, "TANGENT", len(positions), 4),
-        ), material
-
-    def _uvs(self, attributes: dict[str, int], uv_set: int | None, count: int) -> F64 | None:
-        """Texture coordinates with v upwards."""
-        uvs = None if uv_set is None else self._attribute(attributes, f"TEXCOORD_{uv_set}", count, 2)
-        return None if uvs is None else np.stack([uvs[:, 0], 1.0 - uvs[:, 1]], axis=1)
-
-    def _attribute(self, attributes: dict[str, int], key: str, count: int, *widths: int) -> F64 | None:
-        """Values of an attribute with one of these numbers of components, shape (count, width)."""
-        if key not in attributes:
-            return None
-        values: F64 = self._file.accessor(attributes[key]).astype(np.float64)
-        if len(values) != count or values.shape[1] not in widths:
-            raise ValueError(f"{key} has {len(values)} values of {values.shape[1]} components for {count} vertices")
-        return values
+            second_uvs=_flip_v(read(f"TEXCOORD_{second}", 2)),
+            tangents=read("TANGENT", 4),
+        ), material, used
 
     def _instance_matrices(self, attributes: dict[str, int]) -> F64:
         """Matrices of EXT_mesh_gpu_instancing, shape (N, 4, 4)."""
@@ -232,14 +223,17 @@ class _Reader:
         cameras = self._builder.cameras
         name = node_name or spec.get("name") or f"camera {len(cameras)}"
         if name in cameras:  # names need not be unique
-            name = next(other for number in count(2) if (other := f"{name} {number}") not in cameras)
+            self._repeated[name] += 1
+            taken = cameras.keys() | {node.get("name") for node in self._file.items("nodes")}
+            numbers = count(1 + self._repeated[name])
+            name = next(other for number in numbers if (other := f"{name} {number}") not in taken)
         camera = self._lens(spec, name)
         if camera is None:
             return
+        _check_translation(world)
         if self._poses.tree.moves[index] and self._poses.period > 0:
             cameras[name] = CameraPath((0.0,), (camera,), NodePlacement(self._poses.tree, index, np.eye(4)))
         else:
-            _check_translation(world)
             cameras[name] = CameraPath.still(camera.placed(world))
 
     def _lens(self, spec: dict[str, Any], name: str) -> Camera | None:
@@ -262,17 +256,17 @@ class _Reader:
         kind = spec["type"]
         power = color(np.asarray(spec.get("color", (1, 1, 1)), np.float64) * spec.get("intensity", 1.0))
         _check_translation(world)
-        position, along = vector(world[:3, 3]), -world[:3, 2]
+        position, axes = vector(world[:3, 3]), unit_columns(world[:3, :3])
         if "range" in spec:
             self._builder.approximation("KHR_lights_punctual: lights reach beyond their range, with squared distance")
         if kind == "point":
             return PointLight(position, power)
         if kind not in ("directional", "spot"):
             raise ValueError(f"unknown light type {kind!r}")
-        if not np.linalg.norm(along) > 0:
+        if axes is None:
             self._builder.notice("lights of nodes of scale 0 have no direction and are omitted")
             return None
-        direction = vector(normalize(along))
+        direction = vector(-axes[:, 2])
         if kind == "directional":
             return DirectionalLight(direction, power)
         self._builder.approximation("KHR_lights_punctual: spots fade linearly in angle between their two cones")
@@ -286,6 +280,19 @@ class _Reader:
 def _check_translation(world: F64) -> None:
     if not np.abs(world[:3, 3]).max() < MAX_COORDINATE:
         raise ValueError(f"a camera or light has a coordinate beyond {MAX_COORDINATE:g}")
+
+
+def _flip_v(uvs: F64 | None) -> F64 | None:
+    """Texture coordinates with v upwards."""
+    return None if uvs is None else np.stack([uvs[:, 0], 1.0 - uvs[:, 1]], axis=1)
+
+
+def _face_outwards(triangles: Ints, is_mirrored: Bools) -> Ints:
+    """Triangles, shape (T, 3), turned over where most of their vertices are mirrored, shape (V,)."""
+    valid = (triangles < len(is_mirrored)).all(axis=1)  # others are an error later
+    turn = np.zeros(len(triangles), np.bool_)
+    turn[valid] = is_mirrored[triangles[valid]].sum(axis=1) > 1
+    return np.where(turn[:, None], triangles[:, ::-1], triangles)
 
 
 def _triangulate(order: Ints, mode: int) -> Ints:

@@ -13,6 +13,7 @@ from app.errors import SceneError
 from app.load.geometry import RawMesh
 from app.load.gltf_animation import Poses
 from app.load.gltf_file import GltfFile
+from app.load.gltf_vertices import UsedVertices
 from app.load.scene_builder import MAX_COORDINATE, SceneBuilder
 
 _MAX_VERTICES = 2**24      # of all deformations, counted once for the base and once for each target
@@ -26,28 +27,29 @@ class DeformationReader:
         self._file, self._builder, self._poses = file, builder, poses
         self._vertices = 0
 
-    def read(self, node: dict[str, Any], index: int, primitive: dict[str, Any], raw: RawMesh) -> Deformation:
+    def read(self, node: dict[str, Any], index: int, primitive: dict[str, Any], raw: RawMesh,
+             used: UsedVertices) -> Deformation:
         """The deformation of a primitive at node ``index``, relative to no origin."""
         specs = primitive.get("targets", [])
         count = len(raw.positions)
-        self._vertices += raw.most_used * (1 + len(specs))
+        self._vertices += count * (1 + len(specs))
         if self._vertices > _MAX_VERTICES:
             raise SceneError("skins and morph targets have too many vertices", self._builder.where,
                              f"expected at most {_MAX_VERTICES:,}, counted for each target")
         zeros = np.zeros((count, 3))
         attributes = primitive["attributes"]
         base = Vertices(raw.positions, zeros if raw.normals is None else np.nan_to_num(raw.normals),
-                        self._attribute(attributes["TANGENT"], 4, count) if "TANGENT" in attributes else None)
-        targets = tuple(self._target(spec, zeros, base) for spec in specs)
-        skin = self._skin(node, attributes, count)
+                        used.read("TANGENT", attributes["TANGENT"], 4) if "TANGENT" in attributes else None)
+        targets = tuple(self._target(spec, zeros, base, used) for spec in specs)
+        skin = self._skin(node, attributes, used)
         return Deformation(base, targets, self._weights(node, index, len(specs)), skin, self._poses.tree.times)
 
-    def _target(self, spec: dict[str, int], zeros: F64, base: Vertices) -> Vertices:
-        if any(name not in ("POSITION", "NORMAL", "TANGENT") for name in spec):
+    def _target(self, spec: dict[str, int], zeros: F64, base: Vertices, used: UsedVertices) -> Vertices:
+        if any(name.startswith(("COLOR_", "TEXCOORD_")) for name in spec):
             self._builder.notice("morph targets of colours and texture coordinates are ignored")
 
         def read(name: str) -> F64:
-            return zeros if name not in spec else self._attribute(spec[name], 3, len(zeros))
+            return used.read(f"{name} of a morph target", spec[name], 3) if name in spec else zeros
 
         return Vertices(read("POSITION"), read("NORMAL") if base.normals is not zeros else zeros,
                         None if base.tangents is None else np.pad(read("TANGENT"), ((0, 0), (0, 1))))
@@ -62,7 +64,7 @@ class DeformationReader:
         weights = np.nan_to_num(np.asarray(node.get("weights", mesh.get("weights", ())), np.float64))
         return np.concatenate([weights, np.zeros(targets)])[:targets]
 
-    def _skin(self, node: dict[str, Any], attributes: dict[str, int], count: int) -> Skin | None:
+    def _skin(self, node: dict[str, Any], attributes: dict[str, int], used: UsedVertices) -> Skin | None:
         if "skin" not in node:
             return None
         if "JOINTS_0" not in attributes or "WEIGHTS_0" not in attributes:
@@ -72,16 +74,16 @@ class DeformationReader:
         nodes = np.asarray(spec["joints"], np.int64)
         if not len(nodes) or not ((nodes >= 0) & (nodes < len(tree.moves))).all():
             raise ValueError(f"skin {node['skin']} has no joints, or one that is missing")
-        joints, weights = self._influences(attributes, count)
+        joints, weights = self._influences(attributes, used)
         if not ((joints >= 0) & (joints < len(nodes))).all():
             raise ValueError(f"a vertex follows a joint that skin {node['skin']} lacks")
         return Skin(tree, nodes, self._inverse_binds(spec, len(nodes)), joints, weights)
 
-    def _influences(self, attributes: dict[str, int], count: int) -> tuple[Ints, F64]:
+    def _influences(self, attributes: dict[str, int], used: UsedVertices) -> tuple[Ints, F64]:
         """The joints of each vertex and its weights, both of shape (V, I)."""
         sets = [k for k in range(len(attributes)) if f"JOINTS_{k}" in attributes and f"WEIGHTS_{k}" in attributes]
-        joints = np.concatenate([self._attribute(attributes[f"JOINTS_{k}"], 4, count) for k in sets], axis=1)
-        weights = np.concatenate([self._attribute(attributes[f"WEIGHTS_{k}"], 4, count) for k in sets], axis=1)
+        joints, weights = (np.concatenate([used.read(key, attributes[key], 4) for key in keys], axis=1)
+                           for keys in ([f"{name}_{k}" for k in sets] for name in ("JOINTS", "WEIGHTS")))
         weights = np.maximum(np.nan_to_num(weights, posinf=0.0), 0.0)
         weights[~weights.any(axis=1), 0] = 1.0
         total = weights.sum(axis=1, keepdims=True)
@@ -96,9 +98,3 @@ class DeformationReader:
         if len(matrices) < count or matrices.shape[1] != 16 or not (np.abs(matrices) < MAX_COORDINATE).all():
             raise ValueError(f"a skin lacks finite inverse bind matrices for its {count} joints")
         return matrices[:count].reshape(-1, 4, 4).transpose(0, 2, 1)
-
-    def _attribute(self, accessor: int, width: int, count: int) -> F64:
-        values = self._file.accessor(accessor).astype(np.float64)
-        if values.shape != (count, width):
-            raise ValueError(f"a skin or a morph target has {values.shape} values for {count} vertices")
-        return values

@@ -145,7 +145,7 @@ class SceneBuilder:
             placement=None if placement is None else placement.shifted(self._offsets[mesh])))
 
     def _count(self, raw: RawMesh) -> None:
-        self._read_vertices += raw.most_used
+        self._read_vertices += len(raw.positions)
         self._read_triangles += len(raw.triangles)
         if self._read_vertices > MAX_VERTICES or self._read_triangles > MAX_TRIANGLES:
             raise SceneError("the scene is too large", self.where,

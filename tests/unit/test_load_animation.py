@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -148,6 +149,44 @@ def test_cameras_of_one_name_are_all_kept(tmp_path: Path) -> None:
     assert {name: camera.at(0).eye[0] for name, camera in cameras.items()} == {"eye": 1, "eye 2": 2, "eye 3": 3}
 
 
+def test_a_camera_of_a_unique_name_keeps_it(tmp_path: Path) -> None:
+    gltf = Gltf()
+    add_nodes(gltf, *({"camera": 0, "name": name} for name in ("eye", "eye", "eye 2")))
+    assert list(load_scene(gltf.save(tmp_path)).cameras) == ["eye", "eye 3", "eye 2"]
+
+
+def test_a_camera_rolls_with_its_node(tmp_path: Path) -> None:
+    gltf = Gltf()
+    add_nodes(gltf, {"camera": 0, "name": "eye", "translation": [0, 0, 3]})
+    animate(gltf, 1, "rotation", [IDENTITY, QUARTER])
+    camera = load_scene(gltf.save(tmp_path)).cameras["eye"].at(1 - 1e-12)
+    np.testing.assert_allclose([camera.target, camera.up], [[0, 0, 2], [-1, 0, 0]], atol=1e-6)
+
+
+@pytest.mark.parametrize("is_animated", [False, True])
+def test_a_camera_far_outside_is_an_error(tmp_path: Path, is_animated: bool) -> None:
+    gltf = Gltf()
+    add_nodes(gltf, {"camera": 0, "translation": [1e18, 0, 0]})
+    if is_animated:
+        animate(gltf, 1, "scale", [[1, 1, 1], [2, 2, 2]])
+    with pytest.raises(SceneError, match="coordinate beyond"):
+        load_scene(gltf.save(tmp_path))
+
+
+@pytest.mark.parametrize("axis", [1, 2])
+def test_what_has_no_length_along_one_axis_keeps_its_direction(tmp_path: Path, axis: int) -> None:
+    """Turned from -z to +y, flat across or along the view."""
+    gltf = Gltf()
+    gltf.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "directional"}]}}
+    flat = {"rotation": [math.sqrt(0.5), 0, 0, math.sqrt(0.5)], "scale": [0.0 if i == axis else 2.0 for i in range(3)]}
+    add_nodes(gltf, {"camera": 0, "name": "eye", **flat},
+              {"extensions": {"KHR_lights_punctual": {"light": 0}}, **flat})
+    scene = load_scene(gltf.save(tmp_path))
+    camera = scene.cameras["eye"].at(0.0)
+    np.testing.assert_allclose([camera.target, camera.up], [[0, 1, 0], [0, 0, 1]], atol=1e-6)
+    np.testing.assert_allclose(scene.lights[0].direction, [0, 1, 0], atol=1e-6)
+
+
 @pytest.mark.parametrize(("scale", "is_animated"), [(0.0, False), (0.0, True), (1e-200, False)])
 def test_a_light_and_a_camera_at_a_node_of_scale_0_are_no_error(tmp_path: Path, scale: float,
                                                                 is_animated: bool) -> None:
@@ -161,8 +200,8 @@ def test_a_light_and_a_camera_at_a_node_of_scale_0_are_no_error(tmp_path: Path, 
         animate(gltf, 1, "scale", [[0, 0, 0], [1, 1, 1]], (0, 1), "STEP")
     scene = load_scene(gltf.save(tmp_path))
     assert scene.cameras["eye"].at(0.5).target == (0, 0, 1)
-    assert [light.position for light in scene.lights] == [(0, 0, 2)]
-    assert any("scale 0" in notice for notice in scene.notices)
+    assert [light.position for light in scene.lights] == [(0, 0, 2)] * (1 if scale == 0 else 2)
+    assert any("scale 0" in notice for notice in scene.notices) == (scale == 0)
 
 
 @pytest.mark.parametrize("times", [(0,), (-1, 0), (-2, -1)])
@@ -496,6 +535,37 @@ def test_a_skin_that_mirrors_faces_outwards(tmp_path: Path, is_animated: bool) -
         np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
+def test_each_triangle_of_a_skin_faces_outwards_by_its_own_joints(tmp_path: Path) -> None:
+    """Two primitives of one vertex buffer: one follows a joint that mirrors it, and so does half of the other."""
+    gltf = Gltf()
+    gltf.json["nodes"] += [{}, {"scale": [-1, 1, 1]}]
+    gltf.json["scenes"][0]["nodes"] = [0, 1, 2]
+    gltf.json["nodes"][0]["skin"] = 0
+    gltf.json["skins"] = [{"joints": [1, 2]}]
+    joints = np.zeros((12, 4), np.uint8)
+    joints[3:, 0] = 1
+    shared = {"POSITION": gltf.array(np.tile(TRIANGLE, (4, 1))), "JOINTS_0": gltf.array(joints),
+              "NORMAL": gltf.array(np.tile(np.array([0, 0, 1], np.float32), (12, 1))),
+              "WEIGHTS_0": gltf.array(np.eye(4, dtype=np.float32)[[0] * 12])}
+    gltf.json["meshes"][0]["primitives"] = [
+        {"attributes": shared, "indices": gltf.array(np.arange(*part, dtype=np.uint8))} for part in ((0, 6), (6, 12))]
+    scene = load_scene(gltf.save(tmp_path))
+    assert [len(mesh.triangles) for mesh in scene.meshes] == [2, 2]
+    for mesh in scene.meshes:
+        a, b, c = mesh.positions[mesh.triangles].transpose(1, 0, 2)
+        np.testing.assert_allclose(np.cross(b - a, c - a), [[0, 0, 1]] * 2, atol=1e-6)
+        np.testing.assert_allclose(mesh.normals, [[0, 0, 1]] * 6, atol=1e-6)
+
+
+@pytest.mark.parametrize(("attribute", "is_noticed"), [("COLOR_0", True), ("TEXCOORD_1", True), ("_OWN", False)])
+def test_what_morph_targets_lack_is_noticed(tmp_path: Path, attribute: str, is_noticed: bool) -> None:
+    gltf = morphing()
+    for target in gltf.primitive["targets"]:
+        target[attribute] = target["POSITION"]
+    notices = load_scene(gltf.save(tmp_path)).notices
+    assert any("morph targets of colours" in notice for notice in notices) == is_noticed
+
+
 def test_vertices_that_primitives_share_count_where_they_are_used(tmp_path: Path,
                                                                   monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gltf_deformation, "_MAX_VERTICES", 100)
@@ -505,10 +575,9 @@ def test_vertices_that_primitives_share_count_where_they_are_used(tmp_path: Path
     target = gltf.array(np.zeros((90, 3), np.float32))
     gltf.json["meshes"][0]["primitives"] = [
         {"attributes": {"POSITION": positions}, "indices": gltf.array(np.arange(3 * k, 3 * k + 3, dtype=np.uint8)),
-         "targets": [{"POSITION": target, "COLOR_0": target}]} for k in range(10)]
+         "targets": [{"POSITION": target}]} for k in range(10)]
     scene = load_scene(gltf.save(tmp_path))
     assert sum(len(mesh.positions) for mesh in scene.meshes) == 30
-    assert any("morph targets of colours" in notice for notice in scene.notices)
     monkeypatch.setattr(gltf_deformation, "_MAX_VERTICES", 50)
     with pytest.raises(SceneError, match=r"too many vertices.*at most 50"):
         load_scene(gltf.save(tmp_path))
