@@ -43,7 +43,7 @@ class SkyLight:
     cell_power: F32
     cell_solid_angle: F32
 
-    def irradiance(self, normal: F32, open_to: Bools, traced: Bools) -> F32:
+    def irradiance(self, normal: F32, open_to: Bools) -> F32:
         """Irradiance / π of points, shape (N, 3), that see the environment along some of the directions.
 
         It is exact for the cells where nothing is occluded; the directions alone estimate the occlusion.
@@ -51,11 +51,11 @@ class SkyLight:
         Parameters
         ----------
         normal : ndarray, float32, shape (N, 3)
-        open_to, traced : ndarray of bool, shape (N, K)
-            The directions that are open, and those of which it is known.
+        open_to : ndarray of bool, shape (N, K)
+            The directions along which nothing is before the environment.
         """
         unoccluded = np.maximum(normal @ self.cell.T, 0) @ self.cell_power
-        cosine = np.maximum(normal @ self.direction.T, 0) * traced
+        cosine = np.maximum(normal @ self.direction.T, 0)
         sampled, visible = cosine @ self.power, (cosine * open_to) @ self.power
         facing = cosine > 0  # where no direction that faces a point has light, all of them count alike
         unlit = (facing & open_to).sum(axis=1, keepdims=True) / np.maximum(facing.sum(axis=1, keepdims=True), 1)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.arrays import F32, F64, Ints
-from app.environment import sky_light
 from app.math3d import View, put_rows, row_dots
 from app.raycast.caster import STATIC, AttachedPoints, Caster, Hits, concatenate
 from app.scene import Scene
@@ -30,7 +29,6 @@ COVERAGE_RAYS = 64         # rays from an eye; it is covered when few of them
 MAX_COVERED_RADII = 2.0    # end farther than this many radii from a surfel:
 MAX_UNCOVERED = 0.25       # less than this share.
 EMISSION_RAYS = 144        # of a surfel, to find emissive surfaces, which may be small
-SKY_RAYS = 144             # of a surfel, importance-sampled from the environment, the same directions for all
 
 
 class WorldSurfels:
@@ -100,10 +98,8 @@ class WorldSurfels:
         self._emission_rays = trace_cosine_rays(self._caster, self._surfels, EMISSION_RAYS, rng) if emissive else None
         on_proxies = self._surfels.select(np.flatnonzero(self._is_light_proxy))
         self._proxy_rays = trace_cosine_rays(self._caster, on_proxies, EMISSION_RAYS, rng)
-        self._sky = None
-        if scene.environment is not None:
-            self._sky = sky_light(scene.environment, SKY_RAYS)
-            self._sky_rays = SkyRays(self._caster, self._surfels, self._sky.direction)
+        sky = scene.environment
+        self._sky_rays = None if sky is None else SkyRays(self._caster, self._surfels, sky)
         self._trace()
 
     def move_to(self, time: float) -> bool:
@@ -185,13 +181,9 @@ class WorldSurfels:
             self.emissive_irradiance[:self.used] = _gather_emission(self._emission_rays, False)
         self.proxy_irradiance = np.zeros((self.count, 3), np.float32)
         self.proxy_irradiance[:self.used][self._is_light_proxy] = _gather_emission(self._proxy_rays, True)
-        self.sky_irradiance = self._pad(self._gather_sky())
-
-    def _gather_sky(self) -> F32:
-        """Irradiance / π from the environment, shape (used, 3)."""
-        if self._sky is None:
-            return np.zeros((self.used, 3), np.float32)
-        return self._sky.irradiance(self._surfels.current()[1], self._sky_rays.open_to(), self._sky_rays.traced)
+        self.sky_irradiance = np.zeros((self.count, 3), np.float32)
+        if self._sky_rays is not None:
+            self.sky_irradiance[:self.used] = self._sky_rays.irradiance()
 
     def _nearest(self, hits: Hits) -> Ints:
         """The surfel with the largest weight at each hit, on the same body if that has any; -1 for the sky.

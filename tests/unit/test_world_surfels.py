@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from app.environment import sky_light
+from app.environment import SKY_DISTANCE, sky_light
 from app.math3d import View, unit_rows
 from app.raycast.caster import STATIC, Anchors, AttachedPoints, Caster
 from app.scene import Camera, Environment, Material, Motion, Scene
@@ -16,7 +17,7 @@ from app.surfels.farthest_points import neighbour_distance, sample_farthest
 from app.surfels.neighbours import nearest
 from app.surfels.random_walks import sample_cosine_hemisphere, trace_walks
 from app.surfels.ray_bundle import SHARE, trace_cosine_rays
-from app.surfels.sky_rays import SkyRays
+from app.surfels.sky_rays import RAYS, SkyRays
 from app.surfels.tracked import TrackedSurfels
 from app.surfels.world import MAX_END_SAMPLES, MAX_LIGHT_SAMPLES, MIN_SAMPLE_COSINE, MIN_SAMPLED_RADII, WorldSurfels
 from tests.deforming import bent, deforming_scene, material_points
@@ -332,29 +333,47 @@ def courtyard() -> Scene:
     return replace(make_scene([*walls, block]), environment=Environment(np.ones((8, 16, 3), np.float32)))
 
 
+def shaded() -> Scene:
+    """A floor below a culled back, a see-through pane and a light proxy, with a block that flies up far and one that is
+    small for the scene.
+    """
+    def roof(x: float, material: Material) -> Part:
+        return quad((x, 2, 0), (1, 0, 0), (0, 0, 4), material)
+
+    pane = Material(alpha=0.5, is_blended=True)
+    roofs = [roof(0, Material(double_sided=False)), roof(1.2, pane), roof(2.4, Material(is_light_proxy=True))]
+    cover = box((0, 1, 0), (40, 1, 40), GREY, slide((0.0, 1.0), [(-18, 0, -18), (-18, 90, -18)]))
+    pebble = box((0, 0, 0), (0.02, 0.02, 0.02), GREY, slide((0.0, 1.0), [(3.7, 0.02, 0.5), (3.7, 0.001, 0.5)]))
+    return replace(make_scene([floor(8.0), *roofs, cover, pebble]),
+                   environment=Environment(np.ones((8, 16, 3), np.float32)))
+
+
+@pytest.mark.parametrize("make", [courtyard, shaded])
 @pytest.mark.parametrize("time", [0.0, 0.7, 1.0])
-def test_surfels_see_the_sky_where_rays_end_nowhere(time: float) -> None:
-    scene = courtyard()
+def test_surfels_see_the_sky_where_shadow_rays_end_nowhere(make: Callable[[], Scene], time: float) -> None:
+    scene = make()
+    assert scene.environment is not None
     caster = Caster(scene)
-    above = np.random.default_rng(0).uniform((-2, 3, -2), (3, 3, 3), (400, 3)).astype(np.float32)
-    hits = caster.cast(above, np.tile(np.array([-0.3, -1, -0.2], np.float32), (400, 1)))
+    caster.move_to(1.0)
+    rng = np.random.default_rng(0)
+    above = np.concatenate([rng.uniform((0, 1.9, 0), (4, 1.9, 4), (300, 3)),
+                            rng.uniform((3.66, 1.9, 0.46), (3.76, 1.9, 0.56), (900, 3))]) - caster.origin
+    hits = caster.cast(above.astype(np.float32), np.tile(np.array([0, -1, 0], np.float32), (1200, 1)))
     hits = hits.select(np.flatnonzero(hits.body >= 0))
     surfels = AttachedPoints(caster, hits.position, hits.normal, hits.anchors)
-    assert scene.environment is not None
-    directions = sky_light(scene.environment, 64).direction
-    rays = SkyRays(caster, surfels, directions)
+    caster.move_to(0.0)
+    rays = SkyRays(caster, surfels, scene.environment)
     caster.move_to(time)
     position, normal = surfels.current()
-    every = np.tile(directions, (len(position), 1))
-    origins = np.repeat(position + caster.ray_epsilon * normal, len(directions), axis=0)
-    ends_nowhere = (caster.cast(origins, every).body < 0).reshape(len(position), -1)
-    expected = ends_nowhere & (normal @ directions.T > 0) & rays.traced
-    np.testing.assert_array_equal(rays.open_to(), expected)
-    is_moving = hits.body > 0
+    is_moving = hits.body != STATIC
     assert is_moving.sum() > 5 and (~is_moving).sum() > 50
-    assert rays.traced[~is_moving].all()
-    assert (rays.traced[is_moving].sum(axis=1) == len(directions) // SHARE).all()
-    assert 0.2 < rays.open_to()[~is_moving].mean() < 0.5
+    found = rays.irradiance()
+    for rows, count in ((~is_moving, RAYS), (is_moving, RAYS // SHARE)):
+        sky = sky_light(scene.environment, count)
+        origins = np.repeat(position[rows] + caster.ray_epsilon * normal[rows], count, axis=0)
+        ends = np.tile(SKY_DISTANCE * caster.extent * sky.direction, (rows.sum(), 1)).astype(np.float32)
+        is_open = ~caster.is_occluded(origins, ends, proxies_block=True).reshape(-1, count)
+        np.testing.assert_array_equal(found[rows], sky.irradiance(normal[rows], is_open))
 
 
 def test_a_body_that_returns_restores_the_tables() -> None:
