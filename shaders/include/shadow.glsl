@@ -15,7 +15,7 @@ const int TAPS = 2;                    // per texel, of the search for blockers 
 const int PENUMBRA_TAPS = 14;          // of the filter
 const float HARD_KERNEL = 1.0;         // smallest radius of the filter, in texels
 const float CONTACT_KERNEL = 1.25;     // least radius around a receiver in which blockers much nearer to it are looked for, in texels
-const float CONTACT_FADE = 0.35;       // share of the filter's radius by which the light's image at a blocker is smaller if it hides all light
+const float CONTACT_FADE = 0.35;       // a blocker hides all that it covers where the light's image at it is smaller than the filter by this share of the filter's radius
 const float SMALLEST_RIM = 0.5;        // of the rim's usual radius
 const float MIN_BLOCKER_SHARE = 0.15;    // of the distance to the light; blockers nearer to the light are not searched
 const float SLACK = 2.0;               // on the light's squared radius, when asking whether a line meets it
@@ -303,8 +303,9 @@ bool parallel_texel_blocks(Light light, ParallelReceiver r, vec2 at, float sprea
     return meets_image(r, at, image_size(light, r, at, spread));
 }
 
-// As nearest_blocker, but blockers near the receiver weigh more: little of the light passes them.
-vec2 nearest_parallel_blocker(Light light, ParallelReceiver r, vec2 at, float spread)
+// As nearest_blocker, but blockers near the receiver weigh more: little of the light passes them. z: the radius of the
+// light's image at the blocker, in map fractions.
+vec3 nearest_parallel_blocker(Light light, ParallelReceiver r, vec2 at, float spread)
 {
     float tiles = light.tile.z / float(TILE);
     vec2 tile = clamp(at * tiles, 0.0, tiles - 1.0);
@@ -313,7 +314,7 @@ vec2 nearest_parallel_blocker(Light light, ParallelReceiver r, vec2 at, float sp
     float size = spread * max(r.depth - stored, 0.0), away = length(at - r.fraction);
     float least = HARD_KERNEL / light.tile.z, square = size * size + least * least;
     float meets = square / max(away * away, square), weight = meets * meets / square;
-    return before_parallel_receiver(r, at, stored, margin) ? vec2(stored, 1.0) * weight : vec2(0.0);
+    return before_parallel_receiver(r, at, stored, margin) ? vec3(vec2(stored, 1.0) * weight, size + least) : vec3(0.0, 0.0, 1.0);
 }
 
 // How much light a texel hides by a blocker so near that the light's image there is smaller than the filter, and whether
@@ -330,9 +331,13 @@ float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, 
     float width = spread * min(r.depth, light.u.y);
     Pattern pattern = quad_pattern(noise, TAPS);
     vec2 sum = vec2(0.0);
+    float nearest_image = 1.0;
     for (int i = 0; i < TAPS; ++i) {
-        sum += nearest_parallel_blocker(light, r, r.fraction + search_point(pattern, false) * width, spread);
+        vec3 found = nearest_parallel_blocker(light, r, r.fraction + search_point(pattern, false) * width, spread);
+        sum += found.xy;
+        nearest_image = min(nearest_image, found.z);
     }
+    nearest_image = -quad_max(vec3(-nearest_image)).x;
     float weight = quad_sum(sum.y);
     float blocker = quad_sum(sum.x) / max(weight, 1e-30);
     width = max(weight > 0.0 ? spread * (r.depth - blocker) : 0.0, HARD_KERNEL / light.tile.z);
@@ -354,6 +359,7 @@ float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, 
     vec2 contact = vec2(0.0);
     int contact_taps = width * light.tile.z > HARD_KERNEL ? edge_taps : 0;
     float image = contact_taps > 0 ? image_size(light, r, r.fraction, spread) : 0.0;
+    if (image == 0.0) image = nearest_image;
     rim = rim_point(false, noise) * max(image < width ? image : 0.0, CONTACT_KERNEL / light.tile.z);
     for (int i = 0; i < contact_taps; ++i) {
         contact += contact_texel(light, r, r.fraction + (i == 0 ? rim : -rim), spread, width);

@@ -250,6 +250,27 @@ def test_contact_is_dark_in_the_penumbra_of_what_stands_far_above() -> None:
     assert share[strip].mean() < 0.02 and share[strip].max() < 0.2
 
 
+@pytest.mark.parametrize(("height", "radius_deg", "most"), [(0.5, 6.0, 0.032), (0.3, 6.0, 0.05), (0.3, 3.0, 0.052)])
+def test_a_plate_near_the_ground_hides_what_a_roof_above_lets_pass(height: float, radius_deg: float, most: float) -> None:
+    """Across the plate's edge, where the roof hides a bit less than half of the sun; against a quadrature of its disc."""
+    sun, roof_height = DirectionalLight((0.0, -1.0, 0.0), (1.0,) * 3, radius_deg), 2.0
+    near, far = (h * np.tan(np.radians(radius_deg)) for h in (height, roof_height))  # radii of the sun's image
+    plate = quad((-2.0, height, 2.0), (2.0, 0.0, 0.0), (0.0, 0.0, -4.0))
+    roof = quad((-2.0, roof_height, 2.0), (4.0, 0.0, 0.0), (0.0, 0.0, -2.0))  # where z > 0
+    eye, z = 0.8 * height, -0.08 * far
+    fov = 2 * np.degrees(np.arctan(1.05 * near / eye))
+    camera = Camera((0.0, eye, z), (0.0, 0.0, z), (0.0, 0.0, -1.0), float(fov))
+    share, at = visibility(make_scene([floor(2.0), plate, roof], [sun], camera), SIZE, camera)
+    rows = slice(SIZE[1] * 11 // 24, SIZE[1] * 13 // 24)
+    x, z_of = at[rows, :, 0], at[rows, :, 2]
+    passed = np.zeros(x.shape)
+    for r, turn in zip(np.sqrt((np.arange(512) + 0.5) / 512), 2.399963 * np.arange(512), strict=True):
+        passed += (x + near * r * np.cos(turn) >= 0) & (z_of + far * r * np.sin(turn) <= 0)
+    error = np.abs(share[rows].mean(axis=0) - passed.mean(axis=0) / 512).mean()
+    print(f"CONTACT of a plate at {height}, sun {radius_deg}: mean error {error:.4f}")
+    assert error < most
+
+
 @pytest.mark.parametrize("kind", ["point", "sun", "spot"])
 def test_a_masked_caster_casts_a_masked_shadow(kind: str) -> None:
     light, towards = np.array([0.0, 3.0, 0.0]), np.array([0.0, 1.0, 0.0])

@@ -57,7 +57,7 @@ def test_a_room_without_light_has_a_lamp_instead(tmp_path):
     assert load_scene(tmp_path / "scene.obj", studio=False).lights == ()
 
 
-@pytest.mark.parametrize(("emission", "is_lit"), [(0.01, False), (0.07, False), (3.0, True)])
+@pytest.mark.parametrize(("emission", "is_lit"), [(0.01, False), (0.07, False), (0.09, True), (3.0, True)])
 def test_emission_that_lights_next_to_nothing_does_not_count(tmp_path, emission, is_lit):
     loaded = load_for_editing(save(tmp_path, trimesh.creation.box((1, 1, 1)), f"Ke {emission} {emission} {emission}"))
     scene = loaded.scene
@@ -67,7 +67,7 @@ def test_emission_that_lights_next_to_nothing_does_not_count(tmp_path, emission,
     assert any("next to nothing" in n for n in scene.notices) is not is_lit
 
 
-@pytest.mark.parametrize(("emission", "has_lamp"), [(0.01, True), (0.07, False)])
+@pytest.mark.parametrize(("emission", "has_lamp"), [(0.01, True), (0.014, True), (0.018, False), (0.07, False)])
 def test_dim_light_counts_in_a_room_where_it_stays(tmp_path, emission, has_lamp):
     walls = trimesh.creation.box((10, 3, 5))
     walls.invert()
