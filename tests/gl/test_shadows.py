@@ -251,8 +251,8 @@ def test_contact_is_dark_in_the_penumbra_of_what_stands_far_above() -> None:
 
 
 @pytest.mark.parametrize(("height", "radius_deg", "most"), [(0.5, 6.0, 0.032), (0.3, 6.0, 0.05), (0.3, 3.0, 0.052)])
-def test_a_plate_near_the_ground_hides_what_a_roof_above_lets_pass(height: float, radius_deg: float, most: float) -> None:
-    """Across the plate's edge, where the roof hides a bit less than half of the sun; against a quadrature of its disc."""
+def test_a_plate_near_the_ground_hides_what_a_roof_lets_pass(height: float, radius_deg: float, most: float) -> None:
+    """Across its edge, where the roof hides a bit less than half of the sun; against a quadrature of the sun's disc."""
     sun, roof_height = DirectionalLight((0.0, -1.0, 0.0), (1.0,) * 3, radius_deg), 2.0
     near, far = (h * np.tan(np.radians(radius_deg)) for h in (height, roof_height))  # radii of the sun's image
     plate = quad((-2.0, height, 2.0), (2.0, 0.0, 0.0), (0.0, 0.0, -4.0))
