@@ -346,7 +346,7 @@ def _low_resolution_surfaces(inputs: FrameInputs) -> Iterator[Step]:
     if inputs.models.surfels is None:
         yield Absent("gather_surfaces", "the network reads no gathered light")
     else:
-        yield final_gather.declare_surfaces(grid)
+        yield from final_gather.declare_surfaces(grid, inputs.settings.taa)
 
 
 def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:

@@ -8,7 +8,7 @@ uniform float adaptation;  // share of the way in this frame
 
 const int SAMPLES = 64;            // along each side of the picture
 const float MIDDLE_GREY = 0.18;
-const float MIN_LUMINANCE = 6e-5;  // the smallest normal half; darker texels show nothing
+const float MIN_LUMINANCE = 1e-6;  // 17 steps of halves; darker texels show nothing
 const vec3 LUMINANCE = vec3(0.2126, 0.7152, 0.0722);
 
 layout(location = 0) out float out_exposure;

@@ -4,6 +4,8 @@
 
 const float MAX_FLASH = 64.0;  // history counts if it is at most this many times brighter than what is there now
 
+const float FIRST_RAYS = 1.0;  // that the light between the surfels counts as, where a surface comes into view
+
 uniform sampler2D gathered_light_now;     // rgb: mean over rays, a: rays
 uniform sampler2D gathered_surfels_now;   // rgb: light between the surfels, without noise, a: mean distance of rays
 uniform sampler2D gathered_light_prev;
@@ -26,9 +28,10 @@ void main()
 {
     ivec2 low = ivec2(gl_FragCoord.xy);
     vec4 light_now = texelFetch(gathered_light_now, low, 0), surfels_now = texelFetch(gathered_surfels_now, low, 0);
-    bool traced = is_finite(dot(light_now + surfels_now, vec4(1.0))) && light_now.a >= 1.0;
-    light_now = traced ? max(light_now, 0.0) : vec4(0.0);
-    surfels_now = traced ? max(surfels_now, 0.0) : vec4(0.0);
+    bool looked_up = is_finite(dot(light_now + surfels_now, vec4(1.0)));
+    light_now = looked_up ? max(light_now, 0.0) : vec4(0.0);
+    surfels_now = looked_up ? max(surfels_now, 0.0) : vec4(0.0);
+    bool traced = light_now.a >= 1.0;
     Reprojection r = reproject(low);
     vec4 light = vec4(0.0), surfels = vec4(0.0);
     float weight = 0.0;
@@ -40,7 +43,12 @@ void main()
     float brightest = max(max(expected.r, expected.g), expected.b), total = max(max(light.r, light.g), light.b);
     bool is_flash = brightest > 0.0 && total > MAX_FLASH * brightest * weight;
     bool keep = weight > MIN_SHARE && !is_flash;
-    float before = keep ? min(light.a, max(max_rays - light_now.a, 0.0)) : 0.0;  // rays, fewer where few texels agree
+    if (!keep) {
+        light = vec4(surfels_now.rgb, history_valid && texelFetch(lowres_gbuffer, low, 0).a > 0.0 ? FIRST_RAYS : 0.0);
+        surfels = surfels_now;
+        weight = 1.0;
+    }
+    float before = min(light.a, max(max_rays - light_now.a, 0.0));  // rays, fewer where few texels agree
     float rays = before + light_now.a;
     float share = light_now.a / max(rays, 1e-6);
     weight = max(weight, 1e-6);

@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from app.arrays import F32, Ints
+from app.arrays import F32, Bools, Ints
 from app.gl.context import Device
 from app.gl.direct_light import DirectLight
 from app.gl.frame_state import Execute, FrameState, MotionKind
@@ -44,12 +44,15 @@ class Receivers:
         Texels of the grid that show a surface, bottom row first.
     position, normal, direction : ndarray, float32, shape (N, 3)
         Relative to the eye, in world axes; ``direction`` is that in which the eye sees the point.
+    traced : ndarray of int, shape (M,)
+        The points from which rays start in this frame. The others have no history, and begin with interpolated light.
     """
 
     texel: Ints
     position: F32
     normal: F32
     direction: F32
+    traced: Ints
 
 
 def declare(surfels: TrackedSurfels, lights: LightSet, grid: tuple[int, int], has_history: bool) -> Iterator[Pass]:
@@ -62,16 +65,25 @@ def declare(surfels: TrackedSurfels, lights: LightSet, grid: tuple[int, int], ha
         yield Pass("gather_history",
                    reads=(*now, "lowres_gbuffer", "motion", *(f"{name}@prev" for name in means), "lowres_gbuffer@prev"),
                    writes=means, make=make_fullscreen("gather_history.frag", lambda frame: {
-                       "ratio": ratio_to(grid, frame), "max_rays": _max_rays(frame, math.prod(grid)),
-                       "history_valid": frame.history_valid and not frame.relit}))
+                       **_history_uniforms(frame, grid), "max_rays": _max_rays(frame, math.prod(grid))}))
 
 
-def declare_surfaces(grid: tuple[int, int]) -> Pass:
+def _history_uniforms(frame: FrameState, grid: tuple[int, int]) -> dict[str, object]:
+    return {"ratio": ratio_to(grid, frame), "history_valid": frame.history_valid and not frame.relit}
+
+
+def declare_surfaces(grid: tuple[int, int], has_history: bool) -> Iterator[Pass]:
     """Bring what the ``grid`` shows to the CPU: a pass of its own, so that others can be drawn before its rays end."""
     shape = grid[1], grid[0], 4
-    return Pass("gather_surfaces", reads=("lowres_gbuffer",), writes={"gather_surfaces": Buf(shape, on_host=True)},
-                make=lambda device, bound: lambda frame, resources: resources.write_array(
-                    "gather_surfaces", np.frombuffer(resources["lowres_gbuffer"].read(), np.float32).reshape(shape)))
+    shown = "lowres_gbuffer"
+    if has_history:
+        shown = "gather_receivers"
+        yield Pass(shown, reads=("lowres_gbuffer", "motion", "gathered_light@prev", "lowres_gbuffer@prev"),
+                   writes={shown: Tex("f4", 4, size=grid)},
+                   make=make_fullscreen("gather_receivers.frag", lambda frame: _history_uniforms(frame, grid)))
+    yield Pass("gather_surfaces", reads=(shown,), writes={"gather_surfaces": Buf(shape, on_host=True)},
+               make=lambda device, bound: lambda frame, resources: resources.write_array(
+                   "gather_surfaces", np.frombuffer(resources[shown].read(), np.float32).reshape(shape)))
 
 
 def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: LightSet, grid: tuple[int, int],
@@ -98,12 +110,16 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
         position = receivers.position + (frame.view.eye - world.origin).astype(np.float32)
         off = receivers.normal - receivers.direction  # the surface, towards the eye, where nothing is in the way
         origin = position + off * caster.ray_epsilon
-        numbers = sequence(grid, receivers.texel, chosen.start, len(chosen), frame.noise_phase)
+        traced = receivers.traced
+        numbers = sequence(grid, receivers.texel.take(traced), chosen.start, len(chosen), frame.noise_phase)
         interpolated = lookup.interpolate(indirect, position, receivers.normal, INTERPOLATED_FROM)
-        rays = gather(caster, light_at, float(world.median_radius), origin, receivers.normal, numbers)
-        count = np.full((len(position), 1), len(chosen), np.float32)
-        for name, *columns in ((MEANS[0], np.einsum("nkc->nc", rays.light) / count, count),
-                               (MEANS[1], interpolated, np.einsum("nk->n", rays.distance)[:, None] / count)):
+        rays = gather(caster, light_at, float(world.median_radius), origin.take(traced, axis=0),
+                      receivers.normal.take(traced, axis=0), numbers)
+        light, distance = np.zeros((len(position), 4), np.float32), np.ones((len(position), 1), np.float32)
+        put_rows(light[:, :3], traced, np.einsum("nkc->nc", rays.light) / np.float32(len(chosen)))
+        light[traced, 3] = len(chosen)
+        distance[traced, 0] = np.einsum("nk->n", rays.distance) / np.float32(len(chosen))
+        for name, *columns in ((MEANS[0], light), (MEANS[1], interpolated, distance)):
             if name + suffix in bound.writes:
                 texels = np.zeros((math.prod(grid), 4), np.float32)
                 put_rows(texels, receivers.texel, np.concatenate(columns, axis=1))
@@ -144,22 +160,24 @@ def _max_rays(frame: FrameState, texels: int) -> float:
 
 
 def _receivers(surfaces: F32, frame: FrameState, grid: tuple[int, int], turns: int) -> Receivers:
-    """What those texels of ``gather_surfaces`` show whose turn it is."""
-    candidates, at = _texels_of_turn(grid, turns, frame.index % turns)
-    surface = surfaces.reshape(-1, 4).take(candidates, axis=0)
-    rows = np.flatnonzero(np.isfinite(np.einsum("nc->n", surface)) & (surface[:, 3] > 0))
-    texel, surface = candidates.take(rows), surface.take(rows, axis=0)
-    pixel = np.floor((at.take(rows, axis=0) + 0.5) * ratio_to(grid, frame)) + 0.5
+    """What those texels of ``gather_surfaces`` show whose turn it is, or which have no history."""
+    surfaces = surfaces.reshape(-1, 4)
+    is_turn = _is_turn(grid, turns, frame.index % turns)
+    texel = np.flatnonzero(np.isfinite(np.einsum("nc->n", surfaces)) & (
+        (surfaces[:, 3] < 0) | is_turn & (surfaces[:, 3] > 0)))
+    surface = surfaces.take(texel, axis=0)
+    at = np.stack([texel % grid[0], texel // grid[0]], axis=1)
+    pixel = np.floor((at + 0.5) * ratio_to(grid, frame)) + 0.5
     offset, direction = frame.view.rays(pixel / frame.size * 2 - 1 - frame.jitter)
-    position = offset + direction * surface[:, 3:]
-    return Receivers(texel, position.astype(np.float32), surface[:, :3], unit_rows(direction).astype(np.float32))
+    position = offset + direction * np.abs(surface[:, 3:])
+    return Receivers(texel, position.astype(np.float32), surface[:, :3], unit_rows(direction).astype(np.float32),
+                     np.flatnonzero(is_turn.take(texel)))
 
 
 @lru_cache(maxsize=2 * TURN.size)
-def _texels_of_turn(grid: tuple[int, int], turns: int, turn: int) -> tuple[Ints, Ints]:
-    """The texels of a ``grid`` whose turn it is, shape (N,), and their columns and rows, shape (N, 2)."""
+def _is_turn(grid: tuple[int, int], turns: int, turn: int) -> Bools:
+    """Whether it is the turn of each texel of a ``grid``."""
     y, x = np.divmod(np.arange(math.prod(grid)), grid[0])
-    texel = np.flatnonzero(TURN[y % 2, x % 2] % turns == turn)
-    at = np.stack([x[texel], y[texel]], axis=1)
-    texel.flags.writeable = at.flags.writeable = False  # they are cached
-    return texel, at
+    is_turn = np.asarray(TURN[y % 2, x % 2] % turns == turn)
+    is_turn.flags.writeable = False  # it is cached
+    return is_turn

@@ -21,7 +21,9 @@ const float MIN_BLOCKER_SHARE = 0.15;    // of the distance to the light; blocke
 const float SLACK = 2.0;               // on the light's squared radius, when asking whether a line meets it
 const float NORMAL_OFFSET = 1.5;       // texels
 const float PLANE_MARGIN = 0.25;       // texels above the receiver's plane, below which nothing blocks
+const float PLANE_SLACK = 0.5;         // texels, by which a surface behind a blocker lies off its plane
 const float DISTANCE_BIAS = 5e-4;      // relative
+const float PARALLEL_BIAS = 2e-5;      // of half the map's width, for rounding
 const float QUAD_BLEND = 0.7;          // share of the quad's mean in the visibility of flat, soft quads
 
 uniform sampler2D shadow;
@@ -127,17 +129,23 @@ bool parted(float seen, int taps)
     return seen > 0.0 && seen < 4.0 * float(taps);
 }
 
-// Visibility by passed of the filter's taps in a penumbra, elsewhere all or nothing; where a whole quad lies on one
-// plane in a penumbra, blended with its mean.
-float soft_visibility(float seen, bool penumbra, float passed, int taps, vec3 p, vec3 n)
+// Visibility by the filter's taps in a penumbra, passed by light and known ones, elsewhere all or nothing; where a whole
+// quad lies on one plane in a penumbra, blended with its mean.
+float soft_visibility(float seen, bool penumbra, vec2 passed, int taps, vec3 p, vec3 n)
 {
-    float lit = passed / float(PENUMBRA_TAPS);
+    float lit = passed.x / max(passed.y, 1.0);
     vec3 dx = dFdxFine(p), dy = dFdyFine(p);
     float up_x = dot(n, dx), up_y = dot(n, dy);
     bool flat_here = up_x * up_x < 0.01 * dot(dx, dx) && up_y * up_y < 0.01 * dot(dy, dy);
     float together = quad_sum(flat_here && taps > 0 ? 1.0 : 0.0);
     float filtered = mix(lit, 0.25 * quad_sum(lit), together == 4.0 ? QUAD_BLEND : 0.0);
     return penumbra ? filtered : seen > 0.0 ? 1.0 : 0.0;
+}
+
+// The smaller of the differences to the texel before and to the one after: the other one may lead past an edge.
+float steady_difference(float before, float here, float after)
+{
+    return abs(here - before) < abs(after - here) ? here - before : after - here;
 }
 
 #if defined(HAS_CUBE_MAP) || defined(HAS_SINGLE_MAP)
@@ -179,15 +187,92 @@ vec3 tap(Receiver r, Disc disc, vec2 s)
     return r.p * disc.share + (disc.axis_u * s.x + disc.axis_v * s.y) * (1.0 - disc.share);
 }
 
-// Whether the texel in direction q holds a blocker whose line from the receiver meets the light: a wall beside the
-// receiver is none.
-bool texel_blocks(Light light, Receiver r, vec3 q)
-{
+// A texel of a light's map: its square's corner in the atlas, its centre in the square, and the distance that it holds.
+struct MapTexel {
     vec2 corner;
-    vec2 texel = clamp(map_fraction(light, q, corner) * light.tile.z, 0.0, light.tile.z - 1.0);
-    Stored s = relate(r, q, texelFetch(shadow, ivec2(corner) + ivec2(texel), 0).r, r.offset);
+    vec2 at;
+    float distance;
+};
+
+MapTexel texel_at(Light light, vec2 corner, vec2 place)
+{
+    vec2 at = floor(clamp(place, 0.0, light.tile.z - 1.0));
+    return MapTexel(corner, at + 0.5, texelFetch(shadow, ivec2(corner + at), 0).r);
+}
+
+MapTexel texel_towards(Light light, vec3 q)
+{
+    vec2 corner, fraction = map_fraction(light, q, corner);
+    return texel_at(light, corner, fraction * light.tile.z);
+}
+
+// Distance from the light divided by depth in a light's square; 1 in its middle.
+float obliqueness(Light light, vec2 at)
+{
+    vec2 xy = at * (2.0 / light.tile.z) - 1.0;
+    float wide = 1.0;
+#ifdef HAS_SINGLE_MAP
+    if (int(light.tile.w) == SINGLE_MAP) wide = 1.0 / dot(light.frame_x.xyz, light.frame_x.xyz);
+#endif
+    return sqrt(1.0 + wide * dot(xy, xy));
+}
+
+// What hides the middle of the light: whether anything does, how far it is from the light, and its plane, over which inverse depth
+// is linear in the map.
+struct Hider {
+    bool before;
+    float along;
+    vec2 corner;
+    vec2 at;
+    float inverse_depth;
+    vec2 gradient;  // per texel
+};
+
+float inverse_depth(Light light, MapTexel t)
+{
+    return obliqueness(light, t.at) / t.distance;
+}
+
+Hider find_hider(Light light, Receiver r)
+{
+    vec2 corner, place = map_fraction(light, r.p, corner) * light.tile.z;
+    MapTexel here = texel_at(light, corner, place);
+    const vec2 X = vec2(1.0, 0.0), Y = vec2(0.0, 1.0);
+    float inverse = inverse_depth(light, here);
+    vec2 gradient = vec2(steady_difference(inverse_depth(light, texel_at(light, corner, here.at - X)), inverse,
+                                           inverse_depth(light, texel_at(light, corner, here.at + X))),
+                         steady_difference(inverse_depth(light, texel_at(light, corner, here.at - Y)), inverse,
+                                           inverse_depth(light, texel_at(light, corner, here.at + Y))));
+    float reached = inverse + dot(gradient, place - here.at);
+    Stored s = relate(r, r.p, obliqueness(light, place) / max(reached, 1e-30), r.offset);
+    return Hider(s.before, s.along, corner, here.at, inverse, gradient);
+}
+
+// Whether the line from the receiver through what a texel holds meets the light: a wall beside the receiver is no blocker.
+bool meets_light(Light light, Receiver r, Stored s)
+{
     float least = HARD_KERNEL * 2.0 / light.tile.z * r.reach;  // or thin penumbrae would be lost between texels
     return s.before && s.off <= SLACK * s.size + least * least;
+}
+
+bool texel_blocks(Light light, Receiver r, vec3 q)
+{
+    return meets_light(light, r, relate(r, q, texel_towards(light, q).distance, r.offset));
+}
+
+// x: whether light passes the texel in direction q. y: whether that is known: not where a wall beside the receiver may go
+// on behind what hides the light's middle, nor where the plane of that goes on.
+vec2 texel_passes(Light light, Receiver r, vec3 q, Hider hider)
+{
+    MapTexel t = texel_towards(light, q);
+    Stored s = relate(r, q, t.distance, r.offset);
+    if (meets_light(light, r, s)) return vec2(0.0, 1.0);
+    if (!hider.before) return vec2(1.0);
+    bool may_go_on = s.before && s.along > hider.along;
+    float plane = hider.inverse_depth + dot(hider.gradient, t.at - hider.at);
+    bool is_plane = t.corner == hider.corner
+        && inverse_depth(light, t) > plane - PLANE_SLACK * (abs(hider.gradient.x) + abs(hider.gradient.y));
+    return may_go_on || is_plane ? vec2(0.0) : vec2(1.0);
 }
 
 // The nearest blocker in the tile of the map around direction q, if it lies before the part of the receiver's plane
@@ -245,10 +330,10 @@ float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool want
     bool penumbra = parted(seen, TAPS + taps_again);
     int taps = wanted && penumbra ? PENUMBRA_TAPS : 0;
     pattern = quad_pattern(noise, PENUMBRA_TAPS);
-    float passed = 0.0;
-    for (int i = 0; i < taps; ++i) {
-        passed += texel_blocks(light, r, tap(r, disc, next_point(pattern, square))) ? 0.0 : 1.0;
-    }
+    Hider hider = Hider(false, 0.0, vec2(0.0), vec2(0.0), 0.0, vec2(0.0));
+    for (int i = 0; i < min(taps, 1); ++i) hider = find_hider(light, r);
+    vec2 passed = vec2(0.0);
+    for (int i = 0; i < taps; ++i) passed += texel_passes(light, r, tap(r, disc, next_point(pattern, square)), hider);
     return soft_visibility(seen, penumbra, passed, taps, r.p, r.n);
 }
 
@@ -281,12 +366,16 @@ bool before_parallel_receiver(ParallelReceiver r, vec2 at, float stored, float m
     return stored < r.depth + min(dot(r.gradient, at - r.fraction) - margin, 0.0);
 }
 
-// Radius of the light's image at what a texel holds before the receiver; 0 where it holds nothing. spread is the growth
-// of the image in map fractions per unit of depth.
-float image_size(Light light, ParallelReceiver r, vec2 at, float spread)
+float stored_depth(Light light, vec2 at)
 {
     vec2 texel = clamp(at * light.tile.z, 0.0, light.tile.z - 1.0);
-    float stored = texelFetch(shadow, ivec2(light.tile.xy + texel), 0).r;
+    return texelFetch(shadow, ivec2(light.tile.xy + texel), 0).r;
+}
+
+// Radius of the light's image at what a texel holds before the receiver; 0 where it holds nothing. spread is the growth
+// of the image in map fractions per unit of depth.
+float image_size(Light light, ParallelReceiver r, vec2 at, float stored, float spread)
+{
     return before_parallel_receiver(r, at, stored, 0.0) ? spread * (r.depth - stored) + HARD_KERNEL / light.tile.z : 0.0;
 }
 
@@ -297,10 +386,41 @@ bool meets_image(ParallelReceiver r, vec2 at, float size)
     return size > 0.0 && dot(away, away) <= SLACK * size * size;
 }
 
-// As texel_blocks.
+// What hides the middle of the light: the radius of the light's image there, 0 if nothing does, and its plane.
+struct ParallelHider {
+    float image;
+    float depth;
+    vec2 gradient;
+};
+
+ParallelHider find_parallel_hider(Light light, ParallelReceiver r, float spread)
+{
+    float texel = 1.0 / light.tile.z, depth = stored_depth(light, r.fraction);
+    vec2 x = vec2(texel, 0.0), y = vec2(0.0, texel);
+    vec2 gradient = vec2(
+        steady_difference(stored_depth(light, r.fraction - x), depth, stored_depth(light, r.fraction + x)),
+        steady_difference(stored_depth(light, r.fraction - y), depth, stored_depth(light, r.fraction + y)));
+    vec2 texels = r.fraction * light.tile.z;
+    float here = depth + dot(gradient, fract(texels) - 0.5);
+    return ParallelHider(image_size(light, r, r.fraction, here, spread), depth, gradient);
+}
+
 bool parallel_texel_blocks(Light light, ParallelReceiver r, vec2 at, float spread)
 {
-    return meets_image(r, at, image_size(light, r, at, spread));
+    return meets_image(r, at, image_size(light, r, at, stored_depth(light, at), spread));
+}
+
+// As texel_passes.
+vec2 parallel_texel_passes(Light light, ParallelReceiver r, vec2 at, float spread, ParallelHider hider)
+{
+    float stored = stored_depth(light, at), size = image_size(light, r, at, stored, spread);
+    if (meets_image(r, at, size)) return vec2(0.0, 1.0);
+    if (hider.image == 0.0) return vec2(1.0);
+    vec2 texels = floor(at * light.tile.z) - floor(r.fraction * light.tile.z);
+    bool may_go_on = size > 0.0 && size < hider.image;
+    float plane = hider.depth + dot(hider.gradient, texels);
+    bool is_plane = stored < plane + PLANE_SLACK * (abs(hider.gradient.x) + abs(hider.gradient.y));
+    return may_go_on || is_plane ? vec2(0.0) : vec2(1.0);
 }
 
 // As nearest_blocker, but blockers near the receiver weigh more: little of the light passes them. z: the radius of the
@@ -321,7 +441,7 @@ vec3 nearest_parallel_blocker(Light light, ParallelReceiver r, vec2 at, float sp
 // that is known: not where a blocker farther away covers what lies behind it.
 vec2 contact_texel(Light light, ParallelReceiver r, vec2 at, float spread, float width)
 {
-    float size = image_size(light, r, at, spread);
+    float size = image_size(light, r, at, stored_depth(light, at), spread);
     return vec2(meets_image(r, at, size) ? clamp((1.0 - size / width) / CONTACT_FADE, 0.0, 1.0) : 0.0, size < width ? 1.0 : 0.0);
 }
 
@@ -358,17 +478,18 @@ float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, 
     bool penumbra = parted(seen, TAPS + taps_again);
     vec2 contact = vec2(0.0);
     int contact_taps = width * light.tile.z > HARD_KERNEL ? edge_taps : 0;
-    float image = contact_taps > 0 ? image_size(light, r, r.fraction, spread) : 0.0;
-    if (image == 0.0) image = nearest_image;
+    float own = image_size(light, r, r.fraction, stored_depth(light, r.fraction), spread), image = own > 0.0 ? own : nearest_image;
     rim = rim_point(false, noise) * max(image < width ? image : 0.0, CONTACT_KERNEL / light.tile.z);
     for (int i = 0; i < contact_taps; ++i) {
         contact += contact_texel(light, r, r.fraction + (i == 0 ? rim : -rim), spread, width);
     }
     int taps = wanted && penumbra ? PENUMBRA_TAPS : 0;
     pattern = quad_pattern(noise, PENUMBRA_TAPS);
-    float passed = 0.0;
+    ParallelHider hider = ParallelHider(0.0, 0.0, vec2(0.0));
+    for (int i = 0; i < min(taps, 1); ++i) hider = find_parallel_hider(light, r, spread);
+    vec2 passed = vec2(0.0);
     for (int i = 0; i < taps; ++i) {
-        passed += parallel_texel_blocks(light, r, r.fraction + next_point(pattern, false) * width, spread) ? 0.0 : 1.0;
+        passed += parallel_texel_passes(light, r, r.fraction + next_point(pattern, false) * width, spread, hider);
     }
     contact = vec2(quad_sum(contact.x), quad_sum(contact.y));
     float passes_contact = 1.0 - contact.x / max(contact.y, 1.0);
@@ -385,7 +506,7 @@ float parallel_visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wan
     ParallelReceiver r;
     r.fraction = vec2(dot(axis_x, moved) + light.frame_x.w, dot(axis_y, moved) + light.frame_y.w) * (0.5 / half_width)
         + 0.5;
-    r.depth = dot(light.frame_z.xyz, moved) + light.frame_z.w - DISTANCE_BIAS * half_width;
+    r.depth = dot(light.frame_z.xyz, moved) + light.frame_z.w - PARALLEL_BIAS * half_width;
     r.gradient = vec2(dot(n, axis_x), dot(n, axis_y)) * (2.0 * half_width / c);
     return soft_parallel_visibility(light, r, p, n, noise, wanted);
 }

@@ -17,7 +17,7 @@ from app.renderer import Renderer
 from app.scene import Camera, Material, RectLight, Scene
 from app.settings import Settings
 from app.surfels.final_gather import LightAt, gather, sequence
-from tests.gl.scenes import box, floor, make_scene
+from tests.gl.scenes import box, floor, make_scene, quad
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "coarse_shadows")]
 
@@ -80,6 +80,24 @@ def test_a_closed_glowing_box_is_uniform() -> None:
         light = renderer.render(CAMERA)["indirect"]
     np.testing.assert_allclose(light, 2.5, rtol=0.03)
     np.testing.assert_allclose(light.mean(), 2.5, rtol=0.01)
+
+
+def test_thin_things_keep_light_while_the_camera_moves() -> None:
+    """Bars narrower than a texel of the grid, which have just come into view there in most frames."""
+    bars = [quad((-0.9 + 0.3 * k, 0.0, -0.3), (0.004 * side, 0.0, -0.004), (0.0, 2.0, 0.0), WHITE)
+            for k in range(7) for side in (-1, 1)]
+    scene = make_scene([box((-2, 0, -2), (4, 3, 4), WHITE), *bars], [LAMP], CAMERA)
+    with Renderer(scene, Settings((1024, 768), ("indirect", "position"), provider="cpu"), MODEL) as renderer:
+        darkest = []
+        for frame in range(6):
+            x = 0.02 * frame
+            images = renderer.render(Camera((x, 1.0, 1.9), (x, 0.7, 0.0), fov_y_deg=55))
+            on_bars = np.abs(images["position"][..., 2] + 0.302) < 0.004
+            light = images["indirect"].mean(axis=-1)
+            assert on_bars.sum() > 1000
+            darkest.append(np.quantile(light[on_bars], 0.02) / np.median(light[on_bars]))
+    print("THIN bars: darkest 2 %", np.round(darkest, 2))
+    assert min(darkest[2:]) > 0.2
 
 
 def test_the_floor_below_a_board_is_as_dark_as_many_rays_say(table: Renderer) -> None:

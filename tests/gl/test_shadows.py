@@ -13,7 +13,7 @@ from app.scene import Camera, DirectionalLight, Light, Material, PointLight, Rec
 from app.settings import Settings
 from tests.gl import closed_forms as exact
 from tests.gl.closed_forms import F64
-from tests.gl.scenes import GREY, Part, box, floor, make_scene, quad, sphere, visibility
+from tests.gl.scenes import GREY, Part, box, draw, floor, make_scene, quad, sphere, visibility, without_shadows
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
@@ -269,6 +269,26 @@ def test_a_plate_near_the_ground_hides_what_a_roof_lets_pass(height: float, radi
     error = np.abs(share[rows].mean(axis=0) - passed.mean(axis=0) / 512).mean()
     print(f"CONTACT of a plate at {height}, sun {radius_deg}: mean error {error:.4f}")
     assert error < most
+
+
+@pytest.mark.parametrize(("kind", "most"), [("sun", 5e-5), ("sphere", 3e-4)])
+def test_no_light_enters_an_attic_of_sheets(kind: str, most: float) -> None:
+    """Walls without thickness, a roof with an overhang and rafters below it; the light has a size and is outside."""
+    towards = exact.unit(np.array([0.78, 0.57, 0.26]))
+    light: Light = (DirectionalLight(tuple(-towards), (1.0,) * 3, 0.27) if kind == "sun"
+                    else PointLight(tuple(6.0 * towards + (0.0, 1.0, 0.0)), (36.0,) * 3, 0.05))
+    roof = [quad((side * 2.2, 0.9, 2.2), (0.0, 0.0, -4.4), (-side * 2.2, 1.6, 0.0)) for side in (-1, 1)]
+    walls = [quad((x, 0.0, -2.0), (0.0, 0.0, 4.0), (0.0, 1.1, 0.0)) for x in (-2.0, 2.0)]
+    gables = [quad((-2.0, 0.0, z), (4.0, 0.0, 0.0), (0.0, 1.05, 0.0)) for z in (-2.0, 2.0)]
+    gables += [Part(np.array([[[-2.0, 1.05, z], [2.0, 1.05, z], [0.0, 2.5, z]]])) for z in (-2.0, 2.0)]
+    rafters = [box((-1.9, 1.0, z), (3.8, 0.12, 0.08)) for z in (-1.5, -0.5, 0.5, 1.5)]
+    steps = [box((1.4 + 0.2 * k, 0.0, -1.0), (0.2, 0.2 + 0.15 * k, 0.8)) for k in range(3)]
+    camera = Camera((-1.2, 0.8, 1.6), (1.2, 0.6, -1.2), fov_y_deg=90.0)
+    scene = make_scene([floor(2.0), *roof, *walls, *gables, *rafters, *steps], [light], camera)
+    lit, free = (draw(s, (512, 384), ("direct",), camera)["direct"][..., 1] for s in (scene, without_shadows(scene)))
+    leak = lit[free > 0].sum() / free.sum()
+    print(f"LEAKS into an attic, {kind}: {leak:.2e}")
+    assert (free > 0).mean() > 0.4 and leak < most
 
 
 @pytest.mark.parametrize("kind", ["point", "sun", "spot"])

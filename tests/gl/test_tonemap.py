@@ -115,9 +115,11 @@ def test_an_unknown_tone_map_is_refused() -> None:
         shown("agxx")
 
 
-def test_automatic_exposure_brings_what_is_lit_to_middle_grey() -> None:
+@pytest.mark.parametrize("dim", [1.0, 3e-3])  # times the light of most columns, beside which the others are lamps
+def test_automatic_exposure_brings_what_is_lit_to_middle_grey(dim: float) -> None:
     columns = 2.0 ** rng.uniform(-6, 4, (1, 64, 1)) * rng.uniform(0.1, 1, (1, 64, 3)) * (0.2, 0.3, 1.0)  # bluish
     columns[:, ::8] = 0.0
+    columns[:, np.arange(64) % 8 > 2] *= dim
     radiance = columns.repeat(48, axis=0).astype(np.float16).astype(np.float32)
     expected = tone_map(radiance, automatic_exposure(radiance), "srgb")
     assert np.abs(shown("srgb", radiance, auto_exposure=True).astype(int) - expected).max() <= 1

@@ -78,9 +78,9 @@ def test_update_then_check(catalogue: Path) -> None:
 
 @pytest.mark.parametrize(("change", "message"), [
     ({"modell": "none"}, "{file}: cases.hall.modell: unknown key 'modell' (did you mean 'model'?"),
-    ({"scene": 3}, "{file}: cases.hall.scene: wrong kind of value 3.0 (expected a string"),
+    ({"scene": 3}, "{file}: cases.hall.scene: wrong kind of value 3 (expected a string"),
     ({"size": [32]}, "{file}: cases.hall.size: 1 values (expected at least 2"),
-    ({"size": [0, 24]}, "{file}: cases.hall.size[0]: 0.0 is out of range (expected at least 1"),
+    ({"size": [0, 24]}, "{file}: cases.hall.size[0]: 0 is out of range (expected at least 1"),
     ({"size": [31.5, 24]}, "{file}: cases.hall.size[0]: wrong kind of value 31.5 (expected a whole number"),
     ({"kept": [4]}, "{file}: cases.hall.kept: no frame 4 (expected frames from 1 to 3"),
     ({"shots": [{"camera": "fra"}]}, "{file}: cases.hall.shots[0].camera: no camera 'fra' (did you mean 'far'?"),
