@@ -99,7 +99,7 @@ def find_model(name: str, where: str = "--model") -> Model:
         return bundled[name]
     if Path(name).is_file():
         return Path(name)
-    if Path(name).is_dir():
+    if name and Path(name).is_dir():
         raise ModelError(f"{name!r} is a folder", where, "expected an .onnx file")
     if name.endswith(SUFFIX):
         raise ModelError(f"no such file {name!r}", where, "expected the path of an existing .onnx file")
