@@ -340,13 +340,15 @@ def _low_resolution_surfaces(inputs: FrameInputs) -> Iterator[Step]:
     """The points of the grid of indirect light; before direct light, which is drawn while their rays are traced."""
     grid = inputs.indirect_grid
     if grid is None:
-        yield from _absent("no model was chosen", "lowres_gbuffer", "gather_surfaces")
+        yield from _absent("no model was chosen", "lowres_gbuffer", "gather_receivers", "gather_surfaces")
         return
     yield lowres_gbuffer.declare("lowres_gbuffer", grid)
     if inputs.models.surfels is None:
-        yield Absent("gather_surfaces", "the network reads no gathered light")
+        yield from _absent("the network reads no gathered light", "gather_receivers", "gather_surfaces")
     else:
         yield from final_gather.declare_surfaces(grid, inputs.settings.taa)
+        if not inputs.settings.taa:
+            yield Absent("gather_receivers", "switched off by --no-taa")
 
 
 def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:

@@ -527,7 +527,7 @@ class Camera:
 def unit_columns(matrix: F64) -> F64 | None:
     """The columns of a matrix of shape (3, 3) at unit length; one of length 0 becomes perpendicular to the others.
 
-    None if there are more of these.
+    None if there are more of these, or if the others are parallel.
     """
     columns = matrix / max(float(np.abs(matrix).max()), MIN_SCALE)  # squares of its smallest numbers would be 0
     lengths = np.linalg.norm(columns, axis=0)
@@ -537,7 +537,10 @@ def unit_columns(matrix: F64) -> F64 | None:
     columns = columns / np.maximum(lengths, MIN_RELATIVE_SCALE)
     for axis in short:
         perpendicular = np.cross(columns[:, axis - 2], columns[:, axis - 1])
-        columns[:, axis] = perpendicular / np.linalg.norm(perpendicular)
+        length = float(np.linalg.norm(perpendicular))
+        if length <= MIN_RELATIVE_SCALE:
+            return None
+        columns[:, axis] = perpendicular / length
     return np.asarray(columns)
 
 

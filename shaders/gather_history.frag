@@ -44,7 +44,7 @@ void main()
     bool is_flash = brightest > 0.0 && total > MAX_FLASH * brightest * weight;
     bool keep = weight > MIN_SHARE && !is_flash;
     if (!keep) {
-        light = vec4(surfels_now.rgb, history_valid && texelFetch(lowres_gbuffer, low, 0).a > 0.0 ? FIRST_RAYS : 0.0);
+        light = vec4(surfels_now.rgb, history_valid && surfels_now.a > 0.0 ? FIRST_RAYS : 0.0);
         surfels = surfels_now;
         weight = 1.0;
     }

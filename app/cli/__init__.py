@@ -3,6 +3,7 @@
 import errno
 import os
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -55,7 +56,8 @@ class DefaultGroup(TyperGroup):
 
 
 def _print_error(message: str) -> None:
-    typer.echo(typer.style("error:", fg="red", bold=True) + " " + " ".join(message.split()), err=True)
+    with suppress(OSError):  # the exit code still says it
+        typer.echo(typer.style("error:", fg="red", bold=True) + " " + " ".join(message.split()), err=True)
 
 
 cli = typer.Typer(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -41,7 +42,8 @@ def read_checked(path: Path, definition: str = "", schema: str = SCHEMA) -> Any:
     except RecursionError as error:
         raise SceneError("nested too deeply", path, "expected a JSON file of this program's kind") from error
     except ValueError as error:
-        raise SceneError(f"not a JSON file ({error})", path, "expected valid JSON with finite numbers") from error
+        raise SceneError(f"not a JSON file ({error})", path,
+                         "expected valid JSON with finite numbers and each key once") from error
     check(content, path, definition, schema)
     return content
 
@@ -107,8 +109,7 @@ def _finite(text: str) -> float:
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     content = dict(pairs)
     if len(content) < len(pairs):
-        keys = [key for key, _ in pairs]
-        twice = next(key for key in content if keys.count(key) > 1)
+        twice = Counter(key for key, _ in pairs).most_common(1)[0][0]
         raise ValueError(f"key {twice!r} is there twice in an object")
     return content
 
@@ -140,5 +141,6 @@ def _explain(violation: ValidationError) -> tuple[str, list[object], str]:
 
 
 def _short(value: object) -> str:
-    text = f"{value:g}" if isinstance(value, float) else json.dumps(value)
+    is_whole = isinstance(value, float) and value.is_integer() and abs(value) < 1e15
+    text = json.dumps(int(value) if is_whole else value)  # type: ignore[call-overload]
     return text if len(text) <= 40 else text[:37] + "..."

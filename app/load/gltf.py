@@ -45,6 +45,7 @@ class _Reader:
         self._variant: int | None = None
         self._meshes: dict[int, list[int]] = {}
         self._repeated: Counter[str] = Counter()  # names of cameras
+        self._given_names = {part.get("name") for key in ("nodes", "cameras") for part in file.items(key)}
         self._is_animated = "animations" in file.json
         self._poses = read_poses(file, builder)
         self._deformations = DeformationReader(file, builder, self._poses)
@@ -224,9 +225,9 @@ class _Reader:
         name = node_name or spec.get("name") or f"camera {len(cameras)}"
         if name in cameras:  # names need not be unique
             self._repeated[name] += 1
-            taken = cameras.keys() | {node.get("name") for node in self._file.items("nodes")}
             numbers = count(1 + self._repeated[name])
-            name = next(other for number in numbers if (other := f"{name} {number}") not in taken)
+            name = next(other for number in numbers
+                        if (other := f"{name} {number}") not in cameras and other not in self._given_names)
         camera = self._lens(spec, name)
         if camera is None:
             return

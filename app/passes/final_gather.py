@@ -45,7 +45,7 @@ class Receivers:
     position, normal, direction : ndarray, float32, shape (N, 3)
         Relative to the eye, in world axes; ``direction`` is that in which the eye sees the point.
     traced : ndarray of int, shape (M,)
-        The points from which rays start in this frame. The others have no history, and begin with interpolated light.
+        The points from which rays start in this frame. The others are there because they have no history.
     """
 
     texel: Ints

@@ -142,10 +142,12 @@ float soft_visibility(float seen, bool penumbra, vec2 passed, int taps, vec3 p, 
     return penumbra ? filtered : seen > 0.0 ? 1.0 : 0.0;
 }
 
-// The smaller of the differences to the texel before and to the one after: the other one may lead past an edge.
+// The smaller of the differences to the texel before and to the one after: the other one may lead past an edge. 0 where both
+// do, beside what is one texel wide.
 float steady_difference(float before, float here, float after)
 {
-    return abs(here - before) < abs(after - here) ? here - before : after - here;
+    float to = here - before, on = after - here;
+    return to * on < 0.0 ? 0.0 : abs(to) < abs(on) ? to : on;
 }
 
 #if defined(HAS_CUBE_MAP) || defined(HAS_SINGLE_MAP)

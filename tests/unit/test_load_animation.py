@@ -173,6 +173,12 @@ def test_a_camera_far_outside_is_an_error(tmp_path: Path, is_animated: bool) -> 
         load_scene(gltf.save(tmp_path))
 
 
+def test_a_camera_of_a_matrix_without_a_direction_keeps_its_own(tmp_path: Path) -> None:
+    gltf = Gltf()
+    add_nodes(gltf, {"camera": 0, "name": "eye", "matrix": [1, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1]})
+    assert load_scene(gltf.save(tmp_path)).cameras["eye"].at(0.0).target == (0, 0, -1)
+
+
 @pytest.mark.parametrize("axis", [1, 2])
 def test_what_has_no_length_along_one_axis_keeps_its_direction(tmp_path: Path, axis: int) -> None:
     """Turned from -z to +y, flat across or along the view."""
