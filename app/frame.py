@@ -81,6 +81,7 @@ Step = Pass | Absent
 Size = tuple[int, int]
 
 NO_ENVIRONMENT = "the scene has no environment, or a black one"
+NO_TAA = "switched off by --no-taa"
 NOTHING_TRACED = "the shadows of all lights are in maps"
 SHADOW_RAY_PASSES = ("shadow_gbuffer", "shadow_rays", "shadow_history", "shadow_filter_near", "shadow_filter_far")
 MAX_LAYERS = 4  # of blended and transmissive surfaces; farther ones of a pixel are not drawn
@@ -253,7 +254,7 @@ def _steps(inputs: FrameInputs, finished: str) -> Iterator[Step]:
                                settings.size, is_upscaled=settings.render_scale < 1)
         yield sharpen.declare(settings.size) if inputs.has_textures else Absent("sharpen", "no material has a texture")
     else:
-        yield from _absent("switched off by --no-taa", "taa", "sharpen")
+        yield from _absent(NO_TAA, "taa", "sharpen")
     if settings.auto_exposure:
         yield auto_exposure.declare(finished)
     else:
@@ -295,7 +296,7 @@ def _traced_shadows(inputs: FrameInputs) -> Iterator[Step]:
     yield from shadow_rays.declare(inputs.lights, inputs.has_specular, inputs.has_sky, inputs.caster,
                                    settings.render_size, has_history=settings.taa)
     if not settings.taa:
-        yield Absent("shadow_history", "switched off by --no-taa")
+        yield Absent("shadow_history", NO_TAA)
 
 
 def _environment_light(inputs: FrameInputs, environment: Environment) -> Iterator[Step]:
@@ -348,7 +349,7 @@ def _low_resolution_surfaces(inputs: FrameInputs) -> Iterator[Step]:
     else:
         yield from final_gather.declare_surfaces(grid, inputs.settings.taa)
         if not inputs.settings.taa:
-            yield Absent("gather_receivers", "switched off by --no-taa")
+            yield Absent("gather_receivers", NO_TAA)
 
 
 def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:
@@ -373,7 +374,7 @@ def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:
         still_frames = accumulate.STILL_FRAMES if inputs.models.surfels is None else final_gather.STILL_FRAMES
         yield accumulate.declare(grid, noisy=isinstance(model, str), still_frames=still_frames)
     else:
-        yield Absent("accumulate", "switched off by --no-taa")
+        yield Absent("accumulate", NO_TAA)
     yield push_pull.declare("push_pull", grid, "indirect_low", "lowres_gbuffer", "indirect_filled")
     missed_tile = missed_pixels.tile_side(settings.render_size) if inputs.has_surfel_indirect else None
     if missed_tile:
@@ -440,7 +441,7 @@ def _gathered_light(inputs: FrameInputs, source: Network, grid: Size) -> Iterato
     yield surfel_indirect.declare(source, tensors, inputs.surfels)
     yield from final_gather.declare(inputs.surfels, inputs.lights, grid, settings.taa)
     if not settings.taa:
-        yield Absent("gather_history", "switched off by --no-taa")
+        yield Absent("gather_history", NO_TAA)
 
 
 def _cube(inputs: FrameInputs, face: int, camera_axes: bool) -> Iterator[Step]:

@@ -142,12 +142,18 @@ float soft_visibility(float seen, bool penumbra, vec2 passed, int taps, vec3 p, 
     return penumbra ? filtered : seen > 0.0 ? 1.0 : 0.0;
 }
 
-// The smaller of the differences to the texel before and to the one after: the other one may lead past an edge. 0 where both
-// do, beside what is one texel wide.
+// The smaller of the differences to the texel before and to the one after: the other one may lead past an edge. 0 where
+// both do, beside what is one texel wide.
 float steady_difference(float before, float here, float after)
 {
     float to = here - before, on = after - here;
     return to * on < 0.0 ? 0.0 : abs(to) < abs(on) ? to : on;
+}
+
+// By how much what a texel holds may lie off a plane of that gradient per texel, and still count as on it.
+float plane_slack(vec2 gradient)
+{
+    return PLANE_SLACK * (abs(gradient.x) + abs(gradient.y));
 }
 
 #if defined(HAS_CUBE_MAP) || defined(HAS_SINGLE_MAP)
@@ -219,8 +225,8 @@ float obliqueness(Light light, vec2 at)
     return sqrt(1.0 + wide * dot(xy, xy));
 }
 
-// What hides the middle of the light: whether anything does, how far it is from the light, and its plane, over which inverse depth
-// is linear in the map.
+// What hides the middle of the light: whether anything does, how far it is from the light, and its plane, over which
+// inverse depth is linear in the map.
 struct Hider {
     bool before;
     float along;
@@ -273,7 +279,7 @@ vec2 texel_passes(Light light, Receiver r, vec3 q, Hider hider)
     bool may_go_on = s.before && s.along > hider.along;
     float plane = hider.inverse_depth + dot(hider.gradient, t.at - hider.at);
     bool is_plane = t.corner == hider.corner
-        && inverse_depth(light, t) > plane - PLANE_SLACK * (abs(hider.gradient.x) + abs(hider.gradient.y));
+        && inverse_depth(light, t) > plane - plane_slack(hider.gradient);
     return may_go_on || is_plane ? vec2(0.0) : vec2(1.0);
 }
 
@@ -421,7 +427,7 @@ vec2 parallel_texel_passes(Light light, ParallelReceiver r, vec2 at, float sprea
     vec2 texels = floor(at * light.tile.z) - floor(r.fraction * light.tile.z);
     bool may_go_on = size > 0.0 && size < hider.image;
     float plane = hider.depth + dot(hider.gradient, texels);
-    bool is_plane = stored < plane + PLANE_SLACK * (abs(hider.gradient.x) + abs(hider.gradient.y));
+    bool is_plane = stored < plane + plane_slack(hider.gradient);
     return may_go_on || is_plane ? vec2(0.0) : vec2(1.0);
 }
 
@@ -436,7 +442,8 @@ vec3 nearest_parallel_blocker(Light light, ParallelReceiver r, vec2 at, float sp
     float size = spread * max(r.depth - stored, 0.0), away = length(at - r.fraction);
     float least = HARD_KERNEL / light.tile.z, square = size * size + least * least;
     float meets = square / max(away * away, square), weight = meets * meets / square;
-    return before_parallel_receiver(r, at, stored, margin) ? vec3(vec2(stored, 1.0) * weight, size + least) : vec3(0.0, 0.0, 1.0);
+    bool before = before_parallel_receiver(r, at, stored, margin);
+    return before ? vec3(vec2(stored, 1.0) * weight, size + least) : vec3(0.0, 0.0, 1.0);
 }
 
 // How much light a texel hides by a blocker so near that the light's image there is smaller than the filter, and whether
@@ -444,7 +451,8 @@ vec3 nearest_parallel_blocker(Light light, ParallelReceiver r, vec2 at, float sp
 vec2 contact_texel(Light light, ParallelReceiver r, vec2 at, float spread, float width)
 {
     float size = image_size(light, r, at, stored_depth(light, at), spread);
-    return vec2(meets_image(r, at, size) ? clamp((1.0 - size / width) / CONTACT_FADE, 0.0, 1.0) : 0.0, size < width ? 1.0 : 0.0);
+    float hides = meets_image(r, at, size) ? clamp((1.0 - size / width) / CONTACT_FADE, 0.0, 1.0) : 0.0;
+    return vec2(hides, size < width ? 1.0 : 0.0);
 }
 
 float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, QuadNoise noise, bool wanted)
@@ -480,7 +488,8 @@ float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, 
     bool penumbra = parted(seen, TAPS + taps_again);
     vec2 contact = vec2(0.0);
     int contact_taps = width * light.tile.z > HARD_KERNEL ? edge_taps : 0;
-    float own = image_size(light, r, r.fraction, stored_depth(light, r.fraction), spread), image = own > 0.0 ? own : nearest_image;
+    float own = image_size(light, r, r.fraction, stored_depth(light, r.fraction), spread);
+    float image = own > 0.0 ? own : nearest_image;
     rim = rim_point(false, noise) * max(image < width ? image : 0.0, CONTACT_KERNEL / light.tile.z);
     for (int i = 0; i < contact_taps; ++i) {
         contact += contact_texel(light, r, r.fraction + (i == 0 ? rim : -rim), spread, width);
