@@ -91,7 +91,7 @@ CUBE_PASSES = ("cube_gbuffer", "cube_shadow_rays", "cube_direct", "cube_backgrou
 GATHER_PASSES = ("surfel_pack_globals", "surfel_indirect", "gather_rays", "gather_history")
 NETWORK_PASSES = (*CUBE_PASSES, "pack_surfels", *GATHER_PASSES, "pack_globals", "pack_screen", "network")
 REFLECTED_RAY_PASSES = ("reflection_gbuffer", "reflection_march", "reflection_rays", "reflection_resolve",
-                        "reflection_history", "reflection_filter_far", "reflection_filter_near")
+                        "reflection_history", "reflection_filter_far", "reflection_filter_near", "reflection_detail")
 REFLECTION_SURFELS = 2048, 1  # and rays of each, where the model reads no surfels
 MISSED_PASSES = ("missed_pixels", "missed_light")
 SSGI_PASSES = ("ssgi_radiance", "ssgi", "ssgi_filter_near", "ssgi_filter_far")
@@ -191,6 +191,12 @@ class FrameInputs:
     def has_reflected_rays(self) -> bool:
         """Whether some surface is smooth enough for rays."""
         return self.why_no_reflections is None and any(map(reflection.needs_rays, self.scene.materials))
+
+    @property
+    def has_reflection_detail(self) -> bool:
+        """Whether reflections are gathered at full resolution while nothing moves."""
+        size = self.settings.render_size
+        return self.has_reflected_rays and reflection.has_detail(reflection.grid(size), size, self.settings.taa)
 
     @property
     def indirect_grid(self) -> Size | None:
@@ -395,17 +401,23 @@ def _reflections(inputs: FrameInputs) -> Iterator[Step]:
     if inputs.has_reflected_rays:
         yield lowres_gbuffer.declare("reflection_gbuffer", grid)
         yield reflection.declare_march(grid, scene.longest_edge, settings.taa)
-        yield reflection_rays.declare(grid, inputs.surfels, scene.environment, settings.taa)
+        yield reflection_rays.declare(grid, inputs.surfels, inputs.lights, scene.environment, settings.taa)
         yield from reflection.declare_gathering(grid, settings.taa)
+        if inputs.has_reflection_detail:
+            yield reflection.declare_detail(grid)
+        else:
+            yield Absent("reflection_detail", "the image is no larger than the grid of reflections" if settings.taa
+                         else NO_TAA)
     else:
         yield from _absent("all surfaces are too rough for rays", *REFLECTED_RAY_PASSES)
-    yield reflection.declare(grid, inputs.has_reflected_rays)
+    yield reflection.declare(grid, inputs.has_reflected_rays, inputs.has_reflection_detail)
 
 
 def _composite(inputs: FrameInputs) -> Pass:
-    surfaces = reflection.surfaces_read(inputs.has_reflected_rays) if inputs.why_no_reflections is None else ()
+    has_rays, has_detail = inputs.has_reflected_rays, inputs.has_reflection_detail
+    surfaces = reflection.surfaces_read(has_rays, has_detail) if inputs.why_no_reflections is None else ()
     return composite.declare(inputs.models.indirect is not None, "opaque_lit" if inputs.has_see_through else "lit",
-                             surfaces, reflection.grid(inputs.settings.render_size))
+                             surfaces, reflection.grid(inputs.settings.render_size), has_detail)
 
 
 def _network(inputs: FrameInputs, model: Network | RepeatedNetwork, grid: Size, target: str) -> Iterator[Step]:

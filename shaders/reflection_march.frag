@@ -13,30 +13,37 @@ const float MIN_EPSILON = 0.05;     // of ray_epsilon, which covers the rounding
 const float START = 1.5;            // low-resolution texels, before which nothing is met
 const float BIAS = 1e-3;            // of depth_scale, by which a ray is behind what it meets
 const float PLANE_TOLERANCE = 0.01; // of depth_scale, between a ray's end and the surface there
+const float MAX_OFF = 2.0;          // pixels, between a ray's end and the point that the image shows there
+const float MIN_FACING = 0.05;      // cosine, of a surface to the eye
 const float MAX_LENGTH = 1e3;       // of depth_scale
-const float MIN_FACING = 0.1;       // cosine, of the face within a texel's footprint
+const float SAME_NORMAL = 0.9;      // cosine, between pixels of a low-resolution texel that show one surface
 const float MAX_APPROACH = 0.98;    // of the depth, by which a ray may come towards the eye
 const float NOT_SHOWN = -1.0;
 
 uniform sampler2D reflection_gbuffer;
 uniform sampler2D normal;
+uniform sampler2D depth;
 uniform sampler2D albedo;
 uniform sampler2D specular_roughness;
 uniform vec2 ratio;          // full-resolution texels per low-resolution texel
 uniform vec2 noise_offset;   // of the two noise patterns in this frame
-uniform vec2 shift;          // full-resolution texels off a texel's centre, so that frames cover it
+uniform vec2 inside;         // where in a texel its ray starts, in [0, 1), so that frames cover it
+uniform bool at_rest;        // whether rays also start at other surfaces than the one at a texel's centre
 uniform float ray_epsilon;   // by which rays start off their surface at most, scene units
 uniform int steps;           // of the march
 uniform int refinements = 5; // halvings of the step that meets a surface; no constant, so that the loop stays a loop
 
-layout(location = WRITE_REFLECTION_ORIGIN) out vec4 out_origin;  // relative space
+layout(location = WRITE_REFLECTION_ORIGIN) out vec4 out_origin;  // relative space; a: 1, or -1 on another surface
 layout(location = WRITE_REFLECTION_RAY) out vec4 out_ray;  // unit vector; a: length, 0 for no ray, NOT_SHOWN
 
-// Where the face through p is seen at a pixel position beside p.
-vec3 on_face(vec2 pixel, float depth, vec3 p, vec3 face)
+// In scene units.
+float pixel_width(float depth)
 {
-    vec3 beside = surface_point(pixel, depth), along = normalize(along_view(beside));
-    return beside + along * (dot(face, p - beside) / min(dot(face, along), -MIN_FACING));
+#ifdef ORTHOGRAPHIC
+    return 2.0 * lens.y * image.w;
+#else
+    return 2.0 * lens.y * image.w * depth;
+#endif
 }
 
 // Depth of what the march has interpolated over the image.
@@ -51,7 +58,8 @@ float marched_depth(float k)
 
 bool is_behind(vec3 at)
 {
-    float there = texelFetch(reflection_gbuffer, clamp(ivec2(at.xy / ratio), ivec2(0), textureSize(reflection_gbuffer, 0) - 1), 0).a;
+    ivec2 low = clamp(ivec2(at.xy / ratio), ivec2(0), textureSize(reflection_gbuffer, 0) - 1);
+    float there = texelFetch(reflection_gbuffer, low, 0).a;
     return is_surface(there) && marched_depth(at.z) > there + BIAS * depth_scale(there);
 }
 
@@ -88,40 +96,54 @@ float march(vec3 p, vec3 l, float jitter)
 #endif
     ivec2 low = clamp(ivec2(mix(from, to, at).xy / ratio), ivec2(0), textureSize(reflection_gbuffer, 0) - 1);
     vec4 there = texelFetch(reflection_gbuffer, low, 0);
-    ivec2 full = nearest_texel(low, ratio);
-    vec3 point = surface_point(vec2(full) + 0.5, there.a);
-    float away = dot(there.xyz, point - (p + t * l));
+    float away = dot(there.xyz, surface_point(vec2(nearest_texel(low, ratio)) + 0.5, there.a) - (p + t * l));
     float facing = dot(there.xyz, l);
-    bool meets = facing < 0.0 && abs(away) <= PLANE_TOLERANCE * depth_scale(there.a)
-        && !is_metallic(texelFetch(albedo, full, 0).rgb, texelFetch(specular_roughness, full, 0).rgb);
+    if (!(facing < 0.0 && abs(away) <= PLANE_TOLERANCE * depth_scale(there.a))) return NOT_SHOWN;
+    // Where it meets that surface's plane, the image must show this point at full resolution too.
+    t += away / facing;
+    vec3 end = p + t * l;
+    vec2 position = project(mat3(view_from_relative) * end, lens.xy, lens.zw).xy;
+    ivec2 pixel = clamp(ivec2(position), ivec2(0), textureSize(depth, 0) - 1);
+    float d = texelFetch(depth, pixel, 0).r;
+    vec3 shown = surface_point(vec2(pixel) + 0.5, d), n = sanitize_normal(texelFetch(normal, pixel, 0).xyz);
+    float facing_eye = max(-dot(n, normalize(along_view(shown))), MIN_FACING);
+    bool meets = is_surface(d) && dot(n, l) < 0.0 && distance(end, shown) * facing_eye <= MAX_OFF * pixel_width(d)
+        && !is_metallic(texelFetch(albedo, pixel, 0).rgb, texelFetch(specular_roughness, pixel, 0).rgb);
     return meets && t > 0.0 ? t : NOT_SHOWN;
 }
 
 void main()
 {
-    ivec2 low = ivec2(gl_FragCoord.xy), full = nearest_texel(low, ratio);
-    vec4 surface = texelFetch(reflection_gbuffer, low, 0), reflectance = texelFetch(specular_roughness, full, 0);
-    vec3 n = surface.xyz, face = octahedral_decode(vec2(texelFetch(normal, full, 0).a, texelFetch(albedo, full, 0).a));
-    bool reflects = is_surface(surface.a) && dot(n, n) > 0.5 && is_finite(dot(face, face)) && ray_share(reflectance.a) > 0.0
+    ivec2 low = ivec2(gl_FragCoord.xy), centre = nearest_texel(low, ratio);
+    ivec2 full = texel_inside(low, ratio, inside, textureSize(depth, 0));
+    vec4 surface = texelFetch(reflection_gbuffer, low, 0);
+    float d = texelFetch(depth, full, 0).r;
+    vec3 n = sanitize_normal(texelFetch(normal, full, 0).xyz), p = surface_point(vec2(full) + 0.5, d);
+    float away = dot(surface.xyz, p - surface_point(vec2(centre) + 0.5, surface.a));
+    bool same = is_surface(surface.a) && is_surface(d) && dot(n, surface.xyz) >= SAME_NORMAL
+        && abs(away) <= PLANE_TOLERANCE * depth_scale(surface.a);
+    if (!same && !at_rest) {
+        full = centre;
+        d = surface.a;
+        n = surface.xyz;
+        p = surface_point(vec2(centre) + 0.5, d);
+        same = true;
+    }
+    vec4 reflectance = texelFetch(specular_roughness, full, 0);
+    vec3 face = octahedral_decode(vec2(texelFetch(normal, full, 0).a, texelFetch(albedo, full, 0).a));
+    bool reflects = is_surface(d) && dot(n, n) > 0.5 && is_finite(dot(face, face)) && ray_share(reflectance.a) > 0.0
         && max(max(reflectance.r, reflectance.g), reflectance.b) > 0.0;
 #ifdef FAST_PATH  // done where no ray starts
     out_origin = out_ray = vec4(0.0);
     gl_FragDepth = reflects ? 0.0 : 1.0;
 #else
-    vec2 u = fract(vec2(texel_noise(vec2(low)), texel_noise(vec2(low.y, textureSize(reflection_gbuffer, 0).x - low.x))) + noise_offset);
-    vec2 pixel = vec2(full) + 0.5;
-    vec3 p = on_face(pixel + shift, surface.a, surface_point(pixel, surface.a), face);
+    vec2 mirrored = vec2(low.y, textureSize(reflection_gbuffer, 0).x - low.x);
+    vec2 u = fract(vec2(texel_noise(vec2(low)), texel_noise(mirrored)) + noise_offset);
     vec3 v = -normalize(along_view(p));
-    float alpha = max(reflectance.a * reflectance.a, MIN_ALPHA);
-    vec3 l = reflected(v, n, face, alpha, u);
-#ifdef ORTHOGRAPHIC
-    float width = 2.0 * lens.y * image.w;  // of a pixel
-#else
-    float width = 2.0 * lens.y * image.w * surface.a;
-#endif
+    vec3 l = reflected(v, n, face, reflectance.a * reflectance.a, u);
     // Half a pixel, within limits, off the surface and towards the eye, where nothing is in the way, also in a corner.
-    vec3 origin = p + (face + v) * clamp(0.5 * width, MIN_EPSILON * ray_epsilon, ray_epsilon);
-    out_origin = vec4(origin, 1.0);
+    vec3 origin = p + (face + v) * clamp(0.5 * pixel_width(d), MIN_EPSILON * ray_epsilon, ray_epsilon);
+    out_origin = vec4(origin, same ? 1.0 : -1.0);
     out_ray = vec4(l, march(origin, l, fract(u.x + u.y)));
 #endif
 }

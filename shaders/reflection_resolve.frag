@@ -8,8 +8,7 @@
 const float PLANE_TOLERANCE = 0.01;  // of depth_scale, between a ray's end and the surface that the screen shows there
 const float MIN_RATIO = 1e-4;        // of a ray's length to the depth where it starts
 
-uniform sampler2D reflection_gbuffer;
-uniform sampler2D reflection_origin;  // relative space
+uniform sampler2D reflection_origin;  // relative space; a: 1, or -1 on another surface than the texel's
 uniform sampler2D reflection_ray;     // direction; a: length if the screen shows the end
 uniform sampler2D reflection_traced;  // radiance; a: length, 0 where no ray was traced
 uniform sampler2D normal;
@@ -25,7 +24,7 @@ uniform sampler2D occlusion;
 uniform sampler2D emission;           // a: 0 on what stands for an analytic light, whose reflection is direct light
 #endif
 
-layout(location = 0) out vec4 out_now;  // radiance; a: length of the ray / depth where it starts, 0 for none
+layout(location = 0) out vec4 out_now;  // radiance; a: length of the ray / depth where it starts, 0 for none, negative on another surface
 
 vec3 sent_by(ivec2 texel)
 {
@@ -52,10 +51,11 @@ void main()
     gl_FragDepth = ray.a == 0.0 ? 1.0 : 0.0;
 #else
     vec4 traced = texelFetch(reflection_traced, low, 0);
-    float here = texelFetch(reflection_gbuffer, low, 0).a;
+    vec4 origin = texelFetch(reflection_origin, low, 0);
+    float here = -(mat3(view_from_relative) * origin.xyz).z;
     bool is_shown = ray.a > 0.0 && is_finite(ray.a), is_traced = !is_shown && traced.a > 0.0 && is_finite(traced.a);
     float t = is_shown ? ray.a : is_traced ? traced.a : 0.0;
-    vec3 end = texelFetch(reflection_origin, low, 0).xyz + t * ray.xyz;
+    vec3 end = origin.xyz + t * ray.xyz;
     vec3 view = mat3(view_from_relative) * end;
     ivec2 texel = ivec2(floor(project(view, lens.xy, lens.zw).xy));
     bool inside = -view.z > 0.0 && all(greaterThanEqual(texel, ivec2(0))) && all(lessThan(texel, textureSize(depth, 0)));
@@ -68,6 +68,6 @@ void main()
             && !is_metallic(texelFetch(albedo, texel, 0).rgb, texelFetch(specular_roughness, texel, 0).rgb)));
     vec3 light = seen ? sent_by(texel) : is_traced ? sanitize_radiance(traced.rgb) : vec3(0.0);
     bool counts = is_surface(here) && (seen || is_traced);
-    out_now = counts ? vec4(min(light, HALF_MAX), clamp(t / here, MIN_RATIO, HALF_MAX)) : vec4(0.0);
+    out_now = counts ? vec4(min(light, HALF_MAX), origin.a * clamp(t / here, MIN_RATIO, HALF_MAX)) : vec4(0.0);
 #endif
 }

@@ -1,5 +1,6 @@
 """Direct light at any points: irradiance / π, with shadows by maps or rays as in the picture."""
 
+import math
 from collections.abc import Mapping
 
 import moderngl
@@ -74,6 +75,23 @@ class DirectLight:
         rows = texels.reshape(self._rows, 2, 8 * self._layout[0])
         pairs = (rows[:, 0] + rows[:, 1]).reshape(-1, 2, 4)
         return np.asarray((pairs[:, 0, :3] + pairs[:, 1, :3]) / np.float32(4), np.float32)
+
+    def estimate(self, frame: FrameState, resources: Resources, position: F32, normal: F32) -> F32:
+        """Irradiance / π at N points, shape (N, 3); of lights whose shadows are traced, one ray's estimate.
+
+        Of these a ratio of visible to unshadowed light would be biased, for a single ray sees one light only.
+        """
+        at_once = math.prod(self._layout)
+        light = np.zeros_like(position)
+        for number, first in enumerate(range(0, len(position), at_once)):
+            rows = slice(first, first + at_once)
+            count = len(position[rows])
+            self.place(position[rows], normal[rows])
+            light[rows] = self.draw(frame, resources, None)[:count]
+            index = frame.index + number
+            if (traced := self.trace(frame, range(index, index + 1))) is not None:
+                light[rows] += traced[0].reshape(-1, 4)[:count, :3] / np.float32(math.pi)
+        return light
 
     def _bind(self, program: Program, names: tuple[str, ...], first_unit: int) -> None:
         """Bind textures to the samplers of their names, in the units from the first one on."""

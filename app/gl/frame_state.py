@@ -106,6 +106,11 @@ class FrameState:
         return bool(self.viewpoints) and not self.history_valid
 
     @property
+    def rests(self) -> bool:
+        """Whether nothing moved between the two frames before either, so that what was gathered at rest stands."""
+        return self.history_valid and self.still > 1 and self.unchanged > REFRESH_FRAMES
+
+    @property
     def settled(self) -> bool:
         """Whether all history shows what is visible now."""
         return self.still >= REFRESH_FRAMES

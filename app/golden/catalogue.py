@@ -82,6 +82,8 @@ def catalogue() -> dict[str, Case]:
                 stages=REFLECTION_STAGES, reflections=True),
         replace(_single("glossy", scenes.materials(), SSGI), size=(64, 48), reflections=True,
                 outputs=WITH_REFLECTION, stages=("direct", "reflection_history", "reflection", "composite")),
+        replace(_settled("reflected_still", scenes.materials(), SSGI), size=(320, 240), reflections=True,
+                outputs=WITH_REFLECTION, stages=("reflection_detail", "reflection")),
         replace(_single("glass_reflected", scenes.glass(), SSGI), size=(64, 48), reflections=True,
                 stages=("reflection_march",)),
         replace(_settled("parallel_mirrors", scenes.parallel(scenes.mirrors(), 1.6), SSGI), size=(64, 48),

@@ -1,10 +1,11 @@
 """Direct light + albedo × occlusion × indirect light + emission + specular light + reflections, and the background."""
 
-from app.gl.fullscreen import make_fullscreen, ratio_to
 from app.graph import Pass, Tex
+from app.passes.reflection import make_with_reflections
 
 
-def declare(has_indirect: bool, target: str, reflection: tuple[str, ...], grid: tuple[int, int]) -> Pass:
+def declare(has_indirect: bool, target: str, reflection: tuple[str, ...], grid: tuple[int, int],
+            has_detail: bool) -> Pass:
     """Albedo and occlusion are read only where there is indirect light to modulate.
 
     Parameters
@@ -13,8 +14,10 @@ def declare(has_indirect: bool, target: str, reflection: tuple[str, ...], grid: 
         What reflections are made of; none without them.
     grid : tuple of int
         Width and height of the grid of reflections.
+    has_detail : bool
+        Whether these are gathered at full resolution too.
     """
     return Pass("composite", reads=("direct", *(("indirect", "albedo") if has_indirect else ()), *reflection),
                 optional=("emission", "specular", "background", *(("occlusion",) if has_indirect else ())),
                 writes={target: Tex("f2", 4)},
-                make=make_fullscreen("composite.frag", lambda frame: {"ratio": ratio_to(grid, frame)}))
+                make=make_with_reflections("composite.frag", grid, has_detail))

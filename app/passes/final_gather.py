@@ -103,7 +103,7 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
         has_sky = bool(world.sky_irradiance.any())
 
         def direct_at(at: F32, facing: F32) -> F32:
-            light = draw_direct(direct, frame, resources, at, facing)
+            light = direct.estimate(frame, resources, at, facing)
             return light + lookup.approximate(world.sky_irradiance, at, facing) if has_sky else light
 
         light_at = LightAt(direct_at, lambda at, facing: lookup.approximate(indirect, at, facing))
@@ -127,24 +127,6 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
         resources.set_current(key)
 
     return execute
-
-
-def draw_direct(direct: DirectLight, frame: FrameState, resources: Resources, position: F32, normal: F32) -> F32:
-    """Irradiance / π at points, shape (N, 3); of lights whose shadows are traced, one ray's estimate.
-
-    Of these a ratio of visible to unshadowed light would be biased, for a single ray sees one light only.
-    """
-    at_once = math.prod(LIT_AT_ONCE)
-    light = np.zeros_like(position)
-    for number, first in enumerate(range(0, len(position), at_once)):
-        rows = slice(first, first + at_once)
-        count = len(position[rows])
-        direct.place(position[rows], normal[rows])
-        light[rows] = direct.draw(frame, resources, None)[:count]
-        index = frame.index + number
-        if (traced := direct.trace(frame, range(index, index + 1))) is not None:
-            light[rows] += traced[0].reshape(-1, 4)[:count, :3] / np.float32(math.pi)
-    return light
 
 
 def _turns(frame: FrameState, texels: int, has_history: bool) -> tuple[int, range]:

@@ -1,21 +1,26 @@
-"""Indirect light on glossy surfaces: rays marched over the screen or traced, gathered, filtered, upsampled."""
+"""Indirect light on glossy surfaces: rays marched over the screen or traced, gathered, filtered, upsampled.
+
+While nothing moves, each frame has rays from other pixels, whose light is gathered at full resolution too.
+"""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import lru_cache
 
 import numpy as np
 
-from app.gl.frame_state import FrameState, MotionKind
+from app.gl.context import Device
+from app.gl.frame_state import Execute, FrameState, MotionKind
 from app.gl.fullscreen import always, make_fullscreen, ratio_to, reduced_grid
-from app.graph import Pass, Resource, Tex
-from app.math3d import R2, affine_matrix, halton
+from app.gl.pool import Resources
+from app.graph import BoundPass, Pass, Resource, Tex
+from app.math3d import R2, affine_matrix
 from app.scene import Material
 
 PIXELS_PER_TEXEL = 16  # of the grid, within these limits:
 MIN_TEXELS, MAX_TEXELS = 2**16, 2**17
 MAX_ROUGHNESS = 0.6  # from which surfaces need no rays, as in reflection.glsl
 MARCH_STEPS = 16
-SHIFTS = 16          # positions of rays within a texel
 RAY_EPSILON = 1e-4   # of the scene's longest edge, by which rays start off their surface
 # Frames that are gathered, of mirrors and of rough surfaces.
 MAX_FRAMES = {MotionKind.NONE: (256.0, 256.0), MotionKind.CAMERA: (8.0, 48.0), MotionKind.OBJECTS: (4.0, 16.0)}
@@ -51,18 +56,20 @@ def declare_march(grid: Size, extent: float, has_history: bool) -> Pass:
         Whether frames are gathered. Then each has other rays; otherwise they are fixed per texel.
     """
     texels = Tex("f4", 4, size=grid)
-    return Pass("reflection_march", reads=("reflection_gbuffer", "normal", "albedo", "specular_roughness"),
+    return Pass("reflection_march", reads=("reflection_gbuffer", "normal", "depth", "albedo", "specular_roughness"),
                 writes={"reflection_origin": texels, "reflection_ray": texels},
                 make=make_fullscreen("reflection_march.frag", lambda frame: {
                     "ratio": ratio_to(grid, frame), "noise_phase": frame.noise_phase, "steps": MARCH_STEPS,
-                    "ray_epsilon": RAY_EPSILON * extent, **_samples(grid, frame, has_history)}, fast_path=always))
+                    "ray_epsilon": RAY_EPSILON * extent, "at_rest": _is_at_rest(frame) and has_history,
+                    "noise_offset": tuple(step * frame.index % 1.0 for step in R2) if has_history else (0.0, 0.0),
+                    "inside": _inside(grid, frame) if has_history else (0.5, 0.5)}, fast_path=always))
 
 
 def declare_gathering(grid: Size, has_history: bool) -> Iterator[Pass]:
     """The light at the rays' ends, gathered over frames if there is a history, and filtered."""
     light = Tex("f2", 4, size=grid)
     yield Pass("reflection_resolve",
-               reads=("reflection_gbuffer", "reflection_origin", "reflection_ray", "reflection_traced", "normal",
+               reads=("reflection_origin", "reflection_ray", "reflection_traced", "normal",
                       "depth", "direct", "albedo", "indirect", "specular_roughness"),
                optional=("occlusion", "emission"), writes={"reflection_now": light},
                make=make_fullscreen("reflection_resolve.frag", fast_path=always))
@@ -77,24 +84,74 @@ def declare_gathering(grid: Size, has_history: bool) -> Iterator[Pass]:
     yield _filter("reflection_filter_near", "reflection_averaged", "reflection_filtered", grid, 1)
 
 
-def surfaces_read(has_rays: bool) -> tuple[str, ...]:
+def has_detail(grid: Size, size: Size, has_history: bool) -> bool:
+    """Whether reflections are gathered at full resolution too; an image as small as its ``grid`` does not need it."""
+    return has_history and grid != size
+
+
+def declare_detail(grid: Size) -> Pass:
+    """The light along the rays of single pixels, gathered while nothing moves."""
+    draw = make_fullscreen("reflection_detail.frag", lambda frame: {
+        "ratio": ratio_to(grid, frame), "inside": _inside(grid, frame), "is_begun": frame.rests})
+
+    def make(device: Device, bound: BoundPass) -> Execute:
+        execute = draw(device, bound)
+
+        def execute_at_rest(frame: FrameState, resources: Resources) -> None:
+            if _is_at_rest(frame):
+                execute(frame, resources)
+
+        return execute_at_rest
+
+    return Pass("reflection_detail", reads=("reflection_now", "reflection_detail@prev"),
+                writes={"reflection_detail": Tex("f2", 4)}, make=make)
+
+
+def surfaces_read(has_rays: bool, has_detail: bool) -> tuple[str, ...]:
     """What ``reflected_light.glsl`` reads, beside indirect light."""
-    return ("normal", "specular_roughness", *(("depth", "reflection_filtered") if has_rays else ()))
+    return ("normal", "specular_roughness", *(("depth", "reflection_filtered") if has_rays else ()),
+            *(("reflection_detail",) if has_detail else ()))
 
 
-def declare(grid: Size, has_rays: bool) -> Pass:
+def make_with_reflections(fragment: str, grid: Size, has_detail: bool) -> Callable[[Device, BoundPass], Execute]:
+    """``Pass.make`` of a full-screen pass with ``reflected_light.glsl``; at rest it has a shader of its own."""
+    def draw(defines: dict[str, object]) -> Callable[[Device, BoundPass], Execute]:
+        return make_fullscreen(fragment, lambda frame: {"ratio": ratio_to(grid, frame)}, defines)
+
+    def make(device: Device, bound: BoundPass) -> Execute:
+        moving, resting = draw({})(device, bound), draw({"AT_REST": 1})(device, bound)
+        return lambda frame, resources: (resting if _is_at_rest(frame) else moving)(frame, resources)
+
+    return make if has_detail else draw({})
+
+
+def declare(grid: Size, has_rays: bool, has_detail: bool) -> Pass:
     """What is seen of reflections, at full resolution, as ``composite`` adds it by itself."""
-    return Pass("reflection", reads=("indirect", *surfaces_read(has_rays)), writes={"reflection": Tex("f2", 4)},
-                make=make_fullscreen("reflection.frag", lambda frame: {"ratio": ratio_to(grid, frame)}))
+    return Pass("reflection", reads=("indirect", *surfaces_read(has_rays, has_detail)),
+                writes={"reflection": Tex("f2", 4)},
+                make=make_with_reflections("reflection.frag", grid, has_detail))
 
 
-def _samples(grid: Size, frame: FrameState, has_history: bool) -> dict[str, object]:
-    """Where in the lobe and in its texel each ray is; all frames together cover both."""
-    if not has_history:
-        return {"noise_offset": (0.0, 0.0), "shift": (0.0, 0.0)}
-    inside = (halton(frame.index % SHIFTS + 1, base) - 0.5 for base in (2, 3))
-    return {"noise_offset": tuple(step * frame.index % 1.0 for step in R2),
-            "shift": tuple(ratio * at for ratio, at in zip(ratio_to(grid, frame), inside, strict=True))}
+def _is_at_rest(frame: FrameState) -> bool:
+    return frame.motion is MotionKind.NONE
+
+
+def _inside(grid: Size, frame: FrameState) -> tuple[float, float]:
+    """Where in its texel each ray starts, in [0, 1); as many frames as a texel has pixels cover all of them.
+
+    Each round begins elsewhere, so that a pixel does not always meet the same jitter.
+    """
+    sides = tuple(math.ceil(ratio) for ratio in ratio_to(grid, frame))
+    cells = _spread_cells(*sides)
+    x, y = cells[(frame.index + frame.index // len(cells)) % len(cells)]
+    return (x + 0.5) / sides[0], (y + 0.5) / sides[1]
+
+
+@lru_cache(maxsize=4)
+def _spread_cells(width: int, height: int) -> list[tuple[int, int]]:
+    """The cells of a grid, ordered so that those of any few successive ones are spread over it."""
+    cells = [(x, y) for y in range(height) for x in range(width)]
+    return sorted(cells, key=lambda cell: (R2[0] * cell[0] + R2[1] * cell[1]) % 1.0)
 
 
 def _filter(name: str, source: str, target: str, grid: Size, spacing: int, *reads: str) -> Pass:

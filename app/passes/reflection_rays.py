@@ -1,25 +1,34 @@
-"""What reflected rays meet where the screen does not show it: the light that surfels send there, or the environment."""
+"""What reflected rays meet where the screen does not show it: lit surfaces, or the environment.
+
+Direct light at the rays' ends is drawn as in the picture; indirect light is that of the world surfels around.
+"""
+
+from collections.abc import Callable
 
 import numpy as np
 
 from app.arrays import F32, Bools, Ints
 from app.environment import SKY_DISTANCE, radiance_along
+from app.gl.context import Device
+from app.gl.direct_light import DirectLight
 from app.gl.frame_state import Execute, FrameState, MotionKind
+from app.gl.fullscreen import read_defines
+from app.gl.lights import LightSet
 from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
 from app.math3d import GOLDEN_RATIO, R2, put_rows, row_dots
 from app.network.channels import HALF_MAX
 from app.raycast.caster import Caster
 from app.scene import Environment
-from app.surfels.lookup import SurfelLookup
 from app.surfels.tracked import TrackedSurfels
 
 FIRST_RAYS = 2**17    # of a frame without history: all of them
-FRAME_RAYS = {MotionKind.NONE: 2**14, MotionKind.CAMERA: 2**12, MotionKind.OBJECTS: 2**13}  # of other frames
+FRAME_RAYS = {MotionKind.NONE: 2**15, MotionKind.CAMERA: 2**12, MotionKind.OBJECTS: 2**13}  # of other frames
+LIT_AT_ONCE = 64, 64   # ends of rays that direct light is drawn at together, as a grid
 MAX_UNIT_ERROR = 0.1  # of a direction's squared length
 
 
-def declare(grid: tuple[int, int], surfels: TrackedSurfels, environment: Environment | None,
+def declare(grid: tuple[int, int], surfels: TrackedSurfels, lights: LightSet, environment: Environment | None,
             has_history: bool) -> Pass:
     """Over a low-resolution ``grid`` of width and height.
 
@@ -28,14 +37,16 @@ def declare(grid: tuple[int, int], surfels: TrackedSurfels, environment: Environ
     has_history : bool
         Whether frames are gathered, so that each traces only some of the rays.
     """
-    return Pass("reflection_rays", reads=("reflection_origin", "reflection_ray", "surfel_light"),
+    # The pass that writes ``surfel_light`` moves the surfels.
+    return Pass("reflection_rays", reads=("reflection_origin", "reflection_ray", "surfel_light", *lights.shadow_maps),
                 optional=("surfel_indirect",), writes={"reflection_traced": Tex("f4", 4, size=grid)},
-                make=lambda device, bound: _make(bound, grid, surfels, environment, has_history))
+                make=lambda device, bound: _make(device, bound, grid, surfels, lights, environment, has_history))
 
 
-def _make(bound: BoundPass, grid: tuple[int, int], surfels: TrackedSurfels, environment: Environment | None,
-          has_history: bool) -> Execute:
+def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: TrackedSurfels, lights: LightSet,
+          environment: Environment | None, has_history: bool) -> Execute:
     dither = _dither(grid)
+    direct = DirectLight(device, lights, read_defines(bound), LIT_AT_ONCE, surfels.caster)
 
     def execute(frame: FrameState, resources: Resources) -> None:
         ray = _read(resources, "reflection_ray")
@@ -43,12 +54,17 @@ def _make(bound: BoundPass, grid: tuple[int, int], surfels: TrackedSurfels, envi
         rows = _choose(ray, (dither + GOLDEN_RATIO * frame.index) % 1.0, budget)
         traced = np.zeros_like(ray)
         if len(rows):
+            world, lookup = surfels.world, surfels.lookup
             indirect = (resources.rows("surfel_indirect") if "surfel_indirect" in bound.reads
-                        else surfels.world.emissive_irradiance)
-            light = np.nan_to_num(resources.rows("surfel_light") + indirect).clip(0, HALF_MAX)
+                        else world.emissive_irradiance)
+            of_surfels = lookup.smooth(np.nan_to_num(world.sky_irradiance + indirect).clip(0, HALF_MAX))
+
+            def light_at(at: F32, facing: F32) -> F32:
+                return direct.estimate(frame, resources, at, facing) + lookup.interpolate(of_surfels, at, facing)
+
             shift = frame.view.eye - surfels.caster.origin
             origin = _read(resources, "reflection_origin").take(rows, axis=0)[:, :3] + shift
-            put_rows(traced, rows, _trace(surfels.caster, surfels.lookup, light, environment, origin.astype(np.float32),
+            put_rows(traced, rows, _trace(surfels.caster, light_at, environment, origin.astype(np.float32),
                                           ray.take(rows, axis=0)[:, :3]))
         resources["reflection_traced"].write(traced.tobytes())
 
@@ -70,16 +86,16 @@ def _choose(ray: F32, threshold: F32, budget: int) -> Ints:
         return rows[np.abs(row_dots(direction, direction) - 1) < MAX_UNIT_ERROR]
 
 
-def _trace(caster: Caster, lookup: SurfelLookup, light: F32, environment: Environment | None, origin: F32,
+def _trace(caster: Caster, light_at: Callable[[F32, F32], F32], environment: Environment | None, origin: F32,
            direction: F32) -> F32:
-    """Radiance along rays and their lengths, shape (N, 4)."""
+    """Radiance along rays and their lengths, shape (N, 4); ``light_at`` gives irradiance / π at points with normals."""
     finite: Bools = np.asarray(np.isfinite(origin).all(axis=1))
     hits = caster.cast(np.where(finite[:, None], origin, 0), direction)
     found = np.zeros((len(origin), 4), np.float32)
     met, sky = finite & (hits.body >= 0), finite & (hits.body < 0)
     if met.any():
         at = hits.select(met)
-        found[met, :3] = at.traced_emission + at.albedo * lookup.interpolate(light, at.position, at.normal)
+        found[met, :3] = at.traced_emission + at.albedo * light_at(at.position, at.normal)
         found[met, 3] = at.distance
     if environment is not None and sky.any():
         found[sky, :3] = radiance_along(environment, direction[sky].astype(np.float64))

@@ -32,7 +32,8 @@ class SurfelLookup:
     def __init__(self, world: WorldSurfels) -> None:
         rows = slice(0, max(world.used, 1))
         self._center = world.position[rows].mean(axis=0)  # for precision where the scene is much larger
-        position, normal = world.position[rows] - self._center, world.normal[rows]
+        self._surfels = world.position[rows], world.normal[rows]
+        position, normal = self._surfels[0] - self._center, self._surfels[1]
         radius = np.maximum(world.radius[rows], np.float32(1e-18))
         plane = world.clip_plane[rows].copy()
         plane[:, 3] += plane[:, :3] @ self._center
@@ -44,6 +45,7 @@ class SurfelLookup:
         self._columns = np.ascontiguousarray(surfels.T, np.float32)
         self._edge = CELL_RADII * float(np.median(radius))
         self._codes, self._rows, self._candidates, self._cell_weights = self._no_cells()
+        self._smoothed: tuple[F32, F32] | None = None  # what was smoothed last, and the result
 
     def interpolate(self, light: F32, position: F32, normal: F32, candidates: int = CANDIDATES) -> F32:
         """Weighted mean of the surfels' light at points, shape (N, 3).
@@ -70,6 +72,15 @@ class SurfelLookup:
         cells = self._find_cells(position - self._center, normal)
         near = self._candidates[:, :CANDIDATES].T.take(cells, axis=1)
         return _mean(self._cell_weights.T.take(cells, axis=1), light, near)
+
+    def smooth(self, light: F32) -> F32:
+        """``light`` of the surfels, averaged over those around each, twice: in mirrors its noise would show."""
+        if self._smoothed is None or not np.array_equal(self._smoothed[0], light):
+            smooth = light
+            for _ in range(2):
+                smooth = self.interpolate(smooth, *self._surfels, MAX_CANDIDATES)
+            self._smoothed = light, smooth
+        return self._smoothed[1]
 
     def _weights(self, position: F32, normal: F32, near: Ints) -> F32:
         """Weights that sum to 1, shape (K, N), of surfels ``near`` (K, N) at points (N, 3); docs/ember.md."""

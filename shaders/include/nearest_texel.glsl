@@ -4,3 +4,9 @@ ivec2 nearest_texel(ivec2 low, vec2 ratio)
 {
     return ivec2((vec2(low) + 0.5) * ratio);
 }
+
+// The full-resolution texel at a place inside a low-resolution one, in [0, 1)^2.
+ivec2 texel_inside(ivec2 low, vec2 ratio, vec2 inside, ivec2 size)
+{
+    return min(ivec2((vec2(low) + inside) * ratio), size - 1);
+}

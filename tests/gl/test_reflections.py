@@ -85,6 +85,34 @@ def test_a_coarse_grid_is_interpolated(small_ember: Path, monkeypatch: pytest.Mo
     assert (inside[:, 1:] != inside[:, :-1]).mean() > 0.9
 
 
+def coarsen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A grid that is to the picture as that of large pictures."""
+    for name in ("MIN_TEXELS", "MAX_TEXELS"):
+        monkeypatch.setattr(reflection, name, SIZE[0] * SIZE[1] // 16)
+
+
+def mixed_share(reflection: Image) -> float:
+    """Share of pixels around the border between the red and the blue wall that show both."""
+    red, blue = reflection[30:42, 44:52, 0], reflection[30:42, 44:52, 2]
+    return float((np.minimum(red, blue) > 0.25 * np.maximum(red, blue)).mean())
+
+
+def test_a_mirror_at_rest_becomes_as_sharp_as_the_picture(small_ember: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    coarsen(monkeypatch)
+    images = [image["reflection"] for image in draw(room(), small_ember, (CAMERA,) * 20)]
+    assert mixed_share(images[0]) > 0.2
+    assert mixed_share(images[-1]) <= 1 / 8  # at most one pixel of each row
+
+
+def test_what_a_mirror_showed_at_rest_is_gone_when_the_camera_moves(small_ember: Path,
+                                                                    monkeypatch: pytest.MonkeyPatch) -> None:
+    coarsen(monkeypatch)
+    moved = replace(CAMERA, eye=(0.25, 1.0, 0.5), target=(0.25, 1.0, -1.0))
+    after = draw(room(), small_ember, (*(CAMERA,) * 20, moved))[-1]["reflection"]
+    fresh = draw(room(), small_ember, (moved,))[-1]["reflection"]
+    assert np.abs(after - fresh).mean() < 0.1 * fresh.mean()
+
+
 def test_reflections_can_be_switched_off(small_ember: Path) -> None:
     names, culled = passes(room(), small_ember, reflections=False)
     assert not any(name.startswith("reflection") for name in names)
