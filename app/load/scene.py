@@ -270,7 +270,11 @@ def apply_lighting(builder: SceneBuilder, path: Path, sidecar: Sidecar, requeste
         builder.scale_emission(chosen.emission)
         if chosen.environment is not None:
             folder = (sidecar.path or Path()).parent
-            builder.environment = build_environment(chosen.environment, folder, builder.notice)
+            try:
+                builder.environment = build_environment(chosen.environment, folder, builder.notice)
+            except SceneError as error:  # about an image
+                where = at(sidecar.path, "lightings", name, "environment", "file")
+                raise SceneError(f"{error.where}: {error.what}", where, error.expected) from error
     return sidecar, name
 
 
