@@ -399,7 +399,10 @@ def _reflections(inputs: FrameInputs) -> Iterator[Step]:
         yield from reflection.declare_gathering(grid, settings.taa)
     else:
         yield from _absent("all surfaces are too rough for rays", *REFLECTED_RAY_PASSES)
-    yield reflection.declare(grid, inputs.has_reflected_rays)
+    if "reflection" in settings.outputs:
+        yield reflection.declare(grid, inputs.has_reflected_rays)
+    else:
+        yield Absent("reflection", "not asked for by --aov; composite adds reflections itself")
 
 
 def _composite(inputs: FrameInputs) -> Pass:
