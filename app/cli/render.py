@@ -147,6 +147,9 @@ def render(
     check_video([kind for kind in kinds if kind in CODECS], settings.size)
     if timing is not None:
         refuse_folder(timing, "--timing", "JSON")
+    models = [find_model(name) for name in model if name != NONE]
+    if scale is not None and not any(isinstance(m, Path) for m in models):
+        raise SettingsError("needs a network", "--scale", "expected a --model that is one")
     if scene is not None:
         loaded = load_scene(scene, lighting=lighting_of(lighting, studio), scene_json=scene_json, variant=variant,
                             animation=animation, studio=studio is not False, ground=ground)
@@ -160,9 +163,6 @@ def render(
     path = choose_camera(loaded, camera, frames, time)
     for notice in loaded.notices:
         note(notice)
-    models = [find_model(name) for name in model if name != NONE]
-    if scale is not None and not any(isinstance(m, Path) for m in models):
-        raise SettingsError("needs a network", "--scale", "expected a --model that is one")
     with Renderer(loaded, settings, models) as renderer:
         for name in renderer.missing:
             note(f"{name} is all zero, nothing in this scene writes it")

@@ -1,6 +1,7 @@
 """Loads a scene: reads its file, applies the scene JSON, and adds a camera and a light where they are missing."""
 
 import json
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
@@ -191,6 +192,10 @@ def _reason(error: Exception) -> str:
             return "it is not text in UTF-8"
         case KeyError():
             return f"{error} is missing"
+        case TypeError() | AttributeError():
+            return "a value is of the wrong kind"
+        case struct.error():
+            return "it ends too early"
         case RecursionError():
             return "it is nested too deeply"
     return " ".join(str(error).split())[:120] or type(error).__name__

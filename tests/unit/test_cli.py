@@ -207,6 +207,11 @@ def test_verbose_lists_what_runs(invoke) -> None:
     (["--model", "."], "--model: '.' is a folder"),
     (["missing.obj"], "missing.obj"),
     (["one.obj", "two.obj"], "two.obj"),
+    (["rendr", "one.obj"], "no command or scene file 'rendr' (did you mean 'render'?"),
+    (["a" * 300 + ".obj"], "File name too long"),
+    (["--out", "o\udcff"], "--out: can't write to 'o\\udcff' (expected a name in UTF-8)"),
+    (["--timing", "a" * 300 + ".json"], "File name too long"),
+    (["missing.obj", "--model", "embr"], "did you mean 'ember'?"),
     (["--scene-json", "alone.json"], "--scene-json"),
 ])
 def test_user_errors_are_one_line(invoke, tmp_path: Path, args: list[str], said: str) -> None:
