@@ -410,7 +410,10 @@ def _reflections(inputs: FrameInputs) -> Iterator[Step]:
                          else NO_TAA)
     else:
         yield from _absent("all surfaces are too rough for rays", *REFLECTED_RAY_PASSES)
-    yield reflection.declare(grid, inputs.has_reflected_rays, inputs.has_reflection_detail)
+    if "reflection" in settings.outputs:
+        yield reflection.declare(grid, inputs.has_reflected_rays, inputs.has_reflection_detail)
+    else:
+        yield Absent("reflection", "not asked for by --aov; composite adds reflections itself")
 
 
 def _composite(inputs: FrameInputs) -> Pass:

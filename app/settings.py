@@ -78,9 +78,7 @@ class Settings:
     render_scale: float = 1.0
 
     def __post_init__(self) -> None:
-        if not all(isinstance(n, int) and 1 <= n <= MAX_SIDE for n in self.size):
-            raise SettingsError(f"bad size {self.size[0]}x{self.size[1]}", "size",
-                                f"expected WIDTHxHEIGHT, each from 1 to {MAX_SIDE}")
+        _check_size(self.size, "size")
         if not (_is_a(Real, self.render_scale) and MIN_RENDER_SCALE <= self.render_scale <= 1):
             raise SettingsError(f"bad scale {self.render_scale}", "render_scale",
                                 f"expected a number from {MIN_RENDER_SCALE} to 1")
@@ -132,15 +130,22 @@ def command_line_error(error: AfterglowError) -> str:
     return f"{where}: {error.what} ({error.expected})"
 
 
-def parse_size(text: str) -> tuple[int, int]:
+def parse_size(text: str, option: str = "--size") -> tuple[int, int]:
     """``1024x768`` as (1024, 768).
 
     Raises
     ------
     SettingsError
-        When it is not two whole numbers.
+        When it is not two whole numbers from 1 to ``MAX_SIDE``.
     """
     match = re.fullmatch(r"(\d{1,9})x(\d{1,9})", text)
     if match is None:
-        raise SettingsError(f"bad size {text!r}", "--size", "expected WIDTHxHEIGHT in pixels, such as 1024x768")
-    return int(match[1]), int(match[2])
+        raise SettingsError(f"bad size {text!r}", option, "expected WIDTHxHEIGHT in pixels, such as 1024x768")
+    size = int(match[1]), int(match[2])
+    _check_size(size, option)
+    return size
+
+
+def _check_size(size: tuple[int, int], where: str) -> None:
+    if not all(isinstance(n, int) and 1 <= n <= MAX_SIDE for n in size):
+        raise SettingsError(f"bad size {size[0]}x{size[1]}", where, f"expected WIDTHxHEIGHT, each from 1 to {MAX_SIDE}")

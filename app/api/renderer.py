@@ -78,6 +78,7 @@ class Renderer:
         self._lights: tuple[Light, ...] = ()
         self._clock = 0.0
         self._video = 0  # number of the video, or of the other picture, that was drawn last
+        self._is_closed = False
         self._lock = RLock()
 
     @property
@@ -210,17 +211,21 @@ class Renderer:
             yield frame
 
     def close(self) -> None:
-        """Release everything; the next picture would begin anew."""
+        """Release everything; the renderer can't draw afterwards."""
         with self._lock:
-            if self._engine is not None:
-                self._engine.close()
-            self._engine, self._movable = None, ()
+            self._is_closed = True
+            self._release()
 
     def __enter__(self) -> Renderer:
         return self
 
     def __exit__(self, *error: object) -> None:
         self.close()
+
+    def _release(self) -> None:
+        if self._engine is not None:
+            self._engine.close()
+        self._engine, self._movable = None, ()
 
     def _still(self, engine: Engine, camera: Camera, time: float, together: Sequence[Camera],
                following: tuple[Camera, float]) -> Frame:
@@ -258,6 +263,8 @@ class Renderer:
 
     def _follow(self) -> Engine:
         """The engine for the scene as it is now."""
+        if self._is_closed:
+            raise SettingsError("it is closed", "renderer", "expected a new one, or to draw before it is closed")
         moved = self._moved()
         if self._engine is None or self.scene.key != self._key or not set(moved) <= set(self._movable):
             return self._begin(moved)
@@ -290,7 +297,7 @@ class Renderer:
 
     def _begin(self, moved: tuple[str, ...]) -> Engine:
         movable = tuple(name for name in (*self._movable, *moved) if name in self.scene.objects)
-        self.close()
+        self._release()
         self._movable = tuple(dict.fromkeys(movable))
         self._assembled = self.scene.assemble(self._movable)
         self._key, self._lights = self.scene.key, check_lights(self.scene.lights)

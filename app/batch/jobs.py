@@ -113,7 +113,7 @@ def read_jobs(path: Path) -> list[Job | BadLine]:
     Raises
     ------
     SceneError
-        When the file can't be read.
+        When the file can't be read or has no jobs.
     """
     try:
         lines = path.read_text("utf-8-sig").split("\n")
@@ -134,6 +134,8 @@ def read_jobs(path: Path) -> list[Job | BadLine]:
                 jobs.append(job)
             except AfterglowError as error:
                 jobs.append(BadLine(f"line {number}", str(error)))
+    if not jobs:
+        raise SceneError("there is no job in the file", path, "expected one JSON object per line")
     return jobs
 
 

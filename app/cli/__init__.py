@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import sys
 from contextlib import suppress
 from pathlib import Path
@@ -19,7 +20,7 @@ from app.cli.golden import golden
 from app.cli.models import models
 from app.cli.render import render
 from app.cli.view import view
-from app.errors import AfterglowError
+from app.errors import AfterglowError, SettingsError, did_you_mean
 from app.settings import command_line_error
 
 DEFAULT = "render"
@@ -32,6 +33,9 @@ class DefaultGroup(TyperGroup):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         own = {name for parameter in self.get_params(ctx) for name in parameter.opts}
         named = bool(args) and (args[0] in self.commands or args[0] in own)
+        if args and not named and re.fullmatch(r"[a-z]+", args[0]) and not Path(args[0]).exists():
+            raise SettingsError(f"no command or scene file {args[0]!r}", "command line",
+                                f"{did_you_mean(args[0], self.commands)}, or a scene file")
         return super().parse_args(ctx, args if named else [DEFAULT, *args])
 
     def main(self, *args: Any, **options: Any) -> NoReturn:
@@ -48,9 +52,12 @@ class DefaultGroup(TyperGroup):
         except typer.Abort:
             status = 1
         except OSError as error:
-            if error.filename is not None or error.errno not in (errno.ENOSPC, errno.EIO):
+            if error.filename is not None:
+                _print_error(f"{error.filename}: {error.strerror} (expected a file or folder that can be used)")
+            elif error.errno in (errno.ENOSPC, errno.EIO):
+                _print_error(f"standard output: can't be written, {error.strerror} (expected room for a few lines)")
+            else:
                 raise
-            _print_error(f"standard output: can't be written, {error.strerror} (expected room for a few lines)")
             status = USER_ERROR
         sys.exit(status)
 

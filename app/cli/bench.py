@@ -30,7 +30,7 @@ from app.errors import SettingsError, did_you_mean
 from app.io.terminal import print_table, say
 from app.network.selection import DEFAULT_MODEL
 from app.paths import PROGRAM
-from app.settings import MIN_RENDER_SCALE, Settings, parse_size
+from app.settings import MIN_RENDER_SCALE, parse_size
 
 WORSE = 1  # exit code
 ALL = "all"
@@ -203,7 +203,7 @@ def _print_changes(old: dict[str, Any], new: dict[str, Any]) -> bool:
 
 
 def _sizes(text: str) -> tuple[tuple[int, int], ...]:
-    sizes = tuple(dict.fromkeys(Settings(size=parse_size(part)).size for part in parse_list(text)))
+    sizes = tuple(dict.fromkeys(parse_size(part, "--sizes") for part in parse_list(text)))
     if not sizes:
         raise SettingsError("no size given", "--sizes", "expected sizes, such as 256x192,1024x768")
     if min(map(min, sizes)) < MIN_COMPARED_SIDE:

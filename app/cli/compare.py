@@ -25,7 +25,7 @@ from app.errors import SettingsError
 from app.io.atomic_files import prepare_folders, write_text
 from app.io.terminal import say
 from app.network.selection import DEFAULT_COMPARISON
-from app.settings import Settings, parse_size
+from app.settings import parse_size
 
 if TYPE_CHECKING:
     from app.evaluation.reference import Reference, TraceRequest
@@ -70,7 +70,7 @@ def compare(
 
     names = parse_list(models)
     drawn = [name for name in names if name != REFERENCE]
-    pixels = Settings(size=parse_size(size)).size
+    pixels = parse_size(size)
     configurations, _ = expand(drawn, [pixels])
     if not drawn or len(configurations) + (REFERENCE in names) < 2:
         raise SettingsError(f"nothing to compare in {models!r}", "--models",

@@ -71,10 +71,14 @@ def parse_folder(text: str | Path) -> Path:
     Raises
     ------
     SettingsError
-        When the text is empty.
+        When the text is empty or not UTF-8, which images can't be written to.
     """
     if not str(text).strip():
         raise SettingsError("no folder given", "--out", "expected a folder, such as out, or . for the current one")
+    try:
+        str(text).encode()
+    except UnicodeEncodeError:
+        raise SettingsError(f"can't write to {str(text)!r}", "--out", "expected a name in UTF-8") from None
     return Path(text)
 
 

@@ -29,14 +29,13 @@ from app.cli.options import (
     Time,
     Tonemap,
     Variant,
-    check_name,
     parse_folder,
     parse_names,
     parse_scale,
     refuse_folder,
 )
 from app.cli.report import print_summary
-from app.errors import SettingsError
+from app.errors import SettingsError, did_you_mean
 from app.io.aov_preview import preview
 from app.io.atomic_files import prepare_folders, write_text
 from app.io.exr_header import picture_header
@@ -148,6 +147,9 @@ def render(
     check_video([kind for kind in kinds if kind in CODECS], settings.size)
     if timing is not None:
         refuse_folder(timing, "--timing", "JSON")
+    models = [find_model(name) for name in model if name != NONE]
+    if scale is not None and not any(isinstance(m, Path) for m in models):
+        raise SettingsError("needs a network", "--scale", "expected a --model that is one")
     if scene is not None:
         loaded = load_scene(scene, lighting=lighting_of(lighting, studio), scene_json=scene_json, variant=variant,
                             animation=animation, studio=studio is not False, ground=ground)
@@ -161,9 +163,6 @@ def render(
     path = choose_camera(loaded, camera, frames, time)
     for notice in loaded.notices:
         note(notice)
-    models = [find_model(name) for name in model if name != NONE]
-    if scale is not None and not any(isinstance(m, Path) for m in models):
-        raise SettingsError("needs a network", "--scale", "expected a --model that is one")
     with Renderer(loaded, settings, models) as renderer:
         for name in renderer.missing:
             note(f"{name} is all zero, nothing in this scene writes it")
@@ -188,30 +187,35 @@ def render(
     print_summary(report, images, timing, check=check)
 
 
-def choose_camera(scene: Scene, name: str | None, frames: int, start: float = 0.0) -> CameraPath:
+def choose_camera(scene: Scene, name: str | None, frames: int | None = None, start: float = 0.0) -> CameraPath:
     """The camera for the text of ``--camera``: of the scene, of a file, automatic or orbiting from ``start`` on.
+
+    Parameters
+    ----------
+    frames : int or None
+        That an orbit has; None where there is none.
 
     Raises
     ------
     SettingsError
         When the scene has no camera of that name.
     """
-    from app.load import auto_camera, is_camera_keyword, load_camera, orbit
-    from app.load.cameras import ORBIT
+    from app.load import auto_camera, load_camera, orbit
+    from app.load.cameras import CAMERA_FILE, ORBIT
 
-    own = scene.cameras[scene.default_camera]
-    if name is None:
-        return own
-    if not is_camera_keyword(name):
-        if name not in scene.cameras:
-            check_name(name, (AUTO, ORBIT, *scene.cameras), "--camera")
+    name = scene.default_camera if name is None else name
+    if name in scene.cameras:
         return scene.cameras[name]
     if name == AUTO:
         return CameraPath.still(auto_camera(scene))
-    if name == ORBIT:
-        keys = orbit(scene, own.at(start), frames)
+    if name == ORBIT and frames is not None:
+        keys = orbit(scene, scene.cameras[scene.default_camera].at(start), frames)
         return CameraPath(tuple(start + index * FRAME_SECONDS for index in range(frames)), tuple(keys))
-    return load_camera(Path(name))
+    if name.endswith(CAMERA_FILE):
+        return load_camera(Path(name))
+    words = (AUTO,) if frames is None else (AUTO, ORBIT)
+    known = dict.fromkeys((*words, *scene.cameras))
+    raise SettingsError(f"unknown name {name!r}", "--camera", did_you_mean(name, known))
 
 
 def _draw(renderer: Renderer, path: CameraPath, settings: Settings, start: float, frames: int, settle: int, out: Path,

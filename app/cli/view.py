@@ -96,7 +96,7 @@ def view(
     models = tuple(dict.fromkeys((*all_models(), *indirect)))
     movable = {name: members for name, members in loaded.objects.items()
              if all(loaded.scene.instances[i].motion is None for i in members)}
-    first_view = choose_camera(loaded.scene, camera, 1).at(0.0)
+    first_view = choose_camera(loaded.scene, camera).at(0.0)
     state = State(settings.size, first_view, loaded.scene.lights[:loaded.own_lights], indirect[0],
                   environment=next(iter(shading), ""), bounces=bounces)
     choices = Choices(models, VIEWABLE_OUTPUTS, (*TONE_MAPS, *default_views()), movable)

@@ -15,7 +15,7 @@ EXTRAS = {
     "distributed": "cluster", "torch": "export", "mitsuba": "export",
 }
 NVIDIA = f"for NVIDIA GPUs: {CUDA_REMEDY}"
-SOFTWARE_RENDERER = "not a GPU; for one install the EGL library of its driver, and be allowed to open the device"
+SOFTWARE_RENDERER = "software; to draw on a GPU, install its driver's EGL library and get permission to open its device"
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,8 @@ def _providers() -> Finding:
 
 def _cuda() -> Finding:
     if find_cuda() is None:
-        return Finding("exchanges", "without CUDA: its runtime library (libcudart) or a GPU for it is missing", NVIDIA)
+        text = "tensors by way of the CPU, since CUDA's runtime library (libcudart) or a GPU for it is missing"
+        return Finding("exchanges", text, NVIDIA)
     return Finding("exchanges", "tensors on the GPU, with CUDA's runtime library")
 
 

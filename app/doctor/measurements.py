@@ -44,8 +44,8 @@ def measure_transfers(size: tuple[int, int]) -> dict[str, float]:
         for name, dtype in (("single precision", "f4"), ("8 bits", "f1")):
             texture = device.ctx.texture(size, 4, dtype=dtype)
             pixels = texture.read(alignment=1)
-            times[f"read {name}"] = _median_ms(partial(texture.read, alignment=1))
-            times[f"write {name}"] = _median_ms(partial(_write, device, texture, pixels))
+            times[f"read a picture in {name}"] = _median_ms(partial(texture.read, alignment=1))
+            times[f"write a picture in {name}"] = _median_ms(partial(_write, device, texture, pixels))
             texture.release()
     return times
 

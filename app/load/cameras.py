@@ -23,7 +23,7 @@ _UP = np.array([0.0, 1.0, 0.0])
 
 
 def is_camera_keyword(name: str) -> bool:
-    """Whether ``--camera`` takes ``name`` for a keyword or file instead of a camera of the scene."""
+    """Whether ``--camera`` takes ``name`` for a keyword or a file where no camera of the scene has it."""
     return name in (AUTO, ORBIT) or name.endswith(CAMERA_FILE)
 
 

@@ -22,8 +22,6 @@ from numpy.typing import NDArray
 from app.errors import SceneError
 from app.load import draco, meshopt
 
-_COMPONENTS = {5120: np.int8, 5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
-_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _TRIANGLES = 4
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 _UNSIGNED_INT = 5125
@@ -43,6 +41,22 @@ class Entries(list[Any]):
         if not isinstance(index, slice) and not (isinstance(index, int) and 0 <= index < len(self)):
             raise IndexError(f"{self._name} has no entry {index!r}")
         return super().__getitem__(index)
+
+
+class Codes(dict[Any, Any]):
+    """What each value of a key stands for; another value than these is an error that names it."""
+
+    def __init__(self, key: str, meanings: dict[Any, Any]) -> None:
+        super().__init__(meanings)
+        self._key = key
+
+    def __missing__(self, value: Any) -> Any:
+        raise ValueError(f"{self._key} {value!r} is none of {', '.join(map(str, self))}")
+
+
+_COMPONENTS = Codes("componentType", {5120: np.int8, 5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32,
+                                      5126: np.float32})
+_WIDTHS = Codes("an accessor's type", {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16})
 
 
 @dataclass(eq=False)
@@ -205,6 +219,8 @@ def _split_glb(data: bytes) -> tuple[bytes, bytes]:
         size, kind = struct.unpack_from("<II", data, at)
         chunks.setdefault(kind, data[at + 8:at + 8 + size])
         at += 8 + size
+    if _JSON_CHUNK not in chunks:
+        raise ValueError("the GLB file has no JSON chunk")
     return chunks[_JSON_CHUNK], chunks.get(_BINARY_CHUNK, b"")
 
 

@@ -34,6 +34,8 @@ def read_obj(path: Path, builder: SceneBuilder) -> None:
     if re.search(r"^[lp] ", text, re.MULTILINE):
         builder.notice("points and lines are omitted")
     text, parts = _number_parts(text, path.stem)
+    if re.search(r"^f (.* )?0+[/ \n]", text, re.MULTILINE):
+        raise ValueError("a face has the vertex 0, but the first one has the number 1")
     if re.search(r"^f .*-\d", text, re.MULTILINE):
         text = "\n".join(_make_absolute(text))
 
@@ -44,6 +46,8 @@ def read_obj(path: Path, builder: SceneBuilder) -> None:
         content = load_obj(io.StringIO(text), resolver={"parts": numbers})
     except IndexError as error:
         raise ValueError("a face has a vertex, normal or uv that the file does not list") from error
+    except ValueError as error:
+        raise ValueError("a line of numbers can't be read") from error
     for geometry in content.get("geometry", {}).values():
         name, material = parts[int(geometry["visual"].material.name)]
         if material not in indices:
@@ -109,10 +113,10 @@ def _default_material(name: str, builder: SceneBuilder) -> Material:
 def _triangulate(geometry: dict[str, Any]) -> RawMesh:
     """The content that trimesh read, whose faces are polygons of equal length, as triangles."""
     positions, faces = np.asarray(geometry["vertices"], np.float64), np.asarray(geometry["faces"], np.int64)
-    fans = [faces[:, [0, i, i + 1]] for i in range(1, faces.shape[1] - 1)]
+    fans = [corner for i in range(1, faces.shape[1] - 1) for corner in (0, i, i + 1)]
     return RawMesh(
         positions=positions,
-        triangles=np.stack(fans, axis=1).reshape(-1, 3),
+        triangles=faces[:, fans].reshape(-1, 3),
         normals=_per_vertex(geometry.get("vertex_normals"), positions, 3),
         uvs=_per_vertex(geometry["visual"].uv, positions, 2),
         colors=add_alpha(_per_vertex(geometry.get("vertex_colors"), positions, 3)),

@@ -34,6 +34,8 @@ def read_ply(path: Path, builder: SceneBuilder) -> None:
 def _triangulate(content: dict[str, Any]) -> RawMesh:
     """The content that trimesh read, as triangles with normals."""
     positions, faces = np.asarray(content["vertices"], np.float64), np.asarray(content["faces"], np.int64)
+    if faces.size and not 0 <= faces.min() <= faces.max() < len(positions):
+        raise ValueError("a face has a vertex that the file does not list")
     face_colors = _linear_colors(content.get("face_colors"), len(faces))
     if faces.shape[1] == 4:
         faces = faces[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)

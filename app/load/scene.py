@@ -1,6 +1,7 @@
 """Loads a scene: reads its file, applies the scene JSON, and adds a camera and a light where they are missing."""
 
 import json
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
@@ -191,6 +192,10 @@ def _reason(error: Exception) -> str:
             return "it is not text in UTF-8"
         case KeyError():
             return f"{error} is missing"
+        case TypeError() | AttributeError():
+            return "a value is of the wrong kind"
+        case struct.error():
+            return "it ends too early"
         case RecursionError():
             return "it is nested too deeply"
     return " ".join(str(error).split())[:120] or type(error).__name__
@@ -270,7 +275,11 @@ def apply_lighting(builder: SceneBuilder, path: Path, sidecar: Sidecar, requeste
         builder.scale_emission(chosen.emission)
         if chosen.environment is not None:
             folder = (sidecar.path or Path()).parent
-            builder.environment = build_environment(chosen.environment, folder, builder.notice)
+            try:
+                builder.environment = build_environment(chosen.environment, folder, builder.notice)
+            except SceneError as error:  # about an image
+                where = at(sidecar.path, "lightings", name, "environment", "file")
+                raise SceneError(f"{error.where}: {error.what}", where, error.expected) from error
     return sidecar, name
 
 

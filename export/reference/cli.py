@@ -9,7 +9,7 @@ from app.errors import SettingsError
 from app.io.atomic_files import prepare_folders
 from app.io.terminal import transient_progress
 from app.load import embedded_scene, lighting_of, load_scene
-from app.settings import Settings, parse_size
+from app.settings import parse_size
 
 MAX_SPP, MAX_SECONDS = 2**15, 1e6
 SCENE = typer.Argument(metavar="[SCENE]", help="Scene file; by default the embedded Cornell box.")
@@ -31,6 +31,8 @@ def reference(scene: Annotated[Path | None, SCENE] = None,
               baselines: Annotated[str, typer.Option(
                   help="Write images at these paths per pixel, with timings, instead of the reference.",
                   metavar="N,…")] = "",
+              denoise: Annotated[bool, typer.Option(
+                  "--denoise", help="Denoise reflected and indirect light by Open Image Denoise.")] = False,
               seed: Annotated[int, typer.Option(min=0, max=31)] = 0,  # baselines derive 32-bit seeds from it
               out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("reference")) -> None:
     """Path-trace a scene: reference.exr with direct, indirect and final light, reference.json with its noise."""
@@ -38,9 +40,15 @@ def reference(scene: Annotated[Path | None, SCENE] = None,
                           ("--studio", studio or None), ("--ground", ground or None)):
         if scene is None and given is not None:
             raise SettingsError("needs a scene", option, "expected a SCENE too")
+    if denoise and baselines:
+        raise SettingsError("baselines are not denoised", "--denoise", "expected it without --baselines")
+    pixels, counts = parse_size(size), _parse_counts(baselines) if baselines else []
+    from app.evaluation.denoise import denoiser_version
     from export.reference.mitsuba_module import load_mitsuba
 
     load_mitsuba()  # fails here, before the scene is read, when something is missing
+    if denoise:
+        denoiser_version()  # so does this
     from export.reference.still import Still
     from export.reference.trace import write_baselines, write_reference
 
@@ -50,18 +58,19 @@ def reference(scene: Annotated[Path | None, SCENE] = None,
     if camera is not None and camera not in loaded.cameras:
         raise SettingsError(f"no camera {camera!r}", "--camera", f"expected one of: {', '.join(loaded.cameras)}")
     path = loaded.cameras[camera or loaded.default_camera]
-    still = Still(loaded, path.at(time), Settings(parse_size(size)).size, time)
+    still = Still(loaded, path.at(time), pixels, time)
     prepare_folders(out)
-    if baselines:
-        write_baselines(out, still, _parse_counts(baselines), seed, max_bounces)
+    if counts:
+        write_baselines(out, still, counts, seed, max_bounces)
         return
     about = {"scene": str(scene or "embedded"), "camera": camera or loaded.default_camera, "lighting": loaded.lighting}
     with transient_progress() as bar:
         task = bar.add_task("tracing", total=1.0)
         traced = write_reference(out, still, spp, seed, max_bounces, about,
-                                 lambda share: bar.update(task, completed=share))
+                                 lambda share: bar.update(task, completed=share), denoise)
     for name, value in traced.noise.items():
-        print(f"{name}: noise " + ("unknown" if value is None else f"{value:.2%} of the mean"))
+        print(f"{name}: noise " + ("unknown" if value is None else f"{value:.2%} of the mean")
+              + (" before it was denoised" if denoise and name != "direct" else ""))
     for notice in traced.notices:
         print(f"note: {notice}")
 

@@ -49,13 +49,13 @@ def compare_on_views(
     """Compare models and the best constant ambient light on the validation views; print means per scene."""
     from app.evaluation.tables import markdown_table
     from app.network.selection import all_models
-    from app.settings import Settings, parse_size
+    from app.settings import parse_size
     from export.validation.errors import by_scene, measure_errors
     from export.validation.tables import HEADER, NOISE_HEADER, cards_of, noise_lines, table_lines, write_figures
     from export.validation.timing import frame_times
     from export.validation.views import views
 
-    size = Settings(parse_size(time)).size if time is not None else None
+    size = parse_size(time, "--time") if time is not None else None
     for option, names in (("--only", only), ("--lighting", lighting)):
         if cards and names:
             raise SettingsError("can't be combined with --cards, which needs all views", option, "expected one of them")
@@ -150,14 +150,14 @@ def assets(
     Assets that assets.csv has already, at this size and with these paths, are not measured again.
     """
     from app.evaluation.tables import format_number
-    from app.settings import Settings, parse_size
+    from app.settings import parse_size
     from export.validation.assets import COLUMNS, Row, compare_assets, find_assets, mean_of
 
     files = find_assets(folder, only or ())
     if not files:
         raise SettingsError("no glTF files", folder, "expected a folder of .glb and .gltf files")
     prepare_folders(out)
-    rows = compare_assets(files, Settings(parse_size(size)).size, spp, out, say)
+    rows = compare_assets(files, parse_size(size), spp, out, say)
     shown: list[Row] = [*rows, {"asset": "mean", **{name: mean_of(rows, name) for name in COLUMNS}}]
     _print(("asset", *COLUMNS, ""),
            [(str(row["asset"]), *("" if row.get(name) is None else format_number(float(str(row[name])))

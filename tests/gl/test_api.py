@@ -94,6 +94,14 @@ def test_objects_of_a_file_move() -> None:
         assert np.abs(renderer.render()["final"] - before).max() > 0.05
 
 
+def test_a_closed_renderer_says_so() -> None:
+    with afterglow.Renderer(floor_and_box(), SIZE, None) as renderer:
+        renderer.render(CAMERA)
+    for draw_again in (renderer.render, lambda camera: next(renderer.render_video([camera], [0.0]))):
+        with pytest.raises(AfterglowError, match="renderer: it is closed"):
+            draw_again(CAMERA)
+
+
 def test_a_light_changes_between_frames() -> None:
     scene = floor_and_box()
     with afterglow.Renderer(scene, SIZE, None, taa=False) as renderer:

@@ -22,7 +22,7 @@ from app.batch import worker_process
 from app.batch.draw import TaskDrawer
 from app.batch.jobs import BadLine, Job, Task, read_jobs, tasks_of
 from app.batch.run import run_batch
-from app.errors import DeviceError
+from app.errors import DeviceError, SceneError
 from app.io.image import read_exr
 
 pytestmark = pytest.mark.gl
@@ -272,6 +272,11 @@ def test_two_networks_beside_the_jobs_are_found_and_a_change_of_either_is_seen(t
     before = Task(job).key()
     (tmp_path / "b.onnx").write_bytes(b"12")
     assert Task(job).key() != before
+
+
+def test_a_file_without_jobs_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="there is no job in the file"):
+        read_jobs(write_jobs(tmp_path / "jobs.jsonl", "", " "))
 
 
 def test_lines_end_only_where_json_lines_do(tmp_path: Path) -> None:

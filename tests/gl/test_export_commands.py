@@ -6,6 +6,7 @@ import importlib.util
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 from typer.testing import CliRunner
@@ -15,6 +16,7 @@ if any(importlib.util.find_spec(name) is None for name in ("mitsuba", "torch", "
 
 from app.errors import AfterglowError
 from app.golden.catalogue import PROBE, PROBE_ENVIRONMENT
+from app.io.image import read_exr
 from app.network.contract_json import read_contract
 from export.__main__ import cli
 from export.dataset import contact_sheet
@@ -86,11 +88,27 @@ def test_sheet_shows_the_first_pairs_of_a_dataset(tmp_path: Path) -> None:
     (["onnx", "stamp", "FOLDER/a.onnx", "FOLDER/file"], r"file: can't read the contract \(not UTF-8\)"),
     (["reference", "--scene-json", "bad.json"], r"--scene-json: needs a scene \(expected a SCENE too\)"),
     (["reference", "--studio"], r"--studio: needs a scene \(expected a SCENE too\)"),
-    (["reference", "--ground"], r"--ground: needs a scene \(expected a SCENE too\)")])
+    (["reference", "--ground"], r"--ground: needs a scene \(expected a SCENE too\)"),
+    (["reference", "--size", "0x4"], "--size: bad size 0x4"),
+    (["reference", "--baselines", "0"], "--baselines: bad samples per pixel '0'"),
+    (["reference", "--denoise", "--baselines", "1,2"], "--denoise: baselines are not denoised")])
 def test_a_wrong_argument_is_one_error(arguments: list[str], message: str, tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"\xff")
     with pytest.raises(AfterglowError, match=message):
         run(*(argument.replace("FOLDER", str(tmp_path)) for argument in arguments))
+
+
+@pytest.mark.usefixtures("path_tracer")
+def test_a_reference_can_be_denoised(tmp_path: Path) -> None:
+    options = "--size", "32x24", "--spp", "4", "--max-bounces", "2"
+    raw, clean = (run("reference", *options, *more, "--out", str(tmp_path / name))
+                  for name, more in (("raw", ()), ("clean", ("--denoise",))))
+    assert "denoised" not in raw and clean.count("before it was denoised") == 3  # of all but direct light
+    for name, denoised in (("raw", False), ("clean", True)):
+        assert json.loads((tmp_path / name / "reference.json").read_text())["denoised"] is denoised
+    noisy, smooth = (np.abs(np.diff(read_exr(tmp_path / name / "reference.exr")[""], axis=1)).mean()
+                     for name in ("raw", "clean"))
+    assert smooth < 0.7 * noisy
 
 
 @pytest.mark.usefixtures("path_tracer")

@@ -122,6 +122,12 @@ def test_reflections_can_be_switched_off(small_ember: Path) -> None:
     assert image["final"][36:42, 40:56].max() < 1e-3  # the mirror shows the lamp's highlight alone
 
 
+def test_the_picture_has_reflections_without_an_image_of_them(small_ember: Path) -> None:
+    names, culled = passes(room(), small_ember)
+    assert "reflection_filter_near" in names
+    assert culled["reflection"] == "not asked for by --aov; composite adds reflections itself"
+
+
 def test_a_scene_without_shiny_surfaces_has_no_reflections(small_ember: Path) -> None:
     names, culled = passes(room(WHITE), small_ember)
     assert not any(name.startswith("reflection") for name in names)

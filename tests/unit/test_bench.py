@@ -156,10 +156,12 @@ def test_the_time_of_a_denoised_picture_is_tracing_plus_the_median_denoising(mon
     assert [r.picture.max() for r in drawn] == [0.5, 0.25, 0.25]
 
 
-@pytest.mark.parametrize("sizes", ["8x6", "64x48,64x10"])
-def test_sizes_below_the_window_of_ssim_are_refused(sizes: str) -> None:
+@pytest.mark.parametrize(("sizes", "said"), [
+    ("8x6", "expected sides of at least 11"), ("64x48,64x10", "expected sides of at least 11"),
+    ("64x48,0x5", "--sizes: bad size 0x5"), ("-3x5", "--sizes: bad size '-3x5'")])
+def test_bad_sizes_are_refused(sizes: str, said: str) -> None:
     done = CliRunner().invoke(app_cli, ["bench", "--sizes", sizes])
-    assert done.exit_code == 2 and "expected sides of at least 11" in done.output
+    assert done.exit_code == 2 and said in done.output
 
 
 @pytest.mark.parametrize("option", [

@@ -18,11 +18,13 @@ from typer.testing import CliRunner
 
 from app.cli import cli
 from app.cli.options import parse_names
+from app.cli.render import choose_camera
 from app.errors import DeviceError, ProcessError, SettingsError
 from app.graph import BoundPass, Pass, Plan, Tex
 from app.io.aov_preview import preview
 from app.io.child_process import run_module
 from app.io.image import read_exr, read_png
+from app.load import embedded_scene
 from app.scene import Camera
 from app.settings import Settings, parse_size
 
@@ -205,6 +207,11 @@ def test_verbose_lists_what_runs(invoke) -> None:
     (["--model", "."], "--model: '.' is a folder"),
     (["missing.obj"], "missing.obj"),
     (["one.obj", "two.obj"], "two.obj"),
+    (["rendr", "one.obj"], "no command or scene file 'rendr' (did you mean 'render'?"),
+    (["a" * 300 + ".obj"], "File name too long"),
+    (["--out", "o\udcff"], "--out: can't write to 'o\\udcff' (expected a name in UTF-8)"),
+    (["--timing", "a" * 300 + ".json"], "File name too long"),
+    (["missing.obj", "--model", "embr"], "did you mean 'ember'?"),
     (["--scene-json", "alone.json"], "--scene-json"),
 ])
 def test_user_errors_are_one_line(invoke, tmp_path: Path, args: list[str], said: str) -> None:
@@ -217,6 +224,21 @@ def test_an_unwritable_folder_is_found_before_drawing(invoke, tmp_path: Path) ->
     for args in (["--out", "taken"], ["--timing", "taken/t.json"]):
         assert "taken" in failed(invoke("--size", "2x2", *args))
         assert FakeRenderer.made[-1].calls == []
+
+
+def test_a_camera_of_the_scene_comes_before_the_words_of_the_option(invoke, tmp_path: Path) -> None:
+    cameras = {name: {"eye": [x, 1, 3], "target": [0, 1, 0], "fov_y_deg": 40}
+               for x, name in enumerate(("auto", "orbit", "a.json"))}
+    (tmp_path / "cameras.json").write_text(json.dumps({"cameras": cameras}))
+    scene = str(ROOT / "app" / "data" / "cornell-box.obj")
+    for x, name in enumerate(cameras):
+        assert invoke(scene, "--size", "2x2", "--scene-json", "cameras.json", "--camera", name).exit_code == 0
+        assert FakeRenderer.made[-1].calls[-1][1].eye == (x, 1, 3)
+
+
+def test_the_viewer_has_no_orbit() -> None:
+    with pytest.raises(SettingsError, match=r"--camera: unknown name 'orbit' \(expected one of: auto, main\)"):
+        choose_camera(embedded_scene(), "orbit")
 
 
 def test_errors_of_several_lines_become_one(invoke, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -275,11 +297,12 @@ def test_the_module_runs_from_anywhere(tmp_path: Path) -> None:
         2, "error: --size: bad size 'nonsense' (expected WIDTHxHEIGHT in pixels, such as 1024x768)\n")
 
 
-@pytest.mark.parametrize(("redirection", "code"), [(">/dev/full", 2), (">&-", 0), ("2>&-", 0)])
+@pytest.mark.parametrize(("redirection", "code"), [
+    (">/dev/full", 2), (">&-", 0), ("2>&-", 0), ("| true; exit ${PIPESTATUS[0]}", 1)])
 def test_streams_that_are_full_or_closed(redirection: str, code: int) -> None:
-    done = subprocess.run(f'"{sys.executable}" -m app models {redirection}', shell=True, cwd=ROOT, capture_output=True,
-                          text=True, check=False)
-    assert done.returncode == code and done.stderr.count("\n") == (code > 0) and "Traceback" not in done.stderr
+    done = subprocess.run(f'"{sys.executable}" -m app models {redirection}', shell=True, executable="/bin/bash",
+                          cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == code and done.stderr.count("\n") == (code == 2) and "Traceback" not in done.stderr
 
 
 @pytest.mark.parametrize(("arguments", "stderr", "message"), [

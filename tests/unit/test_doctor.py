@@ -53,7 +53,7 @@ def test_a_missing_provider_is_one_line() -> None:
 
 @pytest.mark.gl
 def test_all_is_well_here(tmp_path: Path) -> None:
-    file = tmp_path / "doctor.json"
+    file = tmp_path / "new" / "doctor.json"
     status, lines = run("from app.cli import main; main()", "--size", "64x48", "--json", str(file))
     assert status == 0
     report = json.loads(file.read_text())

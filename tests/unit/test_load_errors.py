@@ -7,6 +7,7 @@ import pytest
 
 from app.errors import SceneError
 from app.load import load_scene
+from tests.unit.load_helpers import Gltf
 
 
 def test_missing_file_folder_and_unknown_kind(tmp_path):
@@ -41,8 +42,27 @@ def test_corrupt_files_give_a_one_line_error(tmp_path, suffix, content):
     ("a.gltf", "[" * 100_000, "nested too deeply"),
     ("a.gltf", ('{"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}], '
                '"meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}]}'), "'accessors' is missing"),
+    ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "a face has the vertex 0, but the first one has the number 1"),
+    ("a.obj", "v 0 0 a\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "a line of numbers can't be read"),
+    ("a.obj", "v 0 0 0\nv 1 0 0\nf 1 2\n", "no triangle to draw"),
+    ("a.ply", ("ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+               "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 9\n"),
+     "a face has a vertex that the file does not list"),
+    ("a.gltf", '{"asset": {"version": "2.0"}, "buffers": [], "nodes": 3}', "a value is of the wrong kind"),
+    ("a.glb", "glTF\x02", "it ends too early"),
+    ("a.glb", "glTF\x02\0\0\0\x14\0\0\0\0\0\0\0BIN\0", "no JSON chunk"),
 ])
 def test_errors_say_what_is_wrong_with_a_file(tmp_path, name, content, match):
     (tmp_path / name).write_text(content)
     with pytest.raises(SceneError, match=match):
         load_scene(tmp_path / name)
+
+
+@pytest.mark.parametrize(("key", "value", "match"), [
+    ("componentType", 5130, "componentType 5130 is none of 5120, "),
+    ("type", "VEC5", "type 'VEC5' is none of SCALAR, ")])
+def test_errors_name_unknown_kinds_of_values(tmp_path, key, value, match):
+    file = Gltf()
+    file.json["accessors"][0][key] = value
+    with pytest.raises(SceneError, match=match):
+        load_scene(file.save(tmp_path))

@@ -69,6 +69,11 @@ def test_emission_factor_scales_and_switches_off(load):
     assert dim.lights[0].radiance == (1, 1, 1)
 
 
+def test_an_error_about_an_image_of_the_sky_names_its_key(load):
+    with pytest.raises(SceneError, match=r"lightings\.\w+\.environment\.file: .*gone\.hdr: can't read the image"):
+        load(sky(type="image", file="gone.hdr"))
+
+
 def test_defaults_and_choices(load):
     content = {"cameras": {"a": EYE, "b": EYE}, "default": {"camera": "b", "lighting": "two"},
                "lightings": {"one": {"lights": [POINT]}, "two": {"lights": []}}}
