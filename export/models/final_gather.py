@@ -8,7 +8,7 @@ et al. 2017, "Kernel-Predicting Convolutional Networks for Denoising Monte Carlo
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -31,7 +31,7 @@ OUTPUTS = len(STEPS) * TAPS + 1  # logits of all taps, and of the share of inter
 NORMAL_WEIGHT = 16.0   # times 1 - the cosine between the normals,
 PLANE_SIGMA = 0.02     # and the squared distance from the texel's plane, in units of this share of the depth,
 MAX_LOGIT = 12.0
-MIN_EXPONENT, MAX_EXPONENT = -40.0, 30.0
+MIN_EXPONENT, MAX_EXPONENT = -40.0, 30.0  # of the middle tap, so that kernels have a finite sum above 0
 MIN_COUNT = 1e-3       # of rays, so that its logarithm is finite
 MIN_WEIGHT = 1e-30     # so that nothing divides by 0
 MAX_COUNT = 32.0       # of rays, that features tell apart; training has no more
@@ -113,7 +113,7 @@ class FinalGather(Network):
         depth = -texels.position[:, 2:]
         features = torch.cat([texels.gathered.log1p(), texels.rays / 6, texels.distance, texels.interpolated.log1p(),
                               texels.normal, depth.clamp(min=MIN_DEPTH).log2() / 4], 1) * surface
-        return self._light(spread(self.last(self.body(fold(features), fold(surface)))), texels) * surface
+        return self._light(self.body(fold(features), fold(surface)), texels) * surface
 
     def _read(self, screen: Tensor) -> Texels:
         gathered, count, distance, interpolated, normal, position = torch.split(screen, [3, 1, 1, 3, 3, 3], dim=1)
@@ -122,17 +122,28 @@ class FinalGather(Network):
         return Texels(gathered, count, rays, distance, interpolated if self.reads_prior else gathered, normal, position,
                       surface)
 
-    def _light(self, predicted: Tensor, texels: Texels) -> Tensor:
-        """Light [B, 3, h, w] by kernels of logits [B, ``OUTPUTS``, h, w]."""
-        logits = torch.split(predicted.clamp(-MAX_LOGIT, MAX_LOGIT), 1, 1)
-        share = torch.sigmoid(logits[-1] + INTERPOLATED_BIAS)
+    def _light(self, x: Tensor, texels: Texels) -> Tensor:
+        """Light [B, 3, h, w] by kernels from what the body made."""
+        *logits, (share,) = self._logits(x, [TAPS] * len(STEPS) + [1])
+        share = torch.sigmoid(share + INTERPOLATED_BIAS)
         light = texels.gathered + share * (texels.interpolated - texels.gathered)
         weight = (self.count_power * math.log(2) * texels.rays).exp() * texels.surface
+        lit = torch.cat([light * weight, weight], 1)
         own, surfaces = (texels.count + 1).log(), surfaces_of(texels.normal, texels.position)
         for index, step in enumerate(STEPS):
-            middle, *around = logits[index * TAPS:(index + 1) * TAPS]
-            light, weight = filter_light(light, weight, surfaces, middle + self.centre_power[index] * own, around, step)
-        return light
+            middle, *around = logits[index]
+            lit = filter_light(lit, surfaces, middle + self.centre_power[index] * own, around, step)
+        return lit[:, :3] / (lit[:, 3:] + MIN_WEIGHT)
+
+    def _logits(self, x: Tensor, groups: Sequence[int]) -> list[tuple[Tensor, ...]]:
+        """Logits on the grid, each of shape (B, 1, h, w), in groups of these lengths; ``OUTPUTS`` in all."""
+        # ``last`` and the shuffle of 2×2 texels are one convolution, faster in onnxruntime if of few outputs at a time.
+        # Each of the four texels has its bias, which is the weight of one more channel, of 1.
+        x = torch.cat([x, torch.ones_like(x[:, :1])], 1)
+        weights = torch.cat([part.reshape(CORNERS * OUTPUTS, -1) for part in self.last.parameters()], 1)
+        weights = weights.reshape(OUTPUTS, 2, 2, -1).permute(3, 0, 1, 2)
+        predicted = [functional.conv_transpose2d(x, part, stride=2) for part in torch.split(weights, list(groups), 1)]
+        return [torch.split(x.clamp(-MAX_LOGIT, MAX_LOGIT), 1, 1) for x in predicted]
 
 
 class UNet(nn.Module):
@@ -161,79 +172,84 @@ class Surfaces:
 
     Attributes
     ----------
-    found : Tensor
-        Normal and position of each texel.
-    expected : Tensor
-        What a texel multiplies these of others with, to tell whether they show its surface: its normal times
-        ``NORMAL_WEIGHT``, and its normal in units of the tolerated distance from its plane.
+    normal, position : Tensor
+        Unit normals, or 0 in the sky, and positions.
+    axis : Tensor
+        Normals in units of the tolerated distance from a texel's plane.
     plane : Tensor
-        Where its own plane is, in that unit.
+        Where the texel's own plane is, in that unit.
     """
 
-    found: Tensor
-    expected: Tensor
+    normal: Tensor
+    position: Tensor
+    axis: Tensor
     plane: Tensor
+
+    def priors(self, step: int) -> Iterator[Tensor]:
+        """What is added to the logits of the texels ``step`` away, in the order of ``AROUND``."""
+        for cosine, position in zip(self._cosines(step), _around(self.position, step, AROUND), strict=True):
+            yield cosine - (_dot(self.axis, position) - self.plane).square()
+
+    def _cosines(self, step: int) -> Iterator[Tensor]:
+        """Cosines between normals minus 1, times ``NORMAL_WEIGHT``; for opposite sides the same ones, moved."""
+        sides = AROUND[::2]
+        for (right, down), normal in zip(sides, _around(self.normal, step, sides), strict=True):
+            cosine = _dot(self.normal, normal, NORMAL_WEIGHT, -NORMAL_WEIGHT)
+            yield cosine
+            yield _shifted(cosine, -step * right, -step * down, value=-NORMAL_WEIGHT)
 
 
 def surfaces_of(normal: Tensor, position: Tensor) -> Surfaces:
     """For unit normals, or 0 in the sky, and positions of shape (B, 3, h, w)."""
     axis = normal / (PLANE_SIGMA * (-position[:, 2:]).clamp(min=MIN_DEPTH))
-    return Surfaces(torch.cat([normal, position], 1), torch.cat([NORMAL_WEIGHT * normal, axis], 1),
-                    (position * axis).sum(1, keepdim=True))
+    return Surfaces(normal, position, axis, _dot(axis, position))
 
 
-def filter_light(light: Tensor, weight: Tensor, surfaces: Surfaces, middle: Tensor, around: Sequence[Tensor],
-                 step: int) -> tuple[Tensor, Tensor]:
-    """Weighted mean of the light of the texels ``step`` away from each one, and of their weights.
+def filter_light(lit: Tensor, surfaces: Surfaces, middle: Tensor, around: Sequence[Tensor], step: int) -> Tensor:
+    """Weighted mean of ``lit`` of the texels ``step`` away from each one.
 
     Tap by tap, since tensors of all taps would not stay in the CPU's cache.
 
     Parameters
     ----------
-    light : Tensor, shape (B, 3, h, w)
-    weight : Tensor, shape (B, 1, h, w)
-        How much each texel counts.
+    lit : Tensor, shape (B, 4, h, w)
+        Light times how much each texel counts, and how much it counts, relative to others.
     middle : Tensor, shape (B, 1, h, w)
         Logit of each texel itself.
     around : sequence of Tensor, shape (B, 1, h, w)
         Logits of those ``AROUND``, which are added to the prior.
     """
-    lit = torch.cat([light * weight, weight], 1)
-    kernel = _kernel(middle)
-    total, sums = kernel, lit * kernel
-    for (right, down), logit in zip(AROUND, around, strict=True):
-        products = surfaces.expected * _shifted(surfaces.found, step * right, step * down)
-        cosine, plane = torch.split(_sum_threes(products), 1, 1)
-        kernel = _kernel(logit + cosine - NORMAL_WEIGHT - (plane - surfaces.plane).square())
-        sums = sums + _shifted(lit, step * right, step * down) * kernel
+    total = middle.clamp(MIN_EXPONENT, MAX_EXPONENT).exp()
+    sums = lit * total
+    for logit, prior, light in zip(around, surfaces.priors(step), _around(lit, step, AROUND), strict=True):
+        kernel = (logit + prior).exp()
         total = total + kernel
-    return sums[:, :3] / (sums[:, 3:] + MIN_WEIGHT), sums[:, 3:] / total
+        sums = sums + light * kernel
+    return sums / total
 
 
-def _kernel(exponent: Tensor) -> Tensor:
-    return exponent.clamp(MIN_EXPONENT, MAX_EXPONENT).exp()
+def _dot(a: Tensor, b: Tensor, factor: float = 1.0, offset: float = 0.0) -> Tensor:
+    """Scalar products of vectors of shape (B, 3, h, w), times a factor, plus an offset."""
+    # In onnxruntime fastest as a convolution, in three dimensions, since it rearranges the channels for one in two.
+    weight, bias = a.new_full((1, 3, 1, 1, 1), factor), a.new_full((1,), offset)
+    return functional.conv3d((a * b).unsqueeze(2), weight, bias).squeeze(2)
 
 
-def _sum_threes(x: Tensor) -> Tensor:
-    """Sums of the first three and the last three of six channels; in onnxruntime fastest as a convolution."""
-    return functional.conv2d(x, x.new_ones(2, 3, 1, 1), groups=2)
+def _around(x: Tensor, step: int, sides: Sequence[tuple[int, int]]) -> Iterator[Tensor]:
+    """The texels ``step`` to these sides of each one; 0 beyond the image."""
+    padded = functional.pad(x, (step,) * 4)
+    return (_shifted(padded, step * right, step * down, -step) for right, down in sides)
 
 
-def _shifted(x: Tensor, right: int, down: int) -> Tensor:
-    """The texels to the right and below of each one; 0 beyond the image."""
-    return functional.pad(x, (-right, right, -down, down))
+def _shifted(x: Tensor, right: int, down: int, margin: int = 0, value: float = 0.0) -> Tensor:
+    """The texels to the right and below of each one, without a margin of ``x``; ``value`` beyond ``x``."""
+    return functional.pad(x, (margin - right, margin + right, margin - down, margin + down), value=value)
 
 
 def fold(x: Tensor) -> Tensor:
     """``pixel_unshuffle`` by 2: (B, C, 2 h, 2 w) to (B, 4 C, h, w); in onnxruntime faster as a convolution."""
     channels = int(x.shape[1])
     return functional.conv2d(x, _corners(channels, x), stride=2, groups=channels)
-
-
-def spread(x: Tensor) -> Tensor:
-    """``pixel_shuffle`` by 2, the inverse of ``fold``."""
-    channels = int(x.shape[1]) // CORNERS
-    return functional.conv_transpose2d(x, _corners(channels, x), stride=2, groups=channels)
 
 
 def _corners(channels: int, like: Tensor) -> Tensor:

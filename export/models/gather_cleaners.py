@@ -10,7 +10,7 @@ from torch.nn import functional
 
 from export.models import bcnn
 from export.models.attention import MAX_KEYS, Attention
-from export.models.final_gather import CORNERS, FEATURES, FinalGather, Texels, conv
+from export.models.final_gather import CORNERS, FEATURES, OUTPUTS, FinalGather, Texels, conv
 from export.models.network import MAX_LOGIT, NEGATIVE_SLOPE
 
 DEPTH = FEATURES - 1       # index of the feature, log2(depth) / 4
@@ -103,8 +103,9 @@ class AttentiveUNet(nn.Module):
 class DirectGather(FinalGather):
     """Predicts light instead of kernels, for ablations; not linear in light, and two parameters do nothing."""
 
-    def _light(self, predicted: Tensor, texels: Texels) -> Tensor:
-        return functional.softplus(predicted[:, :3]).clamp(max=MAX_LOGIT).exp() - 1
+    def _light(self, x: Tensor, texels: Texels) -> Tensor:
+        colors, _ = self._logits(x, [3, OUTPUTS - 3])
+        return functional.softplus(torch.cat(colors, 1)).clamp(max=MAX_LOGIT).exp() - 1
 
 
 CLEANERS: Mapping[str, Callable[[], FinalGather]] = {
