@@ -7,9 +7,9 @@ const float MAX_SAMPLES = 256.0;
 
 uniform sampler2D reflection_now;  // radiance; a: 0 for none
 uniform sampler2D reflection_detail_prev;
-uniform vec2 ratio;     // full-resolution texels per low-resolution texel
-uniform vec2 inside;    // where in a texel its ray started, in [0, 1)
-uniform bool is_begun;  // whether what was gathered before stands
+uniform vec2 ratio;           // full-resolution texels per low-resolution texel
+uniform vec2 inside;          // where in a texel its ray started, in [0, 1)
+uniform bool history_stands;  // whether what was gathered before stands
 
 layout(location = 0) out vec4 out_detail;  // radiance; a: number of samples
 
@@ -18,7 +18,7 @@ void main()
     ivec2 texel = ivec2(gl_FragCoord.xy), last = textureSize(reflection_now, 0) - 1;
     ivec2 low = min(ivec2(gl_FragCoord.xy / ratio), last);
     vec4 before = texelFetch(reflection_detail_prev, texel, 0), now = texelFetch(reflection_now, low, 0);
-    bool stands = is_begun && before.a >= 1.0 && is_finite(dot(before, vec4(1.0)));
+    bool stands = history_stands && before.a >= 1.0 && is_finite(dot(before, vec4(1.0)));
     before = stands ? vec4(clamp(before.rgb, 0.0, HALF_MAX), min(before.a, MAX_SAMPLES)) : vec4(0.0);
     bool sampled = texel_inside(low, ratio, inside, textureSize(reflection_detail_prev, 0)) == texel
         && is_finite(dot(now, vec4(1.0))) && now.a != 0.0;

@@ -16,8 +16,8 @@ const float NOISY_FRAMES = 8.0;      // after which the radius halves
 const float MAX_FRAMES = 8.0;        // that a texel counts for
 
 uniform sampler2D light_low;                // radiance; a: frames
-#ifdef HAS_REFLECTION_RAY
-uniform sampler2D reflection_ray;           // a: 0 for none
+#ifdef HAS_REFLECTION_ORIGIN
+uniform sampler2D reflection_origin;    // a: 0 where nothing reflects
 #endif
 uniform sampler2D reflection_distance;  // length of the rays / depth
 uniform sampler2D reflection_gbuffer;
@@ -35,8 +35,8 @@ float roughness_at(ivec2 low)
 // Whether the texel has something to average.
 bool is_needed(ivec2 low, ivec2 last)
 {
-#ifdef HAS_REFLECTION_RAY
-    return texelFetch(reflection_ray, low, 0).a != 0.0;
+#ifdef HAS_REFLECTION_ORIGIN
+    return texelFetch(reflection_origin, low, 0).a != 0.0;
 #else
     bool needed = false;
     for (int i = 0; i < 9; ++i)

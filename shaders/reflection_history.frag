@@ -14,9 +14,9 @@ const float MIN_NEIGHBOURS = 4.0;    // with samples, that bound the history
 const float MAX_BRIGHTENING = 4.0;   // history counts as at most this many times what is around now, or a flash would linger
 const float SIGMAS = 2.0;            // of their mean, within which history counts
 
-uniform sampler2D reflection_now;  // radiance; a: length of the ray / depth where it starts, 0 for none
+uniform sampler2D reflection_now;  // radiance; a: length of the ray / depth where it starts, none of the texel's surface if <= 0
 #ifdef FAST_PATH
-uniform sampler2D reflection_ray;  // a: 0 for none
+uniform sampler2D reflection_origin;  // a: 0 where nothing reflects
 #elif defined(HAS_REFLECTION_LOW_PREV)
 uniform sampler2D reflection_gbuffer;
 uniform sampler2D specular_roughness;
@@ -63,7 +63,7 @@ void main()
 #ifdef FAST_PATH  // done where no ray starts
     out_reflection_low = vec4(0.0);
     out_reflection_distance = 0.0;
-    gl_FragDepth = texelFetch(reflection_ray, low, 0).a == 0.0 ? 1.0 : 0.0;
+    gl_FragDepth = texelFetch(reflection_origin, low, 0).a == 0.0 ? 1.0 : 0.0;
 #else
     vec4 now = texelFetch(reflection_now, low, 0);
     bool sampled = is_finite(dot(now, vec4(1.0))) && now.a > 0.0;

@@ -33,7 +33,7 @@ uniform float ray_epsilon;   // by which rays start off their surface at most, s
 uniform int steps;           // of the march
 uniform int refinements = 5; // halvings of the step that meets a surface; no constant, so that the loop stays a loop
 
-layout(location = WRITE_REFLECTION_ORIGIN) out vec4 out_origin;  // relative space; a: 1, or -1 on another surface
+layout(location = WRITE_REFLECTION_ORIGIN) out vec4 out_origin;  // relative space; a: 1, -1 on another surface, 0 for none
 layout(location = WRITE_REFLECTION_RAY) out vec4 out_ray;  // unit vector; a: length, 0 for no ray, NOT_SHOWN
 
 // In scene units.
@@ -61,6 +61,11 @@ bool is_behind(vec3 at)
     ivec2 low = clamp(ivec2(at.xy / ratio), ivec2(0), textureSize(reflection_gbuffer, 0) - 1);
     float there = texelFetch(reflection_gbuffer, low, 0).a;
     return is_surface(there) && marched_depth(at.z) > there + BIAS * depth_scale(there);
+}
+
+bool is_shiny(vec4 reflectance)
+{
+    return ray_share(reflectance.a) > 0.0 && max(max(reflectance.r, reflectance.g), reflectance.b) > 0.0;
 }
 
 // Length at which the ray from p along l meets what the screen shows, or NOT_SHOWN.
@@ -103,7 +108,7 @@ float march(vec3 p, vec3 l, float jitter)
     t += away / facing;
     vec3 end = p + t * l;
     vec2 position = project(mat3(view_from_relative) * end, lens.xy, lens.zw).xy;
-    ivec2 pixel = clamp(ivec2(position), ivec2(0), textureSize(depth, 0) - 1);
+    ivec2 pixel = ivec2(clamp(position, vec2(0.0), vec2(textureSize(depth, 0) - 1)));
     float d = texelFetch(depth, pixel, 0).r;
     vec3 shown = surface_point(vec2(pixel) + 0.5, d), n = sanitize_normal(texelFetch(normal, pixel, 0).xyz);
     float facing_eye = max(-dot(n, normalize(along_view(shown))), MIN_FACING);
@@ -129,12 +134,12 @@ void main()
         p = surface_point(vec2(centre) + 0.5, d);
         same = true;
     }
-    vec4 reflectance = texelFetch(specular_roughness, full, 0);
+    vec4 reflectance = texelFetch(specular_roughness, full, 0), at_centre = texelFetch(specular_roughness, centre, 0);
     vec3 face = octahedral_decode(vec2(texelFetch(normal, full, 0).a, texelFetch(albedo, full, 0).a));
-    bool reflects = is_surface(d) && dot(n, n) > 0.5 && is_finite(dot(face, face)) && ray_share(reflectance.a) > 0.0
-        && max(max(reflectance.r, reflectance.g), reflectance.b) > 0.0;
+    bool reflects = is_surface(d) && dot(n, n) > 0.5 && is_finite(dot(face, face)) && is_shiny(reflectance);
 #ifdef FAST_PATH  // done where no ray starts
-    out_origin = out_ray = vec4(0.0);
+    out_origin = vec4(0.0, 0.0, 0.0, is_surface(surface.a) && is_shiny(at_centre) ? 1.0 : 0.0);
+    out_ray = vec4(0.0);
     gl_FragDepth = reflects ? 0.0 : 1.0;
 #else
     vec2 mirrored = vec2(low.y, textureSize(reflection_gbuffer, 0).x - low.x);

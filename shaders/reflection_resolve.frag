@@ -8,7 +8,7 @@
 const float PLANE_TOLERANCE = 0.01;  // of depth_scale, between a ray's end and the surface that the screen shows there
 const float MIN_RATIO = 1e-4;        // of a ray's length to the depth where it starts
 
-uniform sampler2D reflection_origin;  // relative space; a: 1, or -1 on another surface than the texel's
+uniform sampler2D reflection_origin;  // relative space; a: 1, -1 on another surface than the texel's
 uniform sampler2D reflection_ray;     // direction; a: length if the screen shows the end
 uniform sampler2D reflection_traced;  // radiance; a: length, 0 where no ray was traced
 uniform sampler2D normal;
@@ -24,7 +24,7 @@ uniform sampler2D occlusion;
 uniform sampler2D emission;           // a: 0 on what stands for an analytic light, whose reflection is direct light
 #endif
 
-layout(location = 0) out vec4 out_now;  // radiance; a: length of the ray / depth where it starts, 0 for none, negative on another surface
+layout(location = 0) out vec4 out_now;  // radiance; a: length / depth where it starts, 0 for none, < 0 on another surface
 
 vec3 sent_by(ivec2 texel)
 {

@@ -73,14 +73,14 @@ def declare_gathering(grid: Size, has_history: bool) -> Iterator[Pass]:
                       "depth", "direct", "albedo", "indirect", "specular_roughness"),
                optional=("occlusion", "emission"), writes={"reflection_now": light},
                make=make_fullscreen("reflection_resolve.frag", fast_path=always))
-    history = ("reflection_ray", "reflection_gbuffer", "specular_roughness", "motion", "reflection_low@prev",
+    history = ("reflection_origin", "reflection_gbuffer", "specular_roughness", "motion", "reflection_low@prev",
                "reflection_distance@prev", "reflection_gbuffer@prev")
     gathered: dict[str, Resource] = {"reflection_low": Tex("f4", 4, size=grid),
                                      "reflection_distance": Tex("f4", 1, size=grid)}
     yield Pass("reflection_history", reads=("reflection_now", *(history if has_history else ())), writes=gathered,
                make=make_fullscreen("reflection_history.frag", lambda frame: _history_uniforms(grid, frame)
                                     if has_history else {}, fast_path=always if has_history else None))
-    yield _filter("reflection_filter_far", "reflection_low", "reflection_averaged", grid, 3, "reflection_ray")
+    yield _filter("reflection_filter_far", "reflection_low", "reflection_averaged", grid, 3, "reflection_origin")
     yield _filter("reflection_filter_near", "reflection_averaged", "reflection_filtered", grid, 1)
 
 
@@ -92,7 +92,7 @@ def has_detail(grid: Size, size: Size, has_history: bool) -> bool:
 def declare_detail(grid: Size) -> Pass:
     """The light along the rays of single pixels, gathered while nothing moves."""
     draw = make_fullscreen("reflection_detail.frag", lambda frame: {
-        "ratio": ratio_to(grid, frame), "inside": _inside(grid, frame), "is_begun": frame.rests})
+        "ratio": ratio_to(grid, frame), "inside": _inside(grid, frame), "history_stands": frame.rests})
 
     def make(device: Device, bound: BoundPass) -> Execute:
         execute = draw(device, bound)
@@ -148,10 +148,10 @@ def _inside(grid: Size, frame: FrameState) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=4)
-def _spread_cells(width: int, height: int) -> list[tuple[int, int]]:
+def _spread_cells(width: int, height: int) -> tuple[tuple[int, int], ...]:
     """The cells of a grid, ordered so that those of any few successive ones are spread over it."""
     cells = [(x, y) for y in range(height) for x in range(width)]
-    return sorted(cells, key=lambda cell: (R2[0] * cell[0] + R2[1] * cell[1]) % 1.0)
+    return tuple(sorted(cells, key=lambda cell: (R2[0] * cell[0] + R2[1] * cell[1]) % 1.0))
 
 
 def _filter(name: str, source: str, target: str, grid: Size, spacing: int, *reads: str) -> Pass:

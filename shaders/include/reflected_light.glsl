@@ -14,9 +14,13 @@ uniform sampler2D reflection_filtered;  // radiance; a: depth of its surface, 0 
 uniform vec2 ratio;  // full-resolution texels per low-resolution texel
 #ifdef AT_REST
 const float SAME_NORMAL = 0.9;        // cosine
+const float PLANE_TOLERANCE = 0.01;   // of depth_scale
+const float ROUGHNESS_SIGMA = 0.1;
+const float EDGE = 0.3;               // radians, that the turn to another surface counts as
 const float MIN_LOBE = 5e-3;          // radians
-const float ENOUGH = 16.0;            // samples that averaged light counts as where no others are needed
 const float ROUGHNESS_OF_ONE = 0.05;  // at which one sample of a pixel's own counts as much as all light that is averaged
+const float FEW = 2.0, ENOUGH = 9.0;  // samples that averaged light counts as, between which those of pixels lose their weight
+const float MIN_BLUR = 0.4;           // of ROUGHNESS_OF_ONE, from which pixels around count
 
 uniform sampler2D reflection_detail;  // radiance; a: number of samples
 #endif
@@ -56,30 +60,42 @@ vec3 normal_at(ivec2 texel)
     return sanitize_normal(texelFetch(normal, clamp(texel, ivec2(0), textureSize(normal, 0) - 1), 0).xyz);
 }
 
+// How much the normal changes from n to that of a pixel, in radians. Beside an edge, the light of the grid is less certain.
+float turn(vec3 n, ivec2 texel)
+{
+    vec3 m = normal_at(texel);
+    return dot(n, m) > SAME_NORMAL ? distance(n, m) : EDGE;
+}
+
 // How much the normal changes within a low-resolution texel, in radians.
 float bend(ivec2 texel, vec3 n)
 {
-    ivec2 reach = ivec2(0.5 * ratio + 0.5);
-    return max(max(distance(n, normal_at(texel - ivec2(reach.x, 0))), distance(n, normal_at(texel + ivec2(reach.x, 0)))),
-               max(distance(n, normal_at(texel - ivec2(0, reach.y))), distance(n, normal_at(texel + ivec2(0, reach.y)))));
+    ivec2 reach = ivec2(0.5 * ratio + 0.5), right = ivec2(reach.x, 0), up = ivec2(0, reach.y);
+    return max(max(turn(n, texel - right), turn(n, texel + right)), max(turn(n, texel - up), turn(n, texel + up)));
 }
 
 // With the light of rays from the pixel and those around, which counts the more, the smoother the surface is, and the more it
 // bends.
-vec3 detailed(ivec2 texel, vec3 n, float roughness, vec4 averaged)
+vec3 detailed(ivec2 texel, vec3 n, float d, float roughness, vec4 averaged)
 {
     float blur = roughness / ROUGHNESS_OF_ONE, bends = 0.5 * bend(texel, n) / max(roughness * roughness, MIN_LOBE);
     float flatness = 1.0 / (1.0 + bends * bends), known = averaged.a * blur * blur * flatness * flatness;
     vec4 sum = vec4(averaged.rgb, 1.0) * max(known, 1e-6);
+    float needed = 1.0 - smoothstep(FEW, ENOUGH, known);
+    vec3 p = surface_point(gl_FragCoord.xy, d);
     // A loop that need not begin takes no time, unlike a branch, which some drivers run for all.
-    int i = ray_share(roughness) > 0.0 && known < ENOUGH ? 0 : 9;
-    for (; i < 9; ++i) {
+    bool counts_any = ray_share(roughness) > 0.0 && needed > 0.0, counts_around = counts_any && blur > MIN_BLUR;
+    int end = counts_around ? 9 : counts_any ? 5 : 0;
+    for (int i = counts_around ? 0 : 4; i < end; ++i) {
         ivec2 offset = ivec2(i % 3, i / 3) - 1, at = clamp(texel + offset, ivec2(0), textureSize(reflection_detail, 0) - 1);
         vec4 detail = texelFetch(reflection_detail, at, 0);
         float falloff = exp(-float(offset.x * offset.x + offset.y * offset.y) / max(blur * blur, 1e-3));
-        bool counts = detail.a >= 1.0 && is_finite(dot(detail, vec4(1.0)))
-            && dot(n, normal_at(at)) > SAME_NORMAL;
-        sum += counts ? vec4(clamp(detail.rgb, 0.0, HALF_MAX), 1.0) * (detail.a * falloff) : vec4(0.0);
+        float away = dot(n, surface_point(vec2(at) + 0.5, texelFetch(depth, at, 0).r) - p);
+        float rougher = (texelFetch(specular_roughness, at, 0).a - roughness) / ROUGHNESS_SIGMA;
+        float weight = detail.a * needed * falloff * exp(-rougher * rougher);
+        bool counts = detail.a >= 1.0 && is_finite(dot(detail, vec4(1.0))) && is_finite(weight)
+            && dot(n, normal_at(at)) > SAME_NORMAL && abs(away) <= PLANE_TOLERANCE * depth_scale(d);
+        sum += counts ? vec4(clamp(detail.rgb, 0.0, HALF_MAX), 1.0) * weight : vec4(0.0);
     }
     return sum.rgb / sum.a;
 }
@@ -97,7 +113,7 @@ vec3 reflected_light(ivec2 texel, vec3 arriving)
     float d = texelFetch(depth, texel, 0).r;
     vec4 averaged = upsampled(n, d, share > 0.0 ? 4 : 1, light);
 #ifdef AT_REST
-    averaged.rgb = detailed(texel, n, reflectance.a, averaged);
+    averaged.rgb = detailed(texel, n, d, reflectance.a, averaged);
 #endif
     light = mix(light, averaged.rgb, share);
 #endif
