@@ -85,7 +85,9 @@ def programs(tmp_path_factory: pytest.TempPathFactory) -> list[ProgramKey]:
             if isinstance(case, SceneCase):
                 frames = min(2, case.shots[0].frames)
                 shots = (Shot(case.shots[0].camera, frames),)
-                replace(case, size=(24, 18), shots=shots, golden_frames=(frames,)).draw(folder)
+                # A small picture is no larger than its grid of reflections, and has no detail.
+                size = case.size if "reflection_detail" in (case.stages or ()) else (24, 18)
+                replace(case, size=size, shots=shots, golden_frames=(frames,)).draw(folder)
     return [*found]
 
 
