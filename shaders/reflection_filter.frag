@@ -6,9 +6,6 @@
 #include "nearest_texel.glsl"
 #include "reflection.glsl"
 
-const float PLANE_TOLERANCE = 0.01;  // of depth_scale
-const float MIN_COSINE = 0.9;        // between normals
-const float ROUGHNESS_SIGMA = 0.1;
 const float SPREAD = 1.0;            // slope of the lobe's edge, in alphas
 const float MAX_RADIUS = 4.0;        // texels, standard deviation
 const float HOLE_RADIUS = 1.5;       // of texels without a sample
@@ -74,7 +71,7 @@ void main()
         float weight = exp(-falloff * float(offset.x * offset.x + offset.y * offset.y) - rougher * rougher);
         bool known = is_surface(there.a) && is_finite(dot(light, vec4(1.0))) && light.a > 0.0;
         bool counts = known && is_finite(weight) && abs(away) <= PLANE_TOLERANCE * depth_scale(surface.a)
-            && dot(surface.xyz, there.xyz) >= MIN_COSINE;
+            && dot(surface.xyz, there.xyz) >= SAME_NORMAL;
         sum += counts ? vec4(clamp(light.rgb, 0.0, HALF_MAX), 1.0) * (weight * min(light.a, MAX_FRAMES)) : vec4(0.0);
         depths += known ? there.a : 0.0;
         others += known ? vec4(clamp(light.rgb, 0.0, HALF_MAX), 1.0) : vec4(0.0);

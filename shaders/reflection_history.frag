@@ -7,8 +7,6 @@
 #include "nearest_texel.glsl"
 #include "reflection.glsl"
 
-const float PLANE_TOLERANCE = 0.01;  // of depth_scale, between surfaces of both frames
-const float SAME_NORMAL = 0.9;       // cosine
 const float MIN_SHARE = 0.05;        // of the texels around that must show the same surface
 const float MIN_NEIGHBOURS = 4.0;    // with samples, that bound the history
 const float MAX_BRIGHTENING = 4.0;   // history counts as at most this many times what is around now, or a flash would linger

@@ -12,11 +12,9 @@
 const float MIN_EPSILON = 0.05;     // of ray_epsilon, which covers the rounding of positions
 const float START = 1.5;            // low-resolution texels, before which nothing is met
 const float BIAS = 1e-3;            // of depth_scale, by which a ray is behind what it meets
-const float PLANE_TOLERANCE = 0.01; // of depth_scale, between a ray's end and the surface there
 const float MAX_OFF = 2.0;          // pixels, between a ray's end and the point that the image shows there
 const float MIN_FACING = 0.05;      // cosine, of a surface to the eye
 const float MAX_LENGTH = 1e3;       // of depth_scale
-const float SAME_NORMAL = 0.9;      // cosine, between pixels of a low-resolution texel that show one surface
 const float MAX_APPROACH = 0.98;    // of the depth, by which a ray may come towards the eye
 const float NOT_SHOWN = -1.0;
 
@@ -35,16 +33,6 @@ uniform int refinements = 5; // halvings of the step that meets a surface; no co
 
 layout(location = WRITE_REFLECTION_ORIGIN) out vec4 out_origin;  // relative space; a: 1, -1 on another surface, 0 for none
 layout(location = WRITE_REFLECTION_RAY) out vec4 out_ray;  // unit vector; a: length, 0 for no ray, NOT_SHOWN
-
-// In scene units.
-float pixel_width(float depth)
-{
-#ifdef ORTHOGRAPHIC
-    return 2.0 * lens.y * image.w;
-#else
-    return 2.0 * lens.y * image.w * depth;
-#endif
-}
 
 // Depth of what the march has interpolated over the image.
 float marched_depth(float k)

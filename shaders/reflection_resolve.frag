@@ -5,7 +5,6 @@
 #include "projection.glsl"
 #include "reflection.glsl"
 
-const float PLANE_TOLERANCE = 0.01;  // of depth_scale, between a ray's end and the surface that the screen shows there
 const float MIN_RATIO = 1e-4;        // of a ray's length to the depth where it starts
 
 uniform sampler2D reflection_origin;  // relative space; a: 1, -1 on another surface than the texel's

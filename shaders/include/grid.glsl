@@ -37,3 +37,15 @@ vec3 surface_point(vec2 pixel, float depth)
 #endif
 }
 #endif
+
+// Of a pixel or of a texel of the cube, in scene units.
+float pixel_width(float depth)
+{
+#ifdef GRID_CUBE
+    return 2.0 / float(CUBE_SIZE) * depth;
+#elif defined(ORTHOGRAPHIC)
+    return 2.0 * lens.y * image.w;
+#else
+    return 2.0 * lens.y * image.w * depth;
+#endif
+}

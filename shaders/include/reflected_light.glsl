@@ -13,9 +13,6 @@ uniform sampler2D depth;
 uniform sampler2D reflection_filtered;  // radiance; a: depth of its surface, 0 where no light is known
 uniform vec2 ratio;  // full-resolution texels per low-resolution texel
 #ifdef AT_REST
-const float SAME_NORMAL = 0.9;        // cosine
-const float PLANE_TOLERANCE = 0.01;   // of depth_scale
-const float ROUGHNESS_SIGMA = 0.1;
 const float EDGE = 0.3;               // radians, that the turn to another surface counts as
 const float MIN_LOBE = 5e-3;          // radians
 const float ROUGHNESS_OF_ONE = 0.05;  // at which one sample of a pixel's own counts as much as all light that is averaged
