@@ -6,13 +6,14 @@ from functools import lru_cache
 
 import numpy as np
 
-from app.arrays import F32, F64, Bools, Floats, Ints
+from app.arrays import F32, F64, Floats, Ints
 from app.math3d import GOLDEN_RATIO
 from app.scene import Environment
 
 ORDER = 4            # of spherical harmonics
 CELLS = (32, 64)     # rows and columns of the map that light is sampled from
 CELL_EXTENT = 2 * math.pi / CELLS[1], math.pi / CELLS[0]  # of azimuth and polar angle, radians
+STRATA = (128, 256)  # rows and columns of parts of the environment's light
 MIN_CELL_TEXELS = 4  # along a cell
 SKY_DISTANCE = 100.0  # where rays to the environment end, relative to the scene's longest edge
 UNIFORM_SHARE = 0.2  # of the directions, spread over the whole sphere; the others go where the light is
@@ -43,25 +44,9 @@ class SkyLight:
     cell_power: F32
     cell_solid_angle: F32
 
-    def irradiance(self, normal: F32, open_to: Bools) -> F32:
-        """Irradiance / π of points, shape (N, 3), that see the environment along some of the directions.
-
-        It is exact for the cells where nothing is occluded; the directions alone estimate the occlusion.
-
-        Parameters
-        ----------
-        normal : ndarray, float32, shape (N, 3)
-        open_to : ndarray of bool, shape (N, K)
-            The directions along which nothing is before the environment.
-        """
-        unoccluded = np.maximum(normal @ self.cell.T, 0) @ self.cell_power
-        cosine = np.maximum(normal @ self.direction.T, 0)
-        sampled, visible = cosine @ self.power, (cosine * open_to) @ self.power
-        facing = cosine > 0  # where no direction that faces a point has light, all of them count alike
-        unlit = (facing & open_to).sum(axis=1, keepdims=True) / np.maximum(facing.sum(axis=1, keepdims=True), 1)
-        visibility = np.divide(visible, sampled, out=np.broadcast_to(unlit, visible.shape).astype(np.float32),
-                               where=sampled > 0)
-        return np.asarray(unoccluded * visibility / math.pi, np.float32)
+    def unoccluded(self, normal: F32) -> F32:
+        """Irradiance of points that nothing hides the environment from, shape (N, 3), by their normals, W/m²."""
+        return np.asarray(np.maximum(normal @ self.cell.T, 0) @ self.cell_power, np.float32)
 
 
 def radiance_along(environment: Environment, direction: F64) -> F32:
@@ -106,13 +91,12 @@ def sky_light(environment: Environment, count: int) -> SkyLight:
     return SkyLight(*(np.asarray(x, np.float32) for x in arrays))
 
 
-def sky_strata(environment: Environment, rows: int, columns: int) -> tuple[F32, F32]:
+@lru_cache(maxsize=4)
+def sky_strata(environment: Environment) -> tuple[F32, F32]:
     """The cells that a point of the unit square stands for, if points are spread evenly over the environment's light.
 
-    Parameters
-    ----------
-    rows, columns : int
-        Strata of the unit square; each stands for the same share of the light, but for the evenly spread part.
+    Each cell has a stratum at least, for what a window shows may be dim beside the rest. The other strata go where the
+    light is.
 
     Returns
     -------
@@ -122,18 +106,42 @@ def sky_strata(environment: Environment, rows: int, columns: int) -> tuple[F32, 
     power : ndarray, float32, shape (rows, columns, 3)
         Radiance times the solid angle that each stratum represents, W/m².
     """
-    _, power, angle = _cells(environment)
-    chance = _light_chance(power, angle).reshape(CELLS)
-    row = _index(chance.sum(axis=1)[None], (np.arange(rows) + 0.5) / rows)
-    column = np.stack([_index(chance[row], np.full(rows, (k + 0.5) / columns)) for k in range(columns)], axis=1)
+    _, power, _ = _cells(environment)
+    light = power.mean(axis=1).reshape(CELLS)
+    row = np.repeat(np.arange(CELLS[0]), _strata_counts(light.sum(axis=1)[None], STRATA[0])[0])
+    column = np.stack([np.repeat(np.arange(CELLS[1]), counts) for counts in _strata_counts(light, STRATA[1])])[row]
     cell = row[:, None] * CELLS[1] + column
-    # What all cells send is kept exactly: the strata of a cell share its power.
     count = np.bincount(cell.ravel(), minlength=len(power))
-    chosen = power[cell] / count[cell][..., None]
-    chosen *= (power.sum(axis=0) / np.maximum(chosen.sum(axis=(0, 1)), 1e-300))
     azimuth = (column / CELLS[1] - 0.5) * 2 * math.pi - math.radians(environment.rotation_deg)
     corner = np.stack([azimuth, np.broadcast_to(row[:, None], cell.shape) * math.pi / CELLS[0]], axis=-1)
-    return np.asarray(corner, np.float32), np.asarray(chosen, np.float32)
+    return np.asarray(corner, np.float32), np.asarray(power[cell] / count[cell][..., None], np.float32)
+
+
+def sky_points(environment: Environment, at: F32) -> tuple[F32, F32]:
+    """Directions in world space that points of the unit square stand for, and their light, as shaders find them.
+
+    Parameters
+    ----------
+    at : ndarray, float32, shape (N, 2)
+        In [0, 1)².
+
+    Returns
+    -------
+    direction : ndarray, float32, shape (N, 3)
+    light : ndarray, float32, shape (N, 3)
+        Radiance over the density of evenly spread points, W/m².
+    """
+    corner, power = sky_strata(environment)
+    rows, columns = STRATA
+    x, y = at[:, 0] * np.float32(columns), at[:, 1] * np.float32(rows)
+    column, row = np.minimum(x.astype(np.int32), columns - 1), np.minimum(y.astype(np.int32), rows - 1)
+    stratum = row * columns + column
+    start = corner.reshape(-1, 2).take(stratum, axis=0)
+    azimuth = start[:, 0] + (x - column) * np.float32(CELL_EXTENT[0])
+    polar = start[:, 1] + (y - row) * np.float32(CELL_EXTENT[1])
+    direction, sine = np.empty((len(at), 3), np.float32), np.sin(polar)
+    direction[:, 0], direction[:, 1], direction[:, 2] = sine * np.sin(azimuth), np.cos(polar), -sine * np.cos(azimuth)
+    return direction, power.reshape(-1, 3).take(stratum, axis=0) * np.float32(rows * columns)
 
 
 def harmonics(environment: Environment, rotation: F64) -> F32:
@@ -198,6 +206,13 @@ def _index(chances: Floats, at: Floats) -> Ints:
     """Where the running sum of ``chances``, (N or 1, K), exceeds the share ``at``, (N,), of its total; shape (N,)."""
     sums = np.cumsum(chances, axis=1)
     return np.minimum((sums <= at[:, None] * sums[:, -1:]).sum(axis=1), chances.shape[1] - 1)
+
+
+def _strata_counts(light: F64, total: int) -> Ints:
+    """Whole numbers from 1 on whose rows sum to ``total``; beyond 1, in proportion to ``light``, shape (N, K)."""
+    sums = np.cumsum(light + max(float(light.max()), 1e-300) * 1e-12, axis=1)
+    bounds = np.rint(sums / sums[:, -1:] * (total - light.shape[1])).astype(np.int64)
+    return np.diff(bounds, axis=1, prepend=0) + 1
 
 
 def row_solid_angles(rows: int) -> F64:

@@ -10,6 +10,8 @@
 const float MIN_SHARE = 0.05;        // of the texels around that must show the same surface
 const float MIN_NEIGHBOURS = 4.0;    // with samples, that bound the history
 const float MAX_BRIGHTENING = 4.0;   // history counts as at most this many times what is around now, or a flash would linger
+const float MAX_RARE = 40.0;         // the same where few rays of a wide lobe meet a window or a lamp, and at rest
+const float SHARP = 0.1, BLURRED = 0.25;  // roughness up to which the history of what moves is bounded, and from which it isn't
 const float SIGMAS = 2.0;            // of their mean, within which history counts
 
 uniform sampler2D reflection_now;  // radiance; a: length of the ray / depth where it starts, none of the texel's surface if <= 0
@@ -27,7 +29,7 @@ uniform mat4 previous_from_relative;  // camera space of the frame before, from 
 uniform vec4 previous_lens;    // half the image's size; where the view axis met it
 uniform vec2 max_frames;       // of the history of mirrors, and of rough surfaces
 uniform bool history_valid;
-uniform bool bounded;          // whether history counts only within what the texels around show now
+uniform bool bounded;          // whether that of sharp images counts only within what the texels around show now
 #endif
 
 layout(location = WRITE_REFLECTION_LOW) out vec4 out_reflection_low;       // radiance; a: frames
@@ -114,8 +116,10 @@ void main()
     vec4 history = sum / weight;
     float old_distance = old_distances / weight;
     vec3 margin = SIGMAS * deviation;
-    history.rgb = count > 0.0 ? min(history.rgb, MAX_BRIGHTENING * brightest) : history.rgb;
-    history.rgb = bounded && count >= MIN_NEIGHBOURS ? clamp(history.rgb, mean - margin, mean + margin) : history.rgb;
+    float loose = bounded ? smoothstep(SHARP, BLURRED, roughness) : 1.0;
+    history.rgb = count > 0.0 ? min(history.rgb, mix(MAX_BRIGHTENING, MAX_RARE, loose) * brightest) : history.rgb;
+    vec3 near = clamp(history.rgb, mean - margin, mean + margin);
+    history.rgb = count >= MIN_NEIGHBOURS ? mix(near, history.rgb, loose) : history.rgb;
     float frames = clamp(history.a * weight, 1.0, mix(max_frames.x, max_frames.y, clamp(roughness, 0.0, 1.0)));
     float share = sampled ? 1.0 / (frames + 1.0) : 0.0;
     out_reflection_low = vec4(mix(history.rgb, now.rgb, share), sampled ? frames + 1.0 : frames);

@@ -8,6 +8,8 @@
 const float NOISE_SIGMAS = 3.0;      // of the difference of two texels, by which noise may part them
 const float PLANE_TOLERANCE = 0.01;  // of the receiver's depth_scale
 const float MIN_COSINE = 0.9;        // between normals
+const int FEW = 1;                   // texels around that agree with an outlier,
+const float RARE = 3.0;              // which has this many times the share of all of them
 const float PRIOR = 0.5;             // specular rays whose share is taken to be that of diffuse light
 
 uniform sampler2D shadow_visible;     // rgb: mean irradiance of the samples that reach their light, a: samples
@@ -56,6 +58,11 @@ bool agree(float share, float other, float variance)
     return differs * differs <= NOISE_SIGMAS * NOISE_SIGMAS * variance;
 }
 
+float share_of(vec3 visible, vec3 unshadowed)
+{
+    return dot(visible, vec3(1.0)) / max(dot(unshadowed, vec3(1.0)), 1e-30);
+}
+
 Texel texel_at(ivec2 low)
 {
     Texel t;
@@ -63,7 +70,7 @@ Texel texel_at(ivec2 low)
     t.unshadowed = texelFetch(shadow_unshadowed, low, 0);
     t.surface = texelFetch(lowres_gbuffer, low, 0);
     t.p = surface_point(vec2(nearest_texel(low, ratio)) + 0.5, t.surface.a);
-    t.share = dot(t.visible.rgb, vec3(1.0)) / max(dot(t.unshadowed.rgb, vec3(1.0)), 1e-30);
+    t.share = share_of(t.visible.rgb, t.unshadowed.rgb);
     t.variance = variance_of(t.share, t.visible.a);
 #ifdef SPECULAR_RAYS
     t.specular = texelFetch(shadow_specular, low, 0);
@@ -84,7 +91,8 @@ void main()
 {
     ivec2 low = ivec2(gl_FragCoord.xy), last = textureSize(lowres_gbuffer, 0) - 1;
     Texel here = texel_at(low);
-    vec4 visible = vec4(0.0), unshadowed = vec4(0.0);
+    vec4 visible = vec4(0.0), unshadowed = vec4(0.0), all_visible = vec4(0.0), all_unshadowed = vec4(0.0);
+    int alike_count = -1;  // without the texel itself
 #ifdef SPECULAR_RAYS
     vec4 specular = vec4(0.0);
 #endif
@@ -98,10 +106,18 @@ void main()
 #ifdef SPECULAR_RAYS
         specular += alike && is_alike_specular(here, t) ? vec4(t.specular.rgb, 1.0) * t.specular.a : vec4(0.0);
 #endif
+        vec4 seen = vec4(t.visible.rgb, 1.0) * t.visible.a, sent = vec4(t.unshadowed.rgb, 1.0) * t.visible.a;
+        all_visible += alike ? seen : vec4(0.0);
+        all_unshadowed += alike ? sent : vec4(0.0);
         alike = alike && (agree(t.share, here.share, here.variance + t.variance) || dot(here.unshadowed.rgb, vec3(1.0)) <= 0.0);
-        visible += alike ? vec4(t.visible.rgb, 1.0) * t.visible.a : vec4(0.0);
-        unshadowed += alike ? vec4(t.unshadowed.rgb, 1.0) * t.visible.a : vec4(0.0);
+        visible += alike ? seen : vec4(0.0);
+        unshadowed += alike ? sent : vec4(0.0);
+        alike_count += alike ? 1 : 0;
     }
+    // A ray of much light that hardly any other meets.
+    bool is_outlier = alike_count <= FEW && here.share > RARE * share_of(all_visible.rgb, all_unshadowed.rgb);
+    visible = is_outlier ? all_visible : visible;
+    unshadowed = is_outlier ? all_unshadowed : unshadowed;
     visible.rgb /= max(visible.a, 1e-30);
     unshadowed.rgb /= max(unshadowed.a, 1e-30);
 #ifdef SPECULAR_RAYS
@@ -112,7 +128,7 @@ void main()
     float all_light = max(max(unshadowed.r, unshadowed.g), unshadowed.b);
     float specular_share = 0.0;
 #ifdef SPECULAR_RAYS
-    float diffuse_share = clamp(dot(visible.rgb, vec3(1.0)) / max(dot(unshadowed.rgb, vec3(1.0)), 1e-30), 0.0, 1.0);
+    float diffuse_share = clamp(share_of(visible.rgb, unshadowed.rgb), 0.0, 1.0);
     float share_of_rays = specular.r / max(specular.g, 1e-30);
     specular_share = clamp(mix(diffuse_share, share_of_rays, specular.a / (specular.a + PRIOR)), 0.0, 1.0);
 #endif

@@ -36,15 +36,25 @@ uniform sampler2D specular_roughness;
 #ifdef HAS_SKY_STRATA
 uniform sampler2D sky_strata;  // lower half: azimuth and polar angle where each begins; upper half: power in W/m²
 #endif
+#ifdef GUIDE_TILE
+uniform usampler2D sky_guide;  // a row for each tile of receivers, see app/gl/sky_guide.py: parts of the unit square that is
+                               // spread over the strata; in the last texel which share of the sky's light is visible
+uniform int guide_columns;     // tiles in a row of the grid
+#endif
 uniform int sample_index;    // of each receiver
 uniform float noise_phase;   // shifts the sequence, from the seed
 uniform float ray_epsilon;   // by which rays start off their surface at most, scene units
 uniform float sky_distance;  // length of a ray towards the environment, scene units
 
 layout(location = 0) out vec4 out_origin;  // relative space
-layout(location = 1) out vec4 out_vector;  // from there to the ray's end; a: 0: no ray, 1: passes light proxies, 2: meets all
+layout(location = 1) out vec4 out_vector;  // from there to the ray's end; a: 0: no ray, 1: passes light proxies, 2: meets all,
+                                           // from 3 on: to the sky, and meets all; then 3 plus the part that the ray ends in
 layout(location = 2) out vec4 out_light;   // rgb: unshadowed irradiance of the sample, over its probability; a: for a specular
                                            // ray instead, the luminance of the rectangle that it is traced to
+#ifdef GUIDE_TILE
+layout(location = 3) out vec4 out_exact;   // rgb: unshadowed irradiance of all lights whose shadows are traced;
+                                           // a: luminance of that of the sky
+#endif
 
 struct Receiver {
     vec3 p;
@@ -98,15 +108,64 @@ vec3 sequence(ivec2 texel)
 }
 
 #ifdef HAS_SKY_STRATA
+// A point of the unit square that is spread over the strata.
+struct SkyPoint {
+    vec2 at;
+    float density;  // over that of points spread evenly
+};
+
+#ifdef GUIDE_TILE
+const int PART_COUNT = GUIDE_PARTS * GUIDE_PARTS;
+const float EVEN_SHARE = 1.0 / float(SKY_CANDIDATES);  // of the candidates, which find what the guide doesn't know
+
+int guide_row(ivec2 texel)
+{
+    return texel.y / GUIDE_TILE * guide_columns + texel.x / GUIDE_TILE;
+}
+
+// The part of the environment that a point of the unit square is in.
+int part_of(vec2 at)
+{
+    ivec2 part = min(ivec2(at * float(GUIDE_PARTS)), GUIDE_PARTS - 1);
+    return part.y * GUIDE_PARTS + part.x;
+}
+
+float visible_share(ivec2 texel)
+{
+    return uintBitsToFloat(texelFetch(sky_guide, ivec2(PART_COUNT + GUIDE_ENTRIES, guide_row(texel)), 0).r);
+}
+
+// One of the candidates is spread evenly, the others are guided.
+SkyPoint sky_point(ivec2 texel, vec2 s, int candidate)
+{
+    int row = guide_row(texel);
+    float along = s.x * float(GUIDE_ENTRIES);
+    uint entry = texelFetch(sky_guide, ivec2(PART_COUNT + int(along), row), 0).r;
+    if (entry == 0u) return SkyPoint(s, 1.0);
+    int part = candidate == 0 ? part_of(s) : int(entry & 1023u);
+    vec2 within = vec2((float((entry >> 10u) & 2047u) + fract(along)) / float(entry >> 21u), s.y);
+    vec2 at = candidate == 0 ? s : (vec2(part % GUIDE_PARTS, part / GUIDE_PARTS) + within) / float(GUIDE_PARTS);
+    float entries = float(texelFetch(sky_guide, ivec2(part, row), 0).r);
+    return SkyPoint(at, mix(entries * float(PART_COUNT) / float(GUIDE_ENTRIES), 1.0, EVEN_SHARE));
+}
+#else
+SkyPoint sky_point(ivec2 texel, vec2 s, int candidate)
+{
+    return SkyPoint(s, 1.0);
+}
+#endif
+
 // A direction of the environment for s in [0, 1)², one of four in opposite quarters of the unit square that is chosen,
 // by pick in [0, 1), in proportion to what it contributes.
-LightSample sample_sky(vec3 n, vec2 s, float pick)
+LightSample sample_sky(ivec2 texel, vec3 n, vec2 s, float pick, out vec2 chosen_at)
 {
     ivec2 strata = textureSize(sky_strata, 0) / ivec2(1, 2);
     LightSample chosen = LightSample(n * sky_distance, vec3(0.0), true);
     float total = 0.0, chosen_target = 0.0;
+    chosen_at = vec2(0.0);
     for (int i = 0; i < SKY_CANDIDATES; ++i) {
-        vec2 at = fract(s + 0.5 * vec2(i & 1, i >> 1)) * vec2(strata);
+        SkyPoint point = sky_point(texel, fract(s + 0.5 * vec2(i & 1, i >> 1)), i);
+        vec2 at = point.at * vec2(strata);
         ivec2 stratum = min(ivec2(at), strata - 1);
         vec2 angles = texelFetch(sky_strata, stratum, 0).xy + (at - vec2(stratum)) * SKY_CELL_EXTENT;
         vec3 direction = vec3(sin(angles.y) * sin(angles.x), cos(angles.y), -sin(angles.y) * cos(angles.x));
@@ -115,8 +174,9 @@ LightSample sample_sky(vec3 n, vec2 s, float pick)
         float target = luminance(light);
         bool take = replaces(target, total, pick);
         chosen.vector = take ? direction * sky_distance : chosen.vector;
-        chosen.light = take ? light : chosen.light;
+        chosen.light = take ? light / point.density : chosen.light;
         chosen_target = take ? target : chosen_target;
+        chosen_at = take ? point.at : chosen_at;
     }
     chosen.light *= total / (float(SKY_CANDIDATES) * max(chosen_target, LUMINANCE_FLOOR));
     return chosen;
@@ -159,10 +219,13 @@ void main()
     // One source in proportion to its unshadowed light: each replaces the one before it with its share of the sum so far.
     float total = 0.0, part = 0.0, choice = s.x;
     int chosen = -1;
+    vec3 exact = vec3(0.0);
 #ifdef HAS_TRACED_LIGHT
     int i = LIGHT_COUNT;
     do {
-        float light = luminance(irradiance(lights[--i], r.p, r.n));
+        vec3 received = irradiance(lights[--i], r.p, r.n);
+        exact += received;
+        float light = luminance(received);
         bool take = replaces(light, total, choice);
         chosen = take ? i : chosen;
         part = take ? light : part;
@@ -170,7 +233,12 @@ void main()
 #endif
     bool to_sky = false;
 #ifdef HAS_SKY_STRATA
-    float sky = luminance(unshadowed_sky_irradiance(r.n));
+    vec3 sky_light = unshadowed_sky_irradiance(r.n);
+    exact += sky_light;
+    float sky = luminance(sky_light), all_sky = sky;
+#ifdef GUIDE_TILE
+    sky *= visible_share(texel);
+#endif
     to_sky = replaces(sky, total, choice);
     part = to_sky ? sky : part;
 #endif
@@ -179,7 +247,8 @@ void main()
     if (chosen >= 0 && !to_sky) ray = sample_light(lights[chosen], r.p, r.n, s.yz);
 #endif
 #ifdef HAS_SKY_STRATA
-    if (to_sky) ray = sample_sky(r.n, s.yz, choice);
+    vec2 at;
+    if (to_sky) ray = sample_sky(texel, r.n, s.yz, choice, at);
 #endif
     ray.light *= total / max(part, LUMINANCE_FLOOR);
     bool wanted = r.is_surface && total > 0.0 && max(max(ray.light.r, ray.light.g), ray.light.b) > 0.0
@@ -187,8 +256,15 @@ void main()
     // A ray into the surface meets it at once.
     bool free = dot(ray.vector, r.face) > 0.0;
     out_origin = vec4(r.origin, 0.0);
-    out_vector = vec4((ray.vector + r.p - r.origin) * SHORTENED, wanted && free ? (ray.meets_proxies ? 2.0 : 1.0) : 0.0);
+    float kind = ray.meets_proxies ? 2.0 : 1.0;
+#ifdef GUIDE_TILE
+    kind = to_sky ? 3.0 + float(part_of(at)) : kind;
+#endif
+    out_vector = vec4((ray.vector + r.p - r.origin) * SHORTENED, wanted && free ? kind : 0.0);
     out_light = wanted ? vec4(min(ray.light, HALF_MAX), 0.0) : vec4(0.0);
+#ifdef GUIDE_TILE
+    out_exact = r.is_surface ? vec4(min(exact, HALF_MAX), all_sky) : vec4(0.0);
+#endif
 #ifdef SPECULAR_RAYS
     LightSample mirrored = sample_specular(texel, r);
     float brightness = luminance(mirrored.light);

@@ -11,8 +11,10 @@ from app.environment import SKY_DISTANCE
 from app.gl.context import Device
 from app.gl.frame_state import FrameState
 from app.gl.shader import Program
+from app.gl.sky_guide import DEFINES as GUIDE_DEFINES
+from app.gl.sky_guide import SkyGuide
 
-PASSES_PROXIES, MEETS_ALL = 1.0, 2.0  # kinds of rays in shadow_rays.frag
+PASSES_PROXIES, MEETS_ALL, TO_SKY = 1.0, 2.0, 3.0  # kinds of rays in shadow_rays.frag, the last one from there on
 RAY_EPSILON = 1e-4  # of the scene's longest edge, by which rays start off their surface
 
 
@@ -46,13 +48,16 @@ class ShadowRays:
         Width and height of the grid.
     defines : mapping
         What receivers there are and which lights.
+    guide : SkyGuide, optional
+        Where the environment is found; rays teach it.
     """
 
-    def __init__(self, device: Device, size: tuple[int, int], defines: Mapping[str, object], scene: RayScene) -> None:
-        self._device, self._size, self._scene = device, size, scene
-        self.program: Program = device.fullscreen("shadow_rays.frag", defines)
+    def __init__(self, device: Device, size: tuple[int, int], defines: Mapping[str, object], scene: RayScene,
+                 guide: SkyGuide | None = None) -> None:
+        self._device, self._size, self._scene, self._guide = device, size, scene, guide
+        self.program: Program = device.fullscreen("shadow_rays.frag", {**defines, **(GUIDE_DEFINES if guide else {})})
         self._has_specular = "SPECULAR_RAYS" in defines
-        self._textures = [device.ctx.texture(size, 4, dtype="f4") for _ in range(3)]
+        self._textures = [device.ctx.texture(size, 4, dtype="f4") for _ in range(4 if guide else 3)]
         self._target = device.ctx.framebuffer(self._textures)
 
     def trace(self, frame: FrameState, samples: range) -> tuple[F32, ...]:
@@ -78,6 +83,8 @@ class ShadowRays:
         self.program.set(noise_phase=frame.noise_phase, ray_epsilon=RAY_EPSILON * self._scene.extent,
                          sky_distance=SKY_DISTANCE * self._scene.extent)
         frame.lights.bind_emission_points(self.program)
+        if self._guide is not None:
+            self._guide.bind(self.program)
         self._target.use()
         self._device.ctx.enable_only(moderngl.NOTHING)
         for sample in samples:
@@ -85,18 +92,29 @@ class ShadowRays:
             self._device.draw_fullscreen(self.program)
             if sample == samples.start:  # all samples of a receiver start at one point
                 origin = self._read(0)[:, :3] + shift
+                if self._guide is not None:
+                    exact = self._read(3)
+                    self._guide.see(exact)
             vector, light = self._read(1), self._read(2)
             seen = np.zeros((len(light), 1), np.float32)
-            for kind, proxies_block in ((PASSES_PROXIES, False), (MEETS_ALL, True)):
-                rows = np.flatnonzero(vector[:, 3] == kind)
+            kind = vector[:, 3]
+            for is_kind, proxies_block in ((kind == PASSES_PROXIES, False), (kind >= MEETS_ALL, True)):
+                rows = np.flatnonzero(is_kind)
                 if len(rows):
                     ends = vector.take(rows, axis=0)[:, :3]  # much faster than with an index in brackets
                     seen[rows, 0] = ~self._scene.is_occluded(origin.take(rows, axis=0), ends, proxies_block)
+            if self._guide is not None:
+                hits = np.flatnonzero(seen[:, 0] * (kind >= TO_SKY))
+                self._guide.learn(hits, kind.take(hits) - TO_SKY, light.take(hits, axis=0)[:, :3])
             visible += light * seen
             unshadowed += light
             if self._has_specular:
                 specular_rays += light[:, 3] > 0
         means = [_mean(total, len(samples) - specular_rays) for total in (visible, unshadowed)]
+        if self._guide is not None:
+            # Where rays go where light is visible, they say little of what isn't; its light is known exactly.
+            guided = self._guide.guides
+            means[1][guided, :3] = exact[guided, :3]
         if self._has_specular:
             none = np.zeros_like(specular_rays)
             means.append(_mean(np.stack([visible[:, 3], unshadowed[:, 3], none, none], axis=1), specular_rays))

@@ -57,7 +57,8 @@ def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: Trac
             world, lookup = surfels.world, surfels.lookup
             indirect = (resources.rows("surfel_indirect") if "surfel_indirect" in bound.reads
                         else world.emissive_irradiance)
-            of_surfels = lookup.smooth(np.nan_to_num(world.sky_irradiance + indirect).clip(0, HALF_MAX))
+            sent = world.sky_irradiance + indirect
+            of_surfels = lookup.smooth(np.where((sent >= 0) & (sent < HALF_MAX), sent, 0))
 
             def light_at(at: F32, facing: F32) -> F32:
                 return direct.estimate(frame, resources, at, facing) + lookup.interpolate(of_surfels, at, facing)

@@ -17,6 +17,7 @@ from app.gl.lights import LightSet
 from app.gl.pool import Resources
 from app.gl.ray_budget import RayBudget
 from app.gl.shadow_rays import RayScene, ShadowRays, share_of, specular_defines
+from app.gl.sky_guide import FIRST_SAMPLES, SkyGuide
 from app.graph import BoundPass, Pass, Resource, Tex
 
 MAX_RECEIVERS = 2**17  # of the screen's grid
@@ -81,7 +82,8 @@ def _filter(name: str, source: Collection[str], target: Mapping[str, Resource], 
 
 def _make_rays(device: Device, bound: BoundPass, defines: Mapping[str, object], scene: RayScene, size: tuple[int, int],
                has_history: bool) -> Execute:
-    rays = ShadowRays(device, size, {**defines, **read_defines(bound)}, scene)
+    guide = SkyGuide(device, size) if "sky_strata" in bound.reads else None
+    rays = ShadowRays(device, size, {**defines, **read_defines(bound)}, scene, guide)
 
     def execute(frame: FrameState, resources: Resources) -> None:
         key = frame.view_and_lighting
@@ -89,12 +91,26 @@ def _make_rays(device: Device, bound: BoundPass, defines: Mapping[str, object], 
             return
         resources.bind(rays.program)
         rays.program.set(ratio=ratio_to(size, frame))
-        sums = rays.trace(frame, RAYS.samples(frame, math.prod(size), has_history))
+        samples = RAYS.samples(frame, math.prod(size), has_history)
+        if guide is not None:
+            samples = _prepare(guide, rays, frame, samples, has_history)
+        sums = rays.trace(frame, samples)
         for name, values in zip(bound.writes, sums, strict=True):
             resources[name].write(values.tobytes())
         resources.set_current(key)
 
     return execute
+
+
+def _prepare(guide: SkyGuide, rays: ShadowRays, frame: FrameState, samples: range, has_history: bool) -> range:
+    """Let the guide follow what has changed; the samples of ``samples`` that this leaves."""
+    if not (has_history and frame.history_valid):
+        guide.forget()
+        rays.trace(frame, samples[:FIRST_SAMPLES])
+        return samples[FIRST_SAMPLES:] or samples
+    if frame.motion is not MotionKind.NONE:
+        guide.fade()
+    return samples
 
 
 def declare_cube(lights: LightSet, has_sky: bool, scene: Callable[[], RayScene], face: int, camera_axes: bool) -> Pass:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from app.arrays import F32
-from app.environment import radiance_along, sky_light, sky_strata
+from app.environment import STRATA, radiance_along, sky_light, sky_strata
 from app.gl.frame_state import Execute, FrameState
 from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
@@ -12,7 +12,6 @@ from app.scene import Environment
 
 NORMALS = 64      # texels along the octahedral map of normals
 LEVELS = 6        # of roughness, from 0 to 1
-STRATA = (64, 64)  # rows and columns of equally bright parts of the environment, for shadow rays
 
 
 def declare(environment: Environment) -> Pass:
@@ -34,7 +33,7 @@ def make(bound: BoundPass, environment: Environment) -> Execute:
             radiance = np.minimum(_prefiltered(environment), HALF_MAX)
             resources["sky_specular"].write(radiance.astype(np.float16).tobytes())
         if "sky_strata" in bound.writes:
-            corner, power = sky_strata(environment, *STRATA)
+            corner, power = sky_strata(environment)
             resources["sky_strata"].write(np.concatenate([_as_texels(corner), _as_texels(power)]).tobytes())
         resources.set_current(None)
 
@@ -58,9 +57,7 @@ def octahedral_directions(size: int) -> F32:
 def _irradiance(environment: Environment) -> F32:
     """Unshadowed irradiance for each normal of the octahedral map, W/m², shape (NORMALS, NORMALS, 4)."""
     normal = octahedral_directions(NORMALS).reshape(-1, 3)
-    light = sky_light(environment, 1)
-    unoccluded = np.maximum(normal @ light.cell.T, 0) @ light.cell_power
-    return _as_texels(unoccluded).reshape(NORMALS, NORMALS, 4)
+    return _as_texels(sky_light(environment, 1).unoccluded(normal)).reshape(NORMALS, NORMALS, 4)
 
 
 def _prefiltered(environment: Environment) -> F32:

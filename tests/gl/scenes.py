@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from app.math3d import translation
 from app.renderer import Renderer
-from app.scene import Camera, CameraPath, Instance, Light, Material, Mesh, Motion, Scene, bounds_of
+from app.scene import Camera, CameraPath, Environment, Instance, Light, Material, Mesh, Motion, Scene, bounds_of
 from app.settings import Settings
+from tests.gl.closed_forms import polygon_irradiance
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -20,6 +21,7 @@ Point = tuple[float, float, float]
 Images = dict[str, NDArray[np.float32]]
 
 GREY = Material(albedo=(0.5, 0.5, 0.5))
+DIM = 0.2  # W/(sr m²), of the sky that the cellar's window shows
 OVERHEAD = Camera((0.0, 3.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), 60.0)
 
 
@@ -80,6 +82,26 @@ def make_scene(parts: Iterable[Part], lights: Iterable[Light] = (), camera: Came
         instances.append(Instance(f"part {index}", index, part.place, part.motion))
     return Scene("test", tuple(meshes), tuple(instances), tuple(p.material for p in parts), tuple(lights),
                  {"main": CameraPath.still(camera)}, "main", bounds_of(tuple(meshes), tuple(instances)))
+
+
+def cellar(window: float) -> Scene:
+    """A box of 4 m with a square hole in the middle of one wall, under a sky whose light comes from above."""
+    low, high = 2 - window / 2, 2 + window / 2
+    walls = [quad((0, 0, 0), (0, 0, 4), (4, 0, 0)), quad((0, 4, 0), (4, 0, 0), (0, 0, 4)),
+             quad((0, 0, 0), (0, 4, 0), (0, 0, 4)), quad((4, 0, 0), (0, 0, 4), (0, 4, 0)),
+             quad((0, 0, 4), (0, 4, 0), (4, 0, 0)),
+             quad((0, 0, 0), (low, 0, 0), (0, 4, 0)), quad((high, 0, 0), (4 - high, 0, 0), (0, 4, 0)),
+             quad((low, 0, 0), (window, 0, 0), (0, low, 0)), quad((low, high, 0), (window, 0, 0), (0, 4 - high, 0))]
+    radiance = np.full((16, 32, 3), DIM, np.float32)
+    radiance[:2] = 20.0  # bright above, where most of the floor doesn't see it
+    return replace(make_scene(walls), environment=Environment(radiance))
+
+
+def window_irradiance(points: F64, window: float) -> F64:
+    """Irradiance of points on the floor of the ``cellar`` that see only dim sky: from z = 1.6 on."""
+    low, high = 2 - window / 2, 2 + window / 2
+    corners = np.array([(low, low, 0), (high, low, 0), (high, high, 0), (low, high, 0)])
+    return DIM * polygon_irradiance(points, np.array([0.0, 1.0, 0.0]), corners)
 
 
 def moved(scene: Scene, offset: Point = (0, 0, 0), scale: float = 1.0) -> Scene:

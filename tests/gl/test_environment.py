@@ -13,7 +13,7 @@ from app.math3d import View
 from app.renderer import Renderer
 from app.scene import Camera, Environment, Material, Scene
 from app.settings import Settings
-from tests.gl.scenes import F32, F64, box, draw, floor, make_scene, quad, slide
+from tests.gl.scenes import F32, F64, box, cellar, draw, floor, make_scene, quad, slide, window_irradiance
 from tests.unit.test_environment import compass
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
@@ -27,10 +27,10 @@ def under(environment: Environment | None, *parts: object, camera: Camera = LEVE
     return replace(make_scene(parts or (floor(1.0),), camera=camera), environment=environment)  # type: ignore[arg-type]
 
 
-def rays(camera: Camera) -> F64:
+def rays(camera: Camera, size: tuple[int, int] = SIZE) -> F64:
     """Directions in world space through the pixels' centres, shape (h, w, 3)."""
-    w, h = SIZE
-    view = View.of(camera, SIZE, 1e-3)
+    w, h = size
+    view = View.of(camera, size, 1e-3)
     x, y = np.meshgrid((np.arange(w) + 0.5) / w * 2 - 1, 1 - (np.arange(h) + 0.5) / h * 2)
     towards = np.stack([x * view.half_size[0], y * view.half_size[1], -np.ones_like(x)], axis=-1) @ view.rotation
     return np.asarray(towards / np.linalg.norm(towards, axis=-1, keepdims=True))
@@ -55,6 +55,23 @@ def test_a_scene_without_one_has_no_background_pass() -> None:
             assert ("background" in {p.name for p in renderer.plan.passes}) == there
     with Renderer(under(DUSK), Settings(SIZE, ("albedo",))) as renderer:
         assert [p.name for p in renderer.plan.passes] == ["gbuffer"]
+
+
+@pytest.mark.parametrize(("window", "noise"), [(0.3, 0.5), (1.0, 0.06)])
+def test_a_room_has_the_light_of_its_window(window: float, noise: float) -> None:
+    """Against the form factor of the hole; few rays that are spread over the sky's light pass it."""
+    size = (256, 192)
+    camera = Camera((2.0, 3.9, 2.65), (2.0, 0.0, 2.649), fov_y_deg=27.0)
+    towards = rays(camera, size)
+    exact = window_irradiance(np.array(camera.eye) - towards * (camera.eye[1] / towards[..., 1:2]), window)
+    with Renderer(cellar(window), Settings(size, ("direct", "albedo"))) as renderer:
+        for frame in range(2):
+            images = renderer.render(camera)
+            error = images["direct"][..., 0] / images["albedo"][..., 0] * np.pi - exact
+            print(f"CELLAR {window}, frame {frame}: {error.mean() / exact.mean():.3f} off on the mean, "
+                  f"noise {error.std() / exact.mean():.3f}")
+            assert abs(error.mean()) < 0.05 * exact.mean()
+            assert error.std() < noise * exact.mean()
 
 
 def test_a_turning_camera_leaves_no_ghost_of_the_sky() -> None:

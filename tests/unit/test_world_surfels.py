@@ -8,21 +8,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.environment import SKY_DISTANCE, sky_light
-from app.math3d import View, unit_rows
+from app.environment import SKY_DISTANCE
+from app.math3d import GOLDEN_RATIO, View, unit_rows
 from app.raycast.caster import STATIC, Anchors, AttachedPoints, Caster
 from app.scene import Camera, Environment, Material, Motion, Scene
 from app.surfels import kernel
 from app.surfels.farthest_points import neighbour_distance, sample_farthest
 from app.surfels.neighbours import nearest
 from app.surfels.random_walks import sample_cosine_hemisphere, trace_walks
-from app.surfels.ray_bundle import SHARE, trace_cosine_rays
-from app.surfels.sky_rays import RAYS, SkyRays
+from app.surfels.ray_bundle import trace_cosine_rays
+from app.surfels.sky_rays import SkyRays
 from app.surfels.tracked import TrackedSurfels
 from app.surfels.world import MAX_END_SAMPLES, MAX_LIGHT_SAMPLES, MIN_SAMPLE_COSINE, MIN_SAMPLED_RADII, WorldSurfels
 from tests.deforming import bent, deforming_scene, material_points
 from tests.gl.closed_forms import polygon_irradiance
-from tests.gl.scenes import GREY, Part, Point, box, floor, make_scene, moved, quad, slide
+from tests.gl.scenes import GREY, Part, Point, box, cellar, floor, make_scene, moved, quad, slide, window_irradiance
 
 ROOM = box((0, 0, 0), (4, 3, 4))
 CUPBOARD = box((1, 0.01, 0.5), (1, 1, 1), replace(GREY, albedo=(0.2,) * 3))
@@ -368,13 +368,36 @@ def test_surfels_see_the_sky_where_shadow_rays_end_nowhere(make: Callable[[], Sc
     is_moving = hits.body != STATIC
     assert is_moving.sum() > 5 and (~is_moving).sum() > 50
     found = rays.irradiance()
-    for rows, count in ((~is_moving, RAYS), (is_moving, RAYS // SHARE)):
-        sky = sky_light(scene.environment, count)
+    count = 4000
+    height = 1 - (2 * np.arange(count) + 1) / count
+    azimuth = 2 * np.pi * GOLDEN_RATIO * np.arange(count)
+    flat = np.sqrt(1 - height**2)
+    directions = np.stack([flat * np.cos(azimuth), height, flat * np.sin(azimuth)], axis=1)
+    for rows in (~is_moving, is_moving):
         origins = np.repeat(position[rows] + caster.ray_epsilon * normal[rows], count, axis=0)
-        ends = np.tile(SKY_DISTANCE * caster.extent * sky.direction, (rows.sum(), 1)).astype(np.float32)
+        ends = np.tile(SKY_DISTANCE * caster.extent * directions, (rows.sum(), 1)).astype(np.float32)
         is_open = ~caster.is_occluded(origins, ends, proxies_block=True).reshape(-1, count)
-        assert is_open.mean() < 0.98 and (is_open.mean() > 0.02 or time == 0)
-        np.testing.assert_array_equal(found[rows], sky.irradiance(normal[rows], is_open))
+        exact = (np.maximum(normal[rows] @ directions.T, 0) * is_open).mean(axis=1) * 4
+        assert exact.mean() < 0.98 and (exact.mean() > 0.02 or time == 0)
+        assert abs(found[rows].mean() - exact.mean()) < 0.02
+        assert np.abs(found[rows] - exact[:, None]).mean() < 0.1
+
+
+@pytest.mark.parametrize("window", [0.6, 1.0])
+def test_surfels_in_a_room_have_the_light_of_its_window(window: float) -> None:
+    """Against the form factor of the hole, for the floor that sees only dim sky."""
+    scene = cellar(window)
+    caster = Caster(scene)
+    x, z = np.meshgrid(np.linspace(0.3, 3.7, 24), np.linspace(1.6, 3.7, 24))
+    down = np.stack([x.ravel(), np.full(x.size, 2.0), z.ravel()], axis=1) - caster.origin
+    hits = caster.cast(down.astype(np.float32), np.tile(np.array([0, -1, 0], np.float32), (x.size, 1)))
+    surfels = AttachedPoints(caster, hits.position, hits.normal, hits.anchors)
+    found = SkyRays(caster, surfels, scene.environment).irradiance()
+    exact = window_irradiance(hits.position + caster.origin, window) / np.pi
+    print(f"CELLAR {window}: mean {found.mean() / exact.mean():.3f} of the form factor's light, "
+          f"mean error {np.abs(found - exact[:, None]).mean() / exact.mean():.3f}")
+    assert found.mean() == pytest.approx(exact.mean(), rel=0.15)
+    assert np.abs(found - exact[:, None]).mean() < {0.6: 0.6, 1.0: 0.25}[window] * exact.mean()
 
 
 def test_a_body_that_returns_restores_the_tables() -> None:

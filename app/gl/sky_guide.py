@@ -1,0 +1,131 @@
+"""Where shadow rays find the environment: in a room, through its windows.
+
+Rays that are spread over the light of a whole sky mostly end at walls there. So each tile of receivers counts in which
+parts of the environment its rays have arrived, and sends later ones to these parts, as Vévoda, Kondapaneni and Křivánek
+2018, "Bayesian Online Regression for Adaptive Direct Illumination Sampling", learn which lights a region sees. Some
+rays go everywhere, so nothing is missed.
+"""
+
+import math
+
+import numpy as np
+
+from app.arrays import F32, Bools, Floats, Ints
+from app.gl.context import Device
+from app.gl.shader import Program
+from app.sky_parts import PARTS, blur_parts
+
+TILE = 18            # receivers along the edge of a tile, two blocks of shadow_rays.frag
+FIRST_SAMPLES = 4    # of each receiver, by which a frame without history learns
+ENTRIES = 1024       # of the list of parts that the rays of a tile choose from
+OPEN = 0.5           # visible share of the sky from which on rays are spread as if nothing was in the way
+MIN_SHARE = 0.02     # of the sky's light that a tile is taken to see, in the choice between lights
+DECAY = 0.9          # of what was learned, per frame, while the camera or something moves
+TEXTURE_UNIT = 13    # of the guide, beyond those of what passes read
+DEFINES = {"GUIDE_TILE": TILE, "GUIDE_PARTS": PARTS, "GUIDE_ENTRIES": ENTRIES}
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
+
+
+class SkyGuide:
+    """Which parts of the environment the receivers of each tile of a grid see.
+
+    Parameters
+    ----------
+    size : tuple of int
+        Width and height of the grid of receivers.
+    """
+
+    def __init__(self, device: Device, size: tuple[int, int]) -> None:
+        columns, rows = (-(-extent // TILE) for extent in size)
+        y, x = np.divmod(np.arange(size[0] * size[1]), size[0])
+        self._shape = rows, columns
+        self._tile: Ints = y // TILE * columns + x // TILE  # of each receiver
+        self._texture = device.ctx.texture((PARTS**2 + ENTRIES + 1, rows * columns), 1, dtype="u4")
+        self.forget()
+
+    def forget(self) -> None:
+        """Spread rays over all light again."""
+        tiles = math.prod(self._shape)
+        self._visible = np.zeros((tiles, PARTS**2))  # luminance that has arrived from each part
+        self._unshadowed = np.zeros(tiles)           # and that would have if nothing was in the way
+        self._samples, self._new_samples = 0.0, 0  # of each receiver, learned from in all and since the last update
+        self._update()
+
+    def see(self, exact: F32) -> None:
+        """Take what ``shadow_rays.frag`` says of the receivers' unshadowed light, shape (h · w, 4)."""
+        self._sky = np.bincount(self._tile, exact[:, 3], len(self._visible))
+
+    @property
+    def guides(self) -> Bools:
+        """Which receivers have their rays guided, shape (h · w,)."""
+        return self._guides[self._tile]
+
+    def bind(self, program: Program) -> None:
+        """Let ``program`` read the guide."""
+        self._texture.use(TEXTURE_UNIT)
+        program.set(sky_guide=TEXTURE_UNIT, guide_columns=self._shape[1])
+
+    def fade(self) -> None:
+        """Trust what was learned in earlier frames less."""
+        self._samples *= DECAY
+        for sums in (self._visible, self._unshadowed):
+            sums *= DECAY
+
+    def learn(self, receivers: Ints, parts: F32, light: F32) -> None:
+        """Take which rays have arrived, where each receiver has had one more; those that follow are guided by it.
+
+        Parameters
+        ----------
+        receivers : ndarray of int, shape (N,)
+            Where the rays began.
+        parts : ndarray, float32, shape (N,)
+            Which part of the environment each has arrived in.
+        light : ndarray, float32, shape (N, 3)
+            Its irradiance over its probability.
+        """
+        at = self._tile.take(receivers) * PARTS**2 + parts.astype(np.int64)
+        found = np.bincount(at, light @ LUMINANCE, self._visible.size)
+        self._visible += found.reshape(self._visible.shape)
+        self._unshadowed += self._sky
+        self._new_samples += 1
+        if self._new_samples >= max(self._samples, FIRST_SAMPLES):
+            self._samples += self._new_samples
+            self._new_samples = 0
+            self._update()
+
+    def _update(self) -> None:
+        around = _with_neighbours(self._visible.reshape(*self._shape, -1)).reshape(self._visible.shape)
+        visible = blur_parts(np.asarray(around, np.float32))
+        total = visible.sum(axis=1)
+        share = total / np.maximum(_with_neighbours(self._unshadowed.reshape(self._shape)).ravel(), 1e-30)
+        self._guides = (total > 0) & (share < OPEN)
+        table = np.zeros((len(total), PARTS**2 + ENTRIES + 1), np.uint32)
+        chosen = np.flatnonzero(self._guides)
+        table[chosen, :-1] = _entries(visible[chosen] / total[chosen, None])
+        table[:, -1] = np.where(self._guides, np.clip(share, MIN_SHARE, 1), 1).astype(np.float32).view(np.uint32)
+        self._texture.write(table)
+
+
+def _entries(chance: F32) -> Ints:
+    """How often each part is among ENTRIES of equal chances, and these entries, shape (tiles, parts + ENTRIES).
+
+    An entry holds its part in 10 bits, which of the entries of this part it is in 11, and how many these are in 11.
+    """
+    tiles = len(chance)
+    bounds = np.rint(np.cumsum(chance, axis=1) * ENTRIES).astype(np.int32)
+    bounds[:, -1] = ENTRIES
+    count = np.diff(bounds, axis=1, prepend=np.int32(0))
+    listed = np.flatnonzero(count)
+    count_of = count.ravel()[listed]
+    part = listed % PARTS**2
+    first = bounds.ravel()[listed] - count_of
+    entry = np.repeat((part | count_of << 21) - (first << 10), count_of).reshape(tiles, ENTRIES)
+    return np.concatenate([count, entry + (np.arange(ENTRIES) << 10)], axis=1)
+
+
+def _with_neighbours(values: Floats) -> Floats:
+    """Of tiles, half by their own and half by the eight around, since few of their rays may have arrived."""
+    padded = np.pad(values, [(1, 1), (1, 1)] + [(0, 0)] * (values.ndim - 2))
+    rows = padded[:-2] + padded[1:-1] + padded[2:]
+    around = rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:]
+    return np.asarray((values * 7 + around) / 16)
