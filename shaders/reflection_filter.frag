@@ -58,7 +58,7 @@ void main()
 #ifdef ORTHOGRAPHIC
     texels *= surface.a;
 #endif
-    float radius = min(is_finite(texels) ? max(texels, 0.0) : 0.0, MAX_RADIUS) / (1.0 + frames / NOISY_FRAMES);
+    float radius = min(is_finite(texels) ? max(texels, 0.0) / (1.0 + frames / NOISY_FRAMES) : 0.0, MAX_RADIUS);
     radius = frames > 0.0 ? radius : max(radius, HOLE_RADIUS);
     float falloff = 0.5 / max(radius * radius, 1e-3);
     vec4 sum = vec4(0.0), others = vec4(0.0);

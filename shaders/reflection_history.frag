@@ -29,7 +29,8 @@ uniform mat4 previous_from_relative;  // camera space of the frame before, from 
 uniform vec4 previous_lens;    // half the image's size; where the view axis met it
 uniform vec2 max_frames;       // of the history of mirrors, and of rough surfaces
 uniform bool history_valid;
-uniform bool bounded;          // whether that of sharp images counts only within what the texels around show now
+uniform bool bounded;          // whether that of sharp images counts only within what the texels around show now,
+uniform float camera_share;    // and 1 if that of blurred ones counts anyway, since only the camera moves
 #endif
 
 layout(location = WRITE_REFLECTION_LOW) out vec4 out_reflection_low;       // radiance; a: frames
@@ -116,8 +117,8 @@ void main()
     vec4 history = sum / weight;
     float old_distance = old_distances / weight;
     vec3 margin = SIGMAS * deviation;
-    float loose = bounded ? smoothstep(SHARP, BLURRED, roughness) : 1.0;
-    history.rgb = count > 0.0 ? min(history.rgb, mix(MAX_BRIGHTENING, MAX_RARE, loose) * brightest) : history.rgb;
+    float loose = bounded ? smoothstep(SHARP, BLURRED, roughness) * camera_share : 1.0;
+    history.rgb = brightest > 0.0 ? min(history.rgb, mix(MAX_BRIGHTENING, MAX_RARE, loose) * brightest) : history.rgb;
     vec3 near = clamp(history.rgb, mean - margin, mean + margin);
     history.rgb = count >= MIN_NEIGHBOURS ? mix(near, history.rgb, loose) : history.rgb;
     float frames = clamp(history.a * weight, 1.0, mix(max_frames.x, max_frames.y, clamp(roughness, 0.0, 1.0)));

@@ -25,19 +25,15 @@ uniform sampler2D emission;           // a: 0 on what stands for an analytic lig
 
 layout(location = 0) out vec4 out_now;  // radiance; a: length / depth where it starts, 0 for none, < 0 on another surface
 
-// Whether light is a number in range. Few rays of a still meet a small thing, and what one brings stays for many frames.
-bool is_known(vec3 light)
+// Whether the light there is a number, and indirect light none that a network made of others. What one ray of a still brings
+// stays for many frames.
+bool is_known(ivec2 texel)
 {
-    return all(lessThan(abs(light), vec3(HALF_MAX)));
-}
-
-bool knows(ivec2 texel)
-{
-    bool known = is_known(texelFetch(direct, texel, 0).rgb) && is_known(texelFetch(indirect, texel, 0).rgb);
+    vec3 arriving = texelFetch(indirect, texel, 0).rgb, sum = texelFetch(direct, texel, 0).rgb + arriving;
 #ifdef HAS_EMISSION
-    known = known && is_known(texelFetch(emission, texel, 0).rgb);
+    sum += texelFetch(emission, texel, 0).rgb;
 #endif
-    return known;
+    return is_finite(dot(sum, vec3(1.0))) && all(lessThan(arriving, vec3(HALF_MAX)));
 }
 
 vec3 sent_by(ivec2 texel)
@@ -81,7 +77,7 @@ void main()
         && (is_shown || (abs(away) <= PLANE_TOLERANCE * depth_scale(d)
             && !is_metallic(texelFetch(albedo, texel, 0).rgb, texelFetch(specular_roughness, texel, 0).rgb)));
     vec3 light = seen ? sent_by(texel) : is_traced ? sanitize_radiance(traced.rgb) : vec3(0.0);
-    bool counts = is_surface(here) && (seen ? knows(texel) : is_traced && is_known(traced.rgb));
+    bool counts = is_surface(here) && (seen ? is_known(texel) : is_traced && is_finite(dot(traced.rgb, vec3(1.0))));
     out_now = counts ? vec4(min(light, HALF_MAX), origin.a * clamp(t / here, MIN_RATIO, HALF_MAX)) : vec4(0.0);
 #endif
 }

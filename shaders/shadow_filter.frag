@@ -13,7 +13,7 @@ const float RARE = 3.0;              // which has this many times the share of a
 const float PRIOR = 0.5;             // specular rays whose share is taken to be that of diffuse light
 
 uniform sampler2D shadow_visible;     // rgb: mean irradiance of the samples that reach their light, a: samples
-uniform sampler2D shadow_unshadowed;  // rgb: mean irradiance of all samples
+uniform sampler2D shadow_unshadowed;  // rgb: mean irradiance of all samples, a: share of the samples that were guided
 uniform sampler2D lowres_gbuffer;
 #ifdef SPECULAR_RAYS
 uniform sampler2D shadow_specular;    // r: mean luminance of the rectangles that specular rays reach, g: of all of them,
@@ -60,7 +60,7 @@ bool agree(float share, float other, float variance)
 
 float share_of(vec3 visible, vec3 unshadowed)
 {
-    return dot(visible, vec3(1.0)) / max(dot(unshadowed, vec3(1.0)), 1e-30);
+    return min(dot(visible, vec3(1.0)) / max(dot(unshadowed, vec3(1.0)), 1e-30), 1.0);
 }
 
 Texel texel_at(ivec2 low)
@@ -114,8 +114,8 @@ void main()
         unshadowed += alike ? sent : vec4(0.0);
         alike_count += alike ? 1 : 0;
     }
-    // A ray of much light that hardly any other meets.
-    bool is_outlier = alike_count <= FEW && here.share > RARE * share_of(all_visible.rgb, all_unshadowed.rgb);
+    // A ray of much light that hardly any other meets. Only guided ones may have that much.
+    bool is_outlier = spacing == 1 && here.unshadowed.a > 0.0 && alike_count <= FEW && here.share > RARE * share_of(all_visible.rgb, all_unshadowed.rgb);
     visible = is_outlier ? all_visible : visible;
     unshadowed = is_outlier ? all_unshadowed : unshadowed;
     visible.rgb /= max(visible.a, 1e-30);

@@ -3,7 +3,7 @@
 #include "lowres_history.glsl"
 
 uniform sampler2D shadow_visible_now;     // rgb: mean irradiance of the samples that reach their light, a: samples
-uniform sampler2D shadow_unshadowed_now;  // rgb: mean irradiance of all samples
+uniform sampler2D shadow_unshadowed_now;  // rgb: mean irradiance of all samples, a: 1 where they were guided
 uniform sampler2D shadow_visible_prev;
 uniform sampler2D shadow_unshadowed_prev;
 uniform float max_samples;  // of history
@@ -60,7 +60,7 @@ void main()
     float before = keep ? min(old.visible.a, max(max_samples - visible_now.a, 0.0)) : 0.0, samples = before + visible_now.a;
     float share = visible_now.a / max(samples, 1e-6);
     out_shadow_visible = vec4(mix(old.visible.rgb / weight, visible_now.rgb, share), samples);
-    out_shadow_unshadowed = vec4(mix(old.unshadowed.rgb / weight, unshadowed_now.rgb, share), samples);
+    out_shadow_unshadowed = mix(old.unshadowed / weight, unshadowed_now, share);
 #ifdef HAS_SHADOW_SPECULAR_NOW
     vec4 now = texelFetch(shadow_specular_now, low, 0);
     now = is_finite(dot(now, vec4(1.0))) ? max(now, 0.0) : vec4(0.0);

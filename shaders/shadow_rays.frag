@@ -18,6 +18,7 @@ const uvec2 SPECULAR_RECURRENCE = uvec2(3242174889u, 2447445414u);      // his R
 const float TO_UNIT = 1.0 / 4294967296.0;
 const vec2 SKY_CELL_EXTENT = vec2(PI / 32.0);  // of azimuth and polar angle, as in environment.py
 const float MIN_EPSILON = 0.05;   // of ray_epsilon, which covers the rounding of positions
+const float MAX_WEIGHED = 256.0;  // largest light over its probability, in the largest light
 const float SHORTENED = 0.999;  // so that rays end before what touches the light
 
 #ifdef GRID_SURFELS
@@ -48,12 +49,12 @@ uniform float sky_distance;  // length of a ray towards the environment, scene u
 
 layout(location = 0) out vec4 out_origin;  // relative space
 layout(location = 1) out vec4 out_vector;  // from there to the ray's end; a: 0: no ray, 1: passes light proxies, 2: meets all,
-                                           // from 3 on: to the sky, and meets all; then 3 plus the part that the ray ends in
+                                           // from 3 on: to the sky, and meets all; then 3 plus the part that the ray ends in;
+                                           // -1: to the sky, but into the surface
 layout(location = 2) out vec4 out_light;   // rgb: unshadowed irradiance of the sample, over its probability; a: for a specular
                                            // ray instead, the luminance of the rectangle that it is traced to
 #ifdef GUIDE_TILE
-layout(location = 3) out vec4 out_exact;   // rgb: unshadowed irradiance of all lights whose shadows are traced;
-                                           // a: luminance of that of the sky
+layout(location = 3) out vec4 out_sky;     // rgb: unshadowed irradiance of the sky; a: its luminance
 #endif
 
 struct Receiver {
@@ -155,8 +156,8 @@ SkyPoint sky_point(ivec2 texel, vec2 s, int candidate)
 }
 #endif
 
-// A direction of the environment for s in [0, 1)², one of four in opposite quarters of the unit square that is chosen,
-// by pick in [0, 1), in proportion to what it contributes.
+// A direction of the environment for s in [0, 1)²: one of four, from points in opposite quarters of the unit square, that is
+// chosen by pick in [0, 1), in proportion to its unshadowed light.
 LightSample sample_sky(ivec2 texel, vec3 n, vec2 s, float pick, out vec2 chosen_at)
 {
     ivec2 strata = textureSize(sky_strata, 0) / ivec2(1, 2);
@@ -219,13 +220,10 @@ void main()
     // One source in proportion to its unshadowed light: each replaces the one before it with its share of the sum so far.
     float total = 0.0, part = 0.0, choice = s.x;
     int chosen = -1;
-    vec3 exact = vec3(0.0);
 #ifdef HAS_TRACED_LIGHT
     int i = LIGHT_COUNT;
     do {
-        vec3 received = irradiance(lights[--i], r.p, r.n);
-        exact += received;
-        float light = luminance(received);
+        float light = luminance(irradiance(lights[--i], r.p, r.n));
         bool take = replaces(light, total, choice);
         chosen = take ? i : chosen;
         part = take ? light : part;
@@ -234,9 +232,9 @@ void main()
     bool to_sky = false;
 #ifdef HAS_SKY_STRATA
     vec3 sky_light = unshadowed_sky_irradiance(r.n);
-    exact += sky_light;
-    float sky = luminance(sky_light), all_sky = sky;
+    float sky = luminance(sky_light);
 #ifdef GUIDE_TILE
+    out_sky = r.is_surface ? vec4(sky_light, sky) : vec4(0.0);
     sky *= visible_share(texel);
 #endif
     to_sky = replaces(sky, total, choice);
@@ -247,7 +245,7 @@ void main()
     if (chosen >= 0 && !to_sky) ray = sample_light(lights[chosen], r.p, r.n, s.yz);
 #endif
 #ifdef HAS_SKY_STRATA
-    vec2 at;
+    vec2 at = vec2(0.0);
     if (to_sky) ray = sample_sky(texel, r.n, s.yz, choice, at);
 #endif
     ray.light *= total / max(part, LUMINANCE_FLOOR);
@@ -256,15 +254,13 @@ void main()
     // A ray into the surface meets it at once.
     bool free = dot(ray.vector, r.face) > 0.0;
     out_origin = vec4(r.origin, 0.0);
-    float kind = ray.meets_proxies ? 2.0 : 1.0;
+    float kind = ray.meets_proxies ? 2.0 : 1.0, none = 0.0;
 #ifdef GUIDE_TILE
     kind = to_sky ? 3.0 + float(part_of(at)) : kind;
+    none = to_sky ? -1.0 : 0.0;
 #endif
-    out_vector = vec4((ray.vector + r.p - r.origin) * SHORTENED, wanted && free ? kind : 0.0);
-    out_light = wanted ? vec4(min(ray.light, HALF_MAX), 0.0) : vec4(0.0);
-#ifdef GUIDE_TILE
-    out_exact = r.is_surface ? vec4(min(exact, HALF_MAX), all_sky) : vec4(0.0);
-#endif
+    out_vector = vec4((ray.vector + r.p - r.origin) * SHORTENED, wanted && free ? kind : none);
+    out_light = wanted ? vec4(min(ray.light, MAX_WEIGHED * HALF_MAX), 0.0) : vec4(0.0);
 #ifdef SPECULAR_RAYS
     LightSample mirrored = sample_specular(texel, r);
     float brightness = luminance(mirrored.light);

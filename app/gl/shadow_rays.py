@@ -12,7 +12,7 @@ from app.gl.context import Device
 from app.gl.frame_state import FrameState
 from app.gl.shader import Program
 from app.gl.sky_guide import DEFINES as GUIDE_DEFINES
-from app.gl.sky_guide import SkyGuide
+from app.gl.sky_guide import OPEN, SkyGuide
 
 PASSES_PROXIES, MEETS_ALL, TO_SKY = 1.0, 2.0, 3.0  # kinds of rays in shadow_rays.frag, the last one from there on
 RAY_EPSILON = 1e-4  # of the scene's longest edge, by which rays start off their surface
@@ -56,7 +56,7 @@ class ShadowRays:
                  guide: SkyGuide | None = None) -> None:
         self._device, self._size, self._scene, self._guide = device, size, scene, guide
         self.program: Program = device.fullscreen("shadow_rays.frag", {**defines, **(GUIDE_DEFINES if guide else {})})
-        self._has_specular = "SPECULAR_RAYS" in defines
+        self._has_specular, self._has_lights = "SPECULAR_RAYS" in defines, "HAS_TRACED_LIGHT" in defines
         self._textures = [device.ctx.texture(size, 4, dtype="f4") for _ in range(4 if guide else 3)]
         self._target = device.ctx.framebuffer(self._textures)
 
@@ -71,14 +71,14 @@ class ShadowRays:
         Returns
         -------
         visible, unshadowed : ndarray, float32, shape (h, w, 4)
-            Mean irradiance of the samples of diffuse light with and without occlusion, bottom row first; the number of
-            these samples.
+            Mean irradiance of the samples of diffuse light with and without occlusion, bottom row first. The last
+            channel is the number of these samples, and of ``unshadowed`` 1 where the rays were guided, else 0.
         specular : ndarray, float32, shape (h, w, 4)
             With ``SPECULAR_RAYS`` only: mean luminance of the rectangles that specular rays reach, and of all that they
             are traced to; 0; how many they are.
         """
         visible, unshadowed = np.zeros((2, self._size[0] * self._size[1], 4), np.float32)
-        specular_rays = np.zeros(len(visible), np.float32)
+        of_lights, specular_rays = np.zeros_like(visible), np.zeros(len(visible), np.float32)
         shift = (frame.view.eye - self._scene.origin).astype(np.float32)
         self.program.set(noise_phase=frame.noise_phase, ray_epsilon=RAY_EPSILON * self._scene.extent,
                          sky_distance=SKY_DISTANCE * self._scene.extent)
@@ -92,9 +92,7 @@ class ShadowRays:
             self._device.draw_fullscreen(self.program)
             if sample == samples.start:  # all samples of a receiver start at one point
                 origin = self._read(0)[:, :3] + shift
-                if self._guide is not None:
-                    exact = self._read(3)
-                    self._guide.see(exact)
+                sky = self._read(3) if self._guide is not None else None
             vector, light = self._read(1), self._read(2)
             seen = np.zeros((len(light), 1), np.float32)
             kind = vector[:, 3]
@@ -103,22 +101,36 @@ class ShadowRays:
                 if len(rows):
                     ends = vector.take(rows, axis=0)[:, :3]  # much faster than with an index in brackets
                     seen[rows, 0] = ~self._scene.is_occluded(origin.take(rows, axis=0), ends, proxies_block)
-            if self._guide is not None:
-                hits = np.flatnonzero(seen[:, 0] * (kind >= TO_SKY))
-                self._guide.learn(hits, kind.take(hits) - TO_SKY, light.take(hits, axis=0)[:, :3])
             visible += light * seen
             unshadowed += light
+            if self._guide is not None and sky is not None:
+                hits = np.flatnonzero(seen[:, 0] * (kind >= TO_SKY))
+                self._guide.learn(hits, kind.take(hits) - TO_SKY, light.take(hits, axis=0)[:, :3],
+                                  sky[:, 3] * (light[:, 3] == 0))
+                if self._has_lights:
+                    of_lights += light * ((kind >= 0) & (kind < TO_SKY))[:, None]
             if self._has_specular:
                 specular_rays += light[:, 3] > 0
         means = [_mean(total, len(samples) - specular_rays) for total in (visible, unshadowed)]
-        if self._guide is not None:
-            # Where rays go where light is visible, they say little of what isn't; its light is known exactly.
-            guided = self._guide.guides
-            means[1][guided, :3] = exact[guided, :3]
+        means[1][:, 3] = 0.0
+        if self._guide is not None and sky is not None:
+            of_lights /= np.maximum(len(samples) - specular_rays, 1)[:, None]
+            self._take_exact(means, sky[:, :3] + of_lights[:, :3])
         if self._has_specular:
             none = np.zeros_like(specular_rays)
             means.append(_mean(np.stack([visible[:, 3], unshadowed[:, 3], none, none], axis=1), specular_rays))
         return tuple(mean.reshape(self._size[1], self._size[0], 4) for mean in means)
+
+    def _take_exact(self, means: list[F32], exact: F32) -> None:
+        """Use what is known of the unshadowed light where rays go to what is visible, and so say little of the rest.
+
+        Not where most of it is visible, since light with and without occlusion is alike there.
+        """
+        visible, unshadowed = means
+        dim = visible[:, :3].sum(axis=1) < OPEN * exact.sum(axis=1)
+        guided = np.flatnonzero(self._guide.guides & dim) if self._guide is not None else np.zeros(0, np.int64)
+        unshadowed[guided, :3] = exact.take(guided, axis=0)
+        unshadowed[guided, 3] = 1.0
 
     def _read(self, target: int) -> F32:
         """What the program wrote into one of its targets, shape (h · w, 4)."""

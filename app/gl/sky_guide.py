@@ -51,10 +51,6 @@ class SkyGuide:
         self._samples, self._new_samples = 0.0, 0  # of each receiver, learned from in all and since the last update
         self._update()
 
-    def see(self, exact: F32) -> None:
-        """Take what ``shadow_rays.frag`` says of the receivers' unshadowed light, shape (h · w, 4)."""
-        self._sky = np.bincount(self._tile, exact[:, 3], len(self._visible))
-
     @property
     def guides(self) -> Bools:
         """Which receivers have their rays guided, shape (h · w,)."""
@@ -71,8 +67,8 @@ class SkyGuide:
         for sums in (self._visible, self._unshadowed):
             sums *= DECAY
 
-    def learn(self, receivers: Ints, parts: F32, light: F32) -> None:
-        """Take which rays have arrived, where each receiver has had one more; those that follow are guided by it.
+    def learn(self, receivers: Ints, parts: F32, light: F32, sky: F32) -> None:
+        """Take which rays have arrived of one more of each receiver; those that follow are guided by it.
 
         Parameters
         ----------
@@ -82,11 +78,13 @@ class SkyGuide:
             Which part of the environment each has arrived in.
         light : ndarray, float32, shape (N, 3)
             Its irradiance over its probability.
+        sky : ndarray, float32, shape (h · w,)
+            Luminance of the unshadowed irradiance of each receiver that had a ray.
         """
         at = self._tile.take(receivers) * PARTS**2 + parts.astype(np.int64)
         found = np.bincount(at, light @ LUMINANCE, self._visible.size)
         self._visible += found.reshape(self._visible.shape)
-        self._unshadowed += self._sky
+        self._unshadowed += np.bincount(self._tile, sky, len(self._unshadowed))
         self._new_samples += 1
         if self._new_samples >= max(self._samples, FIRST_SAMPLES):
             self._samples += self._new_samples
@@ -119,7 +117,7 @@ def _entries(chance: F32) -> Ints:
     count_of = count.ravel()[listed]
     part = listed % PARTS**2
     first = bounds.ravel()[listed] - count_of
-    entry = np.repeat((part | count_of << 21) - (first << 10), count_of).reshape(tiles, ENTRIES)
+    entry = np.repeat((part | count_of.astype(np.int64) << 21) - (first << 10), count_of).reshape(tiles, ENTRIES)
     return np.concatenate([count, entry + (np.arange(ENTRIES) << 10)], axis=1)
 
 

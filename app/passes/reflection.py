@@ -168,4 +168,5 @@ def _history_uniforms(grid: Size, frame: FrameState) -> dict[str, object]:
     return {"ratio": ratio_to(grid, frame), "previous_from_relative": affine_matrix(previous.rotation) @ moved,
             "previous_lens": (*previous.half_size, *previous.center), "max_frames": MAX_FRAMES[frame.motion],
             "history_valid": frame.history_valid and not frame.relit,
-            "bounded": frame.motion is not MotionKind.NONE}
+            "bounded": frame.motion is not MotionKind.NONE,
+            "camera_share": float(frame.motion is MotionKind.CAMERA)}

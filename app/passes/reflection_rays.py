@@ -58,7 +58,8 @@ def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: Trac
             indirect = (resources.rows("surfel_indirect") if "surfel_indirect" in bound.reads
                         else world.emissive_irradiance)
             sent = world.sky_irradiance + indirect
-            of_surfels = lookup.smooth(np.where((sent >= 0) & (sent < HALF_MAX), sent, 0))
+            is_known = (sent < HALF_MAX).all(axis=1, keepdims=True)  # a network may have made it of what is no number
+            of_surfels = lookup.smooth(np.where(is_known, sent, 0).clip(0))
 
             def light_at(at: F32, facing: F32) -> F32:
                 return direct.estimate(frame, resources, at, facing) + lookup.interpolate(of_surfels, at, facing)

@@ -84,8 +84,10 @@ def _make_rays(device: Device, bound: BoundPass, defines: Mapping[str, object], 
                has_history: bool) -> Execute:
     guide = SkyGuide(device, size) if "sky_strata" in bound.reads else None
     rays = ShadowRays(device, size, {**defines, **read_defines(bound)}, scene, guide)
+    last_frame = -1
 
     def execute(frame: FrameState, resources: Resources) -> None:
+        nonlocal last_frame
         key = frame.view_and_lighting
         if not has_history and resources.is_current(key):
             return
@@ -93,7 +95,10 @@ def _make_rays(device: Device, bound: BoundPass, defines: Mapping[str, object], 
         rays.program.set(ratio=ratio_to(size, frame))
         samples = RAYS.samples(frame, math.prod(size), has_history)
         if guide is not None:
-            samples = _prepare(guide, rays, frame, samples, has_history)
+            # Frames of another render scale may have come between.
+            continues = has_history and frame.history_valid and frame.index == last_frame + 1
+            samples = _prepare(guide, rays, frame, samples, continues)
+            last_frame = frame.index
         sums = rays.trace(frame, samples)
         for name, values in zip(bound.writes, sums, strict=True):
             resources[name].write(values.tobytes())
@@ -102,12 +107,12 @@ def _make_rays(device: Device, bound: BoundPass, defines: Mapping[str, object], 
     return execute
 
 
-def _prepare(guide: SkyGuide, rays: ShadowRays, frame: FrameState, samples: range, has_history: bool) -> range:
-    """Let the guide follow what has changed; the samples of ``samples`` that this leaves."""
-    if not (has_history and frame.history_valid):
+def _prepare(guide: SkyGuide, rays: ShadowRays, frame: FrameState, samples: range, continues: bool) -> range:
+    """Let the guide follow what has changed, if the frame ``continues`` the last one; the samples that this leaves."""
+    if not continues:
         guide.forget()
-        rays.trace(frame, samples[:FIRST_SAMPLES])
-        return samples[FIRST_SAMPLES:] or samples
+        rays.trace(frame, range(FIRST_SAMPLES))
+        return range(max(samples.start, FIRST_SAMPLES), samples.stop)
     if frame.motion is not MotionKind.NONE:
         guide.fade()
     return samples

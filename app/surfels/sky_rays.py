@@ -69,10 +69,9 @@ class SkyRays:
 
     def irradiance(self) -> F32:
         """Irradiance / π, shape (N, 3), for the bodies' current matrices, W/(sr m²)."""
-        moving = self._rays(*self._points(self._moving, 0, RAYS // SHARE))
+        moving = self._corrected(self._rays(*self._points(self._moving, 0, RAYS // SHARE)))
         is_open = self._trace(moving, range(len(self._caster.bodies)))
-        return (self._static.sum(self._count, self._past_moving_bodies())
-                + moving.sum(self._count, is_open) * self._exact_over_sampled(moving))
+        return self._static.sum(self._count, self._past_moving_bodies()) + moving.sum(self._count, is_open)
 
     def _trace_static(self, surfels: Ints) -> tuple[_Rays, Bools]:
         """The rays of ``surfels``, which are on the static body, and which of them end nowhere on it."""
@@ -84,19 +83,24 @@ class SkyRays:
         guided = surfels[sees_little[surfels] & guide.is_known[surfels]]
         surfel, at = self._points(guided, RAYS, GUIDED_RAYS)
         more = self._rays(surfel, guide.warp(surfel, at))
-        rays = first.join(more)
+        rays = self._corrected(first).join(more)
         is_guided = np.isin(rays.surfel, guided)
-        # Of those that see much, light with and without occlusion is alike, so what is known of one corrects the other.
-        weight = self._exact_over_sampled(first).take(rays.surfel, axis=0)
-        density = RAYS + GUIDED_RAYS * guide.density(rays.surfel[is_guided], rays.part[is_guided])
-        weight[is_guided] = (1 / density)[:, None]
-        return replace(rays, light=rays.light * weight), np.concatenate([is_open, self._trace(more, [STATIC])])
+        light, density = first.join(more).light[is_guided], guide.density(rays.surfel[is_guided], rays.part[is_guided])
+        rays.light[is_guided] = light / np.asarray(RAYS + GUIDED_RAYS * density, np.float32)[:, None]
+        return rays, np.concatenate([is_open, self._trace(more, [STATIC])])
 
-    def _exact_over_sampled(self, rays: _Rays) -> F32:
-        """Unshadowed light of each surfel over that of its ``rays``, shape (N, 3)."""
+    def _corrected(self, rays: _Rays) -> _Rays:
+        """Rays whose light sums to the unshadowed light of their surfels, which is known exactly.
+
+        For surfels that see much, since light with and without occlusion is alike there. Where no ray meets any light,
+        all count alike.
+        """
         exact = sky_light(self._environment, 1).unoccluded(self._surfels.current()[1]) / np.float32(math.pi)
-        sampled = rays.sum(self._count)
-        return np.divide(exact, sampled, out=np.zeros_like(exact), where=sampled > TINY)
+        sampled, count = rays.sum(self._count), np.bincount(rays.surfel, minlength=self._count)[:, None]
+        ratio = np.divide(exact, sampled, out=np.zeros_like(exact), where=sampled > TINY)
+        each = np.where(sampled > TINY, 0, exact / np.maximum(count, 1))
+        return replace(rays, light=np.asarray(rays.light * ratio.take(rays.surfel, axis=0)
+                                              + each.take(rays.surfel, axis=0), np.float32))
 
     def _points(self, surfels: Ints, first: int, count: int) -> tuple[Ints, F32]:
         """Numbers ``first`` to ``first + count`` of each surfel's sequence, and whose each is."""
@@ -118,14 +122,15 @@ class SkyRays:
 
     def _past_moving_bodies(self) -> Bools:
         """Which rays of surfels on the static body end nowhere."""
-        moving = range(STATIC + 1, len(self._caster.bodies))
-        is_open, may_meet = self._open_past_static.copy(), np.zeros_like(self._open_past_static)
+        moving, is_open = range(STATIC + 1, len(self._caster.bodies)), self._open_past_static.copy()
+        rows = np.flatnonzero(is_open)
+        origin = self._origins().take(self._static.surfel[rows], axis=0)
+        direction, may_meet = self._static.direction.take(rows, axis=0), np.zeros(len(rows), bool)
         for index in moving:
             center, radius = self._caster.bounding_sphere(index)
-            to = np.asarray(center - self._origins(), np.float32).take(self._static.surfel, axis=0)
-            along = row_dots(to, self._static.direction)
-            may_meet |= is_open & may_meet_sphere(to, along[:, None], radius)[:, 0]
-        is_open[may_meet] = self._trace(self._static, moving, np.flatnonzero(may_meet))
+            to = np.asarray(center, np.float32) - origin
+            may_meet |= may_meet_sphere(to, row_dots(to, direction)[:, None], radius)[:, 0]
+        is_open[rows[may_meet]] = self._trace(self._static, moving, rows[may_meet])
         return is_open
 
     def _origins(self) -> F32:
