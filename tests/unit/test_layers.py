@@ -16,7 +16,7 @@ APP_LAYERS = (
     {"errors", "arrays", "paths", "data"},
     {"scene", "settings", "extras", "graph"},
     {"math3d"},
-    {"environment", "radiance_scale", "simple_meshes", "specular_albedo", "animation"},
+    {"environment", "sky_parts", "radiance_scale", "simple_meshes", "specular_albedo", "animation"},
     {"io", "gl"},
     {"network", "load"},
     {"raycast"},
