@@ -115,7 +115,8 @@ void main()
         alike_count += alike ? 1 : 0;
     }
     // A ray of much light that hardly any other meets. Only guided ones may have that much.
-    bool is_outlier = spacing == 1 && here.unshadowed.a > 0.0 && alike_count <= FEW && here.share > RARE * share_of(all_visible.rgb, all_unshadowed.rgb);
+    bool is_outlier = spacing == 1 && here.unshadowed.a > 0.0 && alike_count <= FEW
+        && here.share > RARE * share_of(all_visible.rgb, all_unshadowed.rgb);
     visible = is_outlier ? all_visible : visible;
     unshadowed = is_outlier ? all_unshadowed : unshadowed;
     visible.rgb /= max(visible.a, 1e-30);
@@ -128,7 +129,7 @@ void main()
     float all_light = max(max(unshadowed.r, unshadowed.g), unshadowed.b);
     float specular_share = 0.0;
 #ifdef SPECULAR_RAYS
-    float diffuse_share = clamp(share_of(visible.rgb, unshadowed.rgb), 0.0, 1.0);
+    float diffuse_share = share_of(visible.rgb, unshadowed.rgb);
     float share_of_rays = specular.r / max(specular.g, 1e-30);
     specular_share = clamp(mix(diffuse_share, share_of_rays, specular.a / (specular.a + PRIOR)), 0.0, 1.0);
 #endif

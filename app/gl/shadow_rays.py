@@ -92,7 +92,8 @@ class ShadowRays:
             self._device.draw_fullscreen(self.program)
             if sample == samples.start:  # all samples of a receiver start at one point
                 origin = self._read(0)[:, :3] + shift
-                sky = self._read(3) if self._guide is not None else None
+                if self._guide is not None:
+                    sky = self._read(3)
             vector, light = self._read(1), self._read(2)
             seen = np.zeros((len(light), 1), np.float32)
             kind = vector[:, 3]
@@ -103,7 +104,7 @@ class ShadowRays:
                     seen[rows, 0] = ~self._scene.is_occluded(origin.take(rows, axis=0), ends, proxies_block)
             visible += light * seen
             unshadowed += light
-            if self._guide is not None and sky is not None:
+            if self._guide is not None:
                 hits = np.flatnonzero(seen[:, 0] * (kind >= TO_SKY))
                 self._guide.learn(hits, kind.take(hits) - TO_SKY, light.take(hits, axis=0)[:, :3],
                                   sky[:, 3] * (light[:, 3] == 0))
@@ -113,28 +114,28 @@ class ShadowRays:
                 specular_rays += light[:, 3] > 0
         means = [_mean(total, len(samples) - specular_rays) for total in (visible, unshadowed)]
         means[1][:, 3] = 0.0
-        if self._guide is not None and sky is not None:
+        if self._guide is not None:
             of_lights /= np.maximum(len(samples) - specular_rays, 1)[:, None]
-            self._take_exact(means, sky[:, :3] + of_lights[:, :3])
+            _take_exact(means[0], means[1], sky[:, :3] + of_lights[:, :3], self._guide.guides)
         if self._has_specular:
             none = np.zeros_like(specular_rays)
             means.append(_mean(np.stack([visible[:, 3], unshadowed[:, 3], none, none], axis=1), specular_rays))
         return tuple(mean.reshape(self._size[1], self._size[0], 4) for mean in means)
 
-    def _take_exact(self, means: list[F32], exact: F32) -> None:
-        """Use what is known of the unshadowed light where rays go to what is visible, and so say little of the rest.
-
-        Not where most of it is visible, since light with and without occlusion is alike there.
-        """
-        visible, unshadowed = means
-        dim = visible[:, :3].sum(axis=1) < OPEN * exact.sum(axis=1)
-        guided = np.flatnonzero(self._guide.guides & dim) if self._guide is not None else np.zeros(0, np.int64)
-        unshadowed[guided, :3] = exact.take(guided, axis=0)
-        unshadowed[guided, 3] = 1.0
-
     def _read(self, target: int) -> F32:
         """What the program wrote into one of its targets, shape (h · w, 4)."""
         return np.frombuffer(self._textures[target].read(), np.float32).reshape(-1, 4)
+
+
+def _take_exact(visible: F32, unshadowed: F32, exact: F32, guides: Bools) -> None:
+    """Use what is known of the unshadowed light where rays go to what is visible, and so say little of the rest.
+
+    Not where most of it is visible, since light with and without occlusion is alike there.
+    """
+    dim = visible[:, :3].sum(axis=1) < OPEN * exact.sum(axis=1)
+    guided = np.flatnonzero(guides & dim)
+    unshadowed[guided, :3] = exact.take(guided, axis=0)
+    unshadowed[guided, 3] = 1.0
 
 
 def _mean(total: F32, samples: F32) -> F32:

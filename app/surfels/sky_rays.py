@@ -83,11 +83,12 @@ class SkyRays:
         guided = surfels[sees_little[surfels] & guide.is_known[surfels]]
         surfel, at = self._points(guided, RAYS, GUIDED_RAYS)
         more = self._rays(surfel, guide.warp(surfel, at))
-        rays = self._corrected(first).join(more)
+        rays = first.join(more)
         is_guided = np.isin(rays.surfel, guided)
-        light, density = first.join(more).light[is_guided], guide.density(rays.surfel[is_guided], rays.part[is_guided])
-        rays.light[is_guided] = light / np.asarray(RAYS + GUIDED_RAYS * density, np.float32)[:, None]
-        return rays, np.concatenate([is_open, self._trace(more, [STATIC])])
+        density = RAYS + GUIDED_RAYS * guide.density(rays.surfel[is_guided], rays.part[is_guided])
+        light = np.concatenate([self._corrected(first).light, more.light])
+        light[is_guided] = rays.light[is_guided] / np.asarray(density, np.float32)[:, None]
+        return replace(rays, light=light), np.concatenate([is_open, self._trace(more, [STATIC])])
 
     def _corrected(self, rays: _Rays) -> _Rays:
         """Rays whose light sums to the unshadowed light of their surfels, which is known exactly.

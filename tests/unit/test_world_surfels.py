@@ -368,6 +368,10 @@ def test_surfels_see_the_sky_where_shadow_rays_end_nowhere(make: Callable[[], Sc
     is_moving = hits.body != STATIC
     assert is_moving.sum() > 5 and (~is_moving).sum() > 50
     found = rays.irradiance()
+    own = rays._static
+    is_open = ~caster.is_occluded((position + caster.ray_epsilon * normal)[own.surfel],
+                                  SKY_DISTANCE * caster.extent * own.direction, proxies_block=True)
+    np.testing.assert_allclose(found[~is_moving], own.sum(len(position), is_open)[~is_moving], rtol=1e-6)
     count = 4000
     height = 1 - (2 * np.arange(count) + 1) / count
     azimuth = 2 * np.pi * GOLDEN_RATIO * np.arange(count)
