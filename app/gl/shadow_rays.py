@@ -72,10 +72,13 @@ class ShadowRays:
         -------
         visible, unshadowed : ndarray, float32, shape (h, w, 4)
             Mean irradiance of the samples of diffuse light with and without occlusion, bottom row first. The last
-            channel is the number of these samples, and of ``unshadowed`` 1 where the rays were guided, else 0.
+            channel is the number of these samples, and of ``unshadowed`` 0.
         specular : ndarray, float32, shape (h, w, 4)
             With ``SPECULAR_RAYS`` only: mean luminance of the rectangles that specular rays reach, and of all that they
             are traced to; 0; how many they are.
+        exact : ndarray, float32, shape (h, w, 4)
+            With a guide only: ``unshadowed`` with the environment's exact irradiance instead of that of its samples; 1
+            where the rays were guided, else 0.
         """
         visible, unshadowed = np.zeros((2, self._size[0] * self._size[1], 4), np.float32)
         of_lights, specular_rays = np.zeros_like(visible), np.zeros(len(visible), np.float32)
@@ -114,12 +117,13 @@ class ShadowRays:
                 specular_rays += light[:, 3] > 0
         means = [_mean(total, len(samples) - specular_rays) for total in (visible, unshadowed)]
         means[1][:, 3] = 0.0
-        if self._guide is not None:
-            of_lights /= np.maximum(len(samples) - specular_rays, 1)[:, None]
-            _take_exact(means[0], means[1], sky[:, :3] + of_lights[:, :3], self._guide.guides)
         if self._has_specular:
             none = np.zeros_like(specular_rays)
             means.append(_mean(np.stack([visible[:, 3], unshadowed[:, 3], none, none], axis=1), specular_rays))
+        if self._guide is not None:
+            exact = np.asarray(sky + of_lights / np.maximum(len(samples) - specular_rays, 1)[:, None], np.float32)
+            exact[:, 3] = self._guide.guides
+            means.append(exact)
         return tuple(mean.reshape(self._size[1], self._size[0], 4) for mean in means)
 
     def _read(self, target: int) -> F32:
@@ -127,15 +131,14 @@ class ShadowRays:
         return np.frombuffer(self._textures[target].read(), np.float32).reshape(-1, 4)
 
 
-def _take_exact(visible: F32, unshadowed: F32, exact: F32, guides: Bools) -> None:
-    """Use what is known of the unshadowed light where rays go to what is visible, and so say little of the rest.
+def take_exact(visible: F32, unshadowed: F32, exact: F32) -> None:
+    """Put into ``unshadowed`` what is known of it where little is visible: guided rays say little of what is not.
 
-    Not where most of it is visible, since light with and without occlusion is alike there.
+    Not where most of it is visible, since light with and without occlusion is alike there. As ``trace`` gives them;
+    for many samples, since a choice that depends on few would be biased.
     """
-    dim = visible[:, :3].sum(axis=1) < OPEN * exact.sum(axis=1)
-    guided = np.flatnonzero(guides & dim)
-    unshadowed[guided, :3] = exact.take(guided, axis=0)
-    unshadowed[guided, 3] = 1.0
+    is_dim = visible[..., :3].sum(axis=-1) < OPEN * exact[..., :3].sum(axis=-1)
+    np.copyto(unshadowed, exact, where=(is_dim & (exact[..., 3] > 0))[..., None])
 
 
 def _mean(total: F32, samples: F32) -> F32:

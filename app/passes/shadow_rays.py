@@ -16,8 +16,8 @@ from app.gl.fullscreen import CUBE_PREFIX, cube_defines, make_fullscreen, ratio_
 from app.gl.lights import LightSet
 from app.gl.pool import Resources
 from app.gl.ray_budget import RayBudget
-from app.gl.shadow_rays import RayScene, ShadowRays, share_of, specular_defines
-from app.gl.sky_guide import FIRST_SAMPLES, SkyGuide
+from app.gl.shadow_rays import RayScene, ShadowRays, share_of, specular_defines, take_exact
+from app.gl.sky_guide import FIRST_SAMPLES, OPEN, SkyGuide
 from app.graph import BoundPass, Pass, Resource, Tex
 
 MAX_RECEIVERS = 2**17  # of the screen's grid
@@ -28,6 +28,7 @@ MAX_SAMPLES = {MotionKind.NONE: 1024.0, MotionKind.CAMERA: 64.0, MotionKind.OBJE
 MAX_SPECULAR_SAMPLES = {MotionKind.NONE: 512.0, MotionKind.CAMERA: 8.0, MotionKind.OBJECTS: 6.0}
 SKY_READS = ("sky_irradiance", "sky_strata")
 SUMS, SPECULAR, AVERAGED = ("shadow_visible", "shadow_unshadowed"), "shadow_specular", "_averaged"
+EXACT = "shadow_exact_now"  # what is known of the unshadowed light below a sky
 
 
 def grid(size: tuple[int, int]) -> tuple[int, int]:
@@ -53,7 +54,9 @@ def declare(lights: LightSet, has_specular: bool, has_sky: bool, scene: Callable
     sums: dict[str, Resource] = {name: Tex("f4", 4, size=receivers) for name in SUMS}
     if defines:
         sums[SPECULAR] = Tex("f4", 4, size=receivers)
-    now = {f"{name}_now": tex for name, tex in sums.items()} if has_history else sums
+    now = {f"{name}_now": tex for name, tex in sums.items()} if has_history else dict(sums)
+    if has_history and has_sky:
+        now[EXACT] = Tex("f4", 4, size=receivers)
     surfaces = "albedo", "normal", "depth", *(("specular_roughness",) if defines else ())
     yield Pass("shadow_rays", reads=(*surfaces, *(SKY_READS if has_sky else ())), writes=now,
                make=lambda device, bound: _make_rays(device, bound, {**lights.defines, **defines}, scene(), receivers,
@@ -64,6 +67,7 @@ def declare(lights: LightSet, has_specular: bool, has_sky: bool, scene: Callable
                    writes=sums, make=make_fullscreen("shadow_history.frag", lambda frame: {
                        "ratio": ratio_to(receivers, frame), "max_samples": MAX_SAMPLES[frame.motion],
                        **({"max_specular_samples": MAX_SPECULAR_SAMPLES[frame.motion]} if defines else {}),
+                       **({"open_share": OPEN} if has_sky else {}),
                        "history_valid": frame.history_valid and not frame.relit},
                        samplers={"shadow_gbuffer": "lowres_gbuffer", "shadow_gbuffer@prev": "lowres_gbuffer_prev"}))
     averaged = {name + AVERAGED: tex for name, tex in sums.items()}
@@ -100,6 +104,9 @@ def _make_rays(device: Device, bound: BoundPass, defines: Mapping[str, object], 
             samples = _prepare(guide, rays, frame, samples, continues)
             last_frame = frame.index
         sums = rays.trace(frame, samples)
+        if guide is not None and not has_history:
+            take_exact(sums[0], sums[1], sums[-1])
+            sums = sums[:-1]
         for name, values in zip(bound.writes, sums, strict=True):
             resources[name].write(values.tobytes())
         resources.set_current(key)

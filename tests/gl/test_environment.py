@@ -13,6 +13,7 @@ from app.math3d import View
 from app.renderer import Renderer
 from app.scene import Camera, Environment, Material, Scene
 from app.settings import Settings
+from tests.gl.closed_forms import polygon_irradiance
 from tests.gl.scenes import F32, F64, box, cellar, draw, floor, make_scene, quad, slide, window_irradiance
 from tests.unit.test_environment import compass
 
@@ -20,6 +21,7 @@ pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
 SIZE = (64, 48)
 LEVEL = Camera((0.0, 1.0, 4.0), (0.0, 1.0, 0.0), fov_y_deg=70.0)
+EVEN_SKY = Environment(np.ones((16, 32, 3), np.float32))
 DUSK = Environment(np.linspace([0.3, 0.5, 1.0], [1.2, 0.8, 0.5], 64, dtype=np.float32)[:, None])
 
 
@@ -72,6 +74,26 @@ def test_a_room_has_the_light_of_its_window(window: float, noise: float) -> None
                   f"noise {error.std() / exact.mean():.3f}")
             assert abs(error.mean()) < 0.05 * exact.mean()
             assert error.std() < noise * exact.mean()
+
+
+def test_the_light_of_a_shaft_stays_as_it_was() -> None:
+    """A third of the sky is visible: frames must not choose by their own rays which estimate they take."""
+    walls = [quad((-2, 0, -2), (0, 0, 4), (4, 0, 0)), quad((-2, 0, -2), (0, 3, 0), (0, 0, 4)),
+             quad((2, 0, -2), (0, 0, 4), (0, 3, 0)), quad((-2, 0, -2), (4, 0, 0), (0, 3, 0)),
+             quad((-2, 0, 2), (0, 3, 0), (4, 0, 0))]
+    camera = Camera((0.0, 2.95, 0.001), (0.0, 0.0, 0.0), fov_y_deg=40.0)
+    towards = rays(camera, (128, 96))
+    at = np.array(camera.eye) - towards * (camera.eye[1] / towards[..., 1:2])
+    rim = np.array([(-2, 3, -2), (2, 3, -2), (2, 3, 2), (-2, 3, 2)])
+    exact = polygon_irradiance(at, np.array([0.0, 1.0, 0.0]), rim).mean()
+    with Renderer(under(EVEN_SKY, *walls), Settings((128, 96), ("direct", "albedo"))) as renderer:
+        means = []
+        for _ in range(60):
+            images = renderer.render(camera)
+            means.append((images["direct"][..., 0] / images["albedo"][..., 0]).mean() * np.pi / exact)
+    print(f"SHAFT {means[0]:.4f} of the light, after 60 frames {means[-1]:.4f}")
+    assert abs(means[0] - 1) < 0.01
+    assert abs(means[-1] - means[0]) < 0.001
 
 
 def test_a_turning_camera_leaves_no_ghost_of_the_sky() -> None:
