@@ -179,6 +179,11 @@ class FrameInputs:
         return self.scene.environment is not None and self.models.environment is None
 
     @property
+    def traces_on_gpu(self) -> bool:
+        """Whether shaders trace rays."""
+        return self.caster().shader_rays is not None
+
+    @property
     def why_no_reflections(self) -> str | None:
         """Why the frame has no indirect specular light; None if it has."""
         if not self.has_specular:
@@ -352,10 +357,15 @@ def _low_resolution_surfaces(inputs: FrameInputs) -> Iterator[Step]:
     yield lowres_gbuffer.declare("lowres_gbuffer", grid)
     if inputs.models.surfels is None:
         yield from _absent("the network reads no gathered light", "gather_receivers", "gather_surfaces")
+        return
+    if inputs.settings.taa:
+        yield final_gather.declare_receivers(grid)
     else:
-        yield from final_gather.declare_surfaces(grid, inputs.settings.taa)
-        if not inputs.settings.taa:
-            yield Absent("gather_receivers", NO_TAA)
+        yield Absent("gather_receivers", NO_TAA)
+    if inputs.traces_on_gpu:
+        yield Absent("gather_surfaces", "the GPU traces the rays")
+    else:
+        yield final_gather.declare_surfaces(grid, inputs.settings.taa)
 
 
 def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:
@@ -454,7 +464,7 @@ def _gathered_light(inputs: FrameInputs, source: Network, grid: Size) -> Iterato
     yield pack_surfels.declare(inputs.surfels, contract, tensors, inputs.scene.longest_edge)
     yield _pack_globals("surfel_pack_globals", contract, tensors, inputs.scene.environment, None)
     yield surfel_indirect.declare(source, tensors, inputs.surfels)
-    yield from final_gather.declare(inputs.surfels, inputs.lights, grid, settings.taa)
+    yield from final_gather.declare(inputs.surfels, inputs.lights, grid, settings.taa, inputs.traces_on_gpu)
     if not settings.taa:
         yield Absent("gather_history", NO_TAA)
 

@@ -26,6 +26,7 @@ from app.math3d import GOLDEN_RATIO, View, halton
 from app.network.selection import Model, Models, by_role, load_models, needs_surfels
 from app.radiance_scale import radiance_scale
 from app.raycast.caster import Caster
+from app.raycast.gpu_rays import choose_rays
 from app.raycast.light_extent import needs_rays
 from app.scene import Camera, Light, Scene
 from app.settings import TONE_MAPS, Settings
@@ -381,6 +382,7 @@ class Renderer:
         """One caster of the scene for all who cast rays, made when the first of them does."""
         if self._caster is None:
             self._caster = Caster(self._scaled)
+            self._caster.shader_rays = choose_rays(self._gl, self._caster, self.settings.rays)
         return self._caster
 
     def _needs_rays(self, scene: Scene) -> tuple[bool, ...]:

@@ -13,6 +13,7 @@ MAX_SIDE = 16384
 MIN_RENDER_SCALE = 0.5
 MAX_BOUNCES = 64
 MAX_SEED = 2**31 - 1
+RAY_METHODS = ("auto", "cpu", "gpu")
 TONE_MAPS = ("srgb", "agx", "pbr-neutral", "aces")
 SETTLE_FRAMES = 16  # until temporal anti-aliasing has converged, at a render scale of 1
 
@@ -43,6 +44,8 @@ class Settings:
         Varies the shadow sampling pattern and the order of the jitter sequence.
     provider : str
         onnxruntime execution provider: ``auto``, ``cpu``, ``cuda`` ….
+    rays : str
+        What traces rays: ``cpu``, ``gpu`` where it can, or ``auto``: a GPU if it draws, but not a software renderer.
     strict_device : bool
         Refuse a software renderer, and any provider other than ``provider``.
     timing : bool
@@ -71,6 +74,7 @@ class Settings:
     bounces: int | None = None
     seed: int = 0
     provider: str = "auto"
+    rays: str = "auto"
     strict_device: bool = False
     timing: bool = False
     check: bool = False
@@ -96,6 +100,8 @@ class Settings:
         for name, value in (("tonemap", self.tonemap), ("provider", self.provider)):
             if not isinstance(value, str):
                 raise SettingsError(f"bad value {value}", name, "expected a name")
+        if self.rays not in RAY_METHODS:
+            raise SettingsError(f"bad value {self.rays!r}", "rays", f"expected one of {', '.join(RAY_METHODS)}")
         for name in ("taa", "auto_exposure", "strict_device"):
             if not isinstance(getattr(self, name), (bool, np.bool_)):
                 raise SettingsError(f"bad value {getattr(self, name)!r}", name, "expected True or False")

@@ -1,6 +1,7 @@
 // One shadow ray for each receiver: towards a point of a light with an area, or along a direction of the environment,
-// chosen about as often as it contributes to the unshadowed light. What the rays meet is found elsewhere. Every second ray of
-// a shiny surface follows its specular lobe instead, if it meets a rectangle there.
+// chosen about as often as it contributes to the unshadowed light. Every second ray of a shiny surface follows its specular
+// lobe instead, if it meets a rectangle there. What rays meet is found on the CPU, or here with RAYS_HERE, for all samples of a
+// frame at once.
 #include "numbers.glsl"
 #include "grid.glsl"
 #include "nearest_texel.glsl"
@@ -8,6 +9,9 @@
 #include "sky_irradiance.glsl"
 #ifdef SPECULAR_RAYS
 #include "visible_normals.glsl"
+#endif
+#ifdef RAYS_HERE
+#include "ray_scene.glsl"
 #endif
 
 const int BLOCK = 9;              // texels along the edge of a block whose rays share one sequence (Keller and Heidrich 2001,
@@ -19,12 +23,15 @@ const float TO_UNIT = 1.0 / 4294967296.0;
 const vec2 SKY_CELL_EXTENT = vec2(PI / 32.0);  // of azimuth and polar angle, as in environment.py
 const float MIN_EPSILON = 0.05;   // of ray_epsilon, which covers the rounding of positions
 const float MAX_WEIGHED = 256.0;  // largest light over its probability, in the largest light
+const int MAX_LESSONS = 8;      // samples that a guide learns by at once
 const float SHORTENED = 0.999;  // so that rays end before what touches the light
 
 #ifdef GRID_SURFELS
 uniform sampler2D light_sample_position;  // local space: world axes, the scene's centre as origin
 uniform sampler2D light_sample_normal;    // 0: no sample
+#ifndef RAYS_HERE
 uniform vec3 local_eye;
+#endif
 #else
 uniform sampler2D albedo;
 uniform sampler2D normal;
@@ -42,11 +49,34 @@ uniform usampler2D sky_guide;  // a row for each tile of receivers, see app/gl/s
                                // spread over the strata; in the last texel which share of the sky's light is visible
 uniform int guide_columns;     // tiles in a row of the grid
 #endif
+#ifdef RAYS_HERE
+uniform vec3 local_eye;      // in the local space of the rays: world axes, the scene's centre as origin
+uniform int first_sample;    // of each receiver
+uniform int sample_count;
+int sample_index;
+#else
 uniform int sample_index;    // of each receiver
+#endif
 uniform float noise_phase;   // shifts the sequence, from the seed
 uniform float ray_epsilon;   // by which rays start off their surface at most, scene units
 uniform float sky_distance;  // length of a ray towards the environment, scene units
 
+#ifdef RAYS_HERE
+layout(location = 0) out vec4 out_visible;     // rgb: mean irradiance of the samples that reach their light, a: samples
+layout(location = 1) out vec4 out_unshadowed;  // rgb: mean irradiance of all samples
+#ifdef SPECULAR_RAYS
+layout(location = 2) out vec4 out_specular;    // r: mean luminance of the rectangles that specular rays reach, g: of all, a: rays
+#endif
+#ifdef WRITE_LESSONS
+// rgb: unshadowed, with the sky's exact irradiance, a: 1 where rays were guided. Then the sky's luminance as its bits, and for
+// each sample: whether it is one of diffuse light, 1 plus the part of the sky that it has arrived in, or 0, and half the bits
+// of its luminance over the sky's.
+layout(location = WRITE_LESSONS) out vec4 out_exact;
+layout(location = WRITE_LESSONS + 1) out uvec4 out_lessons_0;
+layout(location = WRITE_LESSONS + 2) out uvec4 out_lessons_1;
+layout(location = WRITE_LESSONS + 3) out uvec4 out_lessons_2;
+#endif
+#else
 layout(location = 0) out vec4 out_origin;  // relative space
 layout(location = 1) out vec4 out_vector;  // from there to the ray's end; a: 0: no ray, 1: passes light proxies, 2: meets all,
                                            // from 3 on: to the sky, and meets all; then 3 plus the part that the ray ends in;
@@ -55,6 +85,7 @@ layout(location = 2) out vec4 out_light;   // rgb: unshadowed irradiance of the 
                                            // ray instead, the luminance of the rectangle that it is traced to
 #ifdef GUIDE_TILE
 layout(location = 3) out vec4 out_sky;     // rgb: unshadowed irradiance of the sky; a: its luminance
+#endif
 #endif
 
 struct Receiver {
@@ -211,10 +242,14 @@ LightSample sample_specular(ivec2 texel, Receiver r)
 }
 #endif
 
-void main()
+struct ShadowRay {
+    vec4 vector;  // as out_vector
+    vec4 light;   // as out_light
+    vec4 sky;     // as out_sky
+};
+
+ShadowRay shadow_ray(ivec2 texel, Receiver r)
 {
-    ivec2 texel = ivec2(gl_FragCoord.xy);
-    Receiver r = receiver(texel);
     vec3 s = sequence(texel);
 
     // One source in proportion to its unshadowed light: each replaces the one before it with its share of the sum so far.
@@ -230,11 +265,12 @@ void main()
     } while (i > MAPPED_COUNT);
 #endif
     bool to_sky = false;
+    vec4 sky_light = vec4(0.0);
 #ifdef HAS_SKY_STRATA
-    vec3 sky_light = unshadowed_sky_irradiance(r.n);
-    float sky = luminance(sky_light);
+    vec3 unshadowed = unshadowed_sky_irradiance(r.n);
+    float sky = luminance(unshadowed);
+    sky_light = r.is_surface ? vec4(unshadowed, sky) : vec4(0.0);
 #ifdef GUIDE_TILE
-    out_sky = r.is_surface ? vec4(sky_light, sky) : vec4(0.0);
     sky *= visible_share(texel);
 #endif
     to_sky = replaces(sky, total, choice);
@@ -253,21 +289,76 @@ void main()
         && is_finite(dot(ray.light, vec3(1.0)) + dot(ray.vector, vec3(1.0)));
     // A ray into the surface meets it at once.
     bool free = dot(ray.vector, r.face) > 0.0;
-    out_origin = vec4(r.origin, 0.0);
     float kind = ray.meets_proxies ? 2.0 : 1.0, none = 0.0;
 #ifdef GUIDE_TILE
     kind = to_sky ? 3.0 + float(part_of(at)) : kind;
     none = to_sky ? -1.0 : 0.0;
 #endif
-    out_vector = vec4((ray.vector + r.p - r.origin) * SHORTENED, wanted && free ? kind : none);
-    out_light = wanted ? vec4(min(ray.light, MAX_WEIGHED * HALF_MAX), 0.0) : vec4(0.0);
+    ShadowRay result = ShadowRay(
+        vec4((ray.vector + r.p - r.origin) * SHORTENED, wanted && free ? kind : none),
+        wanted ? vec4(min(ray.light, MAX_WEIGHED * HALF_MAX), 0.0) : vec4(0.0), sky_light);
 #ifdef SPECULAR_RAYS
     LightSample mirrored = sample_specular(texel, r);
     float brightness = luminance(mirrored.light);
     bool has_turn = ((sample_index + texel.x + texel.y) & 1) == 1;
     if (has_turn && r.is_surface && brightness > 0.0 && is_finite(dot(mirrored.vector, vec3(1.0)) + brightness)) {
-        out_vector = vec4((mirrored.vector + r.p - r.origin) * SHORTENED, 1.0);
-        out_light = vec4(vec3(0.0), min(brightness, HALF_MAX));
+        result.vector = vec4((mirrored.vector + r.p - r.origin) * SHORTENED, 1.0);
+        result.light = vec4(vec3(0.0), min(brightness, HALF_MAX));
     }
+#endif
+    return result;
+}
+
+#ifdef RAYS_HERE
+float visibility(Receiver r, vec4 vector)
+{
+    return vector.a > 0.0 && !is_occluded(r.origin + local_eye, vector.xyz, vector.a > 1.0) ? 1.0 : 0.0;
+}
+#endif
+
+void main()
+{
+    ivec2 texel = ivec2(gl_FragCoord.xy);
+    Receiver r = receiver(texel);
+#ifdef RAYS_HERE
+    vec4 visible = vec4(0.0), unshadowed = vec4(0.0), sky = vec4(0.0);
+    vec3 of_lights = vec3(0.0);
+    float specular_rays = 0.0;
+    uint lessons[MAX_LESSONS];
+    for (int i = 0; i < MAX_LESSONS; ++i) lessons[i] = 0u;
+    for (sample_index = first_sample; sample_index < first_sample + sample_count; ++sample_index) {
+        ShadowRay ray = shadow_ray(texel, r);
+        float seen = visibility(r, ray.vector), kind = ray.vector.a;
+        visible += ray.light * seen;
+        unshadowed += ray.light;
+        specular_rays += ray.light.a > 0.0 ? 1.0 : 0.0;
+        sky = ray.sky;
+        of_lights += kind >= 0.0 && kind < 3.0 ? ray.light.rgb : vec3(0.0);
+        uint part = seen > 0.0 && kind >= 3.0 ? uint(kind) - 2u : 0u;
+        float brightness = luminance(ray.light.rgb) / max(ray.sky.a, LUMINANCE_FLOOR);
+        lessons[min(sample_index - first_sample, MAX_LESSONS - 1)] = (ray.light.a == 0.0 ? 1u << 31u : 0u) | part << 16u
+            | packHalf2x16(vec2(min(brightness, HALF_MAX), 0.0));
+    }
+    float samples = float(sample_count) - specular_rays;
+    out_visible = vec4(visible.rgb / max(samples, 1.0), samples);
+    out_unshadowed = vec4(unshadowed.rgb / max(samples, 1.0), 0.0);
+#ifdef SPECULAR_RAYS
+    out_specular = vec4(vec2(visible.a, unshadowed.a) / max(specular_rays, 1.0), 0.0, specular_rays);
+#endif
+#ifdef WRITE_LESSONS
+    bool guided = texelFetch(sky_guide, ivec2(PART_COUNT, guide_row(texel)), 0).r != 0u;
+    out_exact = vec4(sky.rgb + of_lights / max(samples, 1.0), guided ? 1.0 : 0.0);
+    out_lessons_0 = uvec4(floatBitsToUint(sky.a), lessons[0], lessons[1], lessons[2]);
+    out_lessons_1 = uvec4(lessons[3], lessons[4], lessons[5], lessons[6]);
+    out_lessons_2 = uvec4(lessons[7], 0u, 0u, 0u);
+#endif
+#else
+    ShadowRay ray = shadow_ray(texel, r);
+    out_origin = vec4(r.origin, 0.0);
+    out_vector = ray.vector;
+    out_light = ray.light;
+#ifdef GUIDE_TILE
+    out_sky = ray.sky;
+#endif
 #endif
 }

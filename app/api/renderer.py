@@ -50,7 +50,7 @@ class Renderer:
         model that shades surfaces by an environment.
     outputs : sequence of str
         ``final`` and AOVs.
-    taa, exposure, tonemap, auto_exposure, bounces, seed, provider, strict_device, scale, render_scale
+    taa, exposure, tonemap, auto_exposure, bounces, seed, provider, rays, strict_device, scale, render_scale
         As in ``Settings``; each has an option of the command line.
 
     Raises
@@ -62,15 +62,15 @@ class Renderer:
     def __init__(self, scene: Scene, size: tuple[int, int] = (1024, 768), model: Models = DEFAULT_MODEL, *,
                  outputs: Sequence[str] = ("final",), taa: bool = True, exposure: float = 1.0,
                  auto_exposure: bool = False, tonemap: str = TONE_MAPS[0], bounces: int | None = None, seed: int = 0,
-                 provider: str = "auto", strict_device: bool = False, scale: float | None = None,
+                 provider: str = "auto", rays: str = "auto", strict_device: bool = False, scale: float | None = None,
                  render_scale: float = 1.0) -> None:
         if not isinstance(scene, Scene):
             raise SettingsError(f"can't draw a {type(scene).__name__}", "scene", "expected a Scene, such as load gives")
         self.scene = scene
         self._settings = Settings(
             size=check_size(size), outputs=_names(outputs), taa=taa, exposure=exposure, auto_exposure=auto_exposure,
-            tonemap=tonemap, bounces=bounces, seed=seed, provider=provider, strict_device=strict_device, scale=scale,
-            render_scale=render_scale)
+            tonemap=tonemap, bounces=bounces, seed=seed, provider=provider, rays=rays, strict_device=strict_device,
+            scale=scale, render_scale=render_scale)
         self._models = _find(model)
         self._engine: Engine | None = None
         self._key: tuple[object, ...] = ()

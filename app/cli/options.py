@@ -49,6 +49,9 @@ Bounces = Annotated[int | None, typer.Option(
     show_default="the model's own", rich_help_panel=NETWORK)]
 Provider = Annotated[str, typer.Option(
     help="onnxruntime execution provider.", metavar="auto|cpu|cuda|…", rich_help_panel=NETWORK)]
+Rays = Annotated[str, typer.Option(
+    help="What traces rays: cpu, gpu where it can, or auto: the GPU if one draws.", metavar="auto|cpu|gpu",
+    rich_help_panel=NETWORK)]
 StrictDevice = Annotated[bool, typer.Option(
     "--strict-device", help="Refuse a software renderer, and any provider other than the one asked for.",
     rich_help_panel=NETWORK)]

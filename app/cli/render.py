@@ -22,6 +22,7 @@ from app.cli.options import (
     Lighting,
     ModelNames,
     Provider,
+    Rays,
     SceneFile,
     SceneJson,
     StrictDevice,
@@ -102,6 +103,7 @@ def render(
         help="Size of the networks' grids relative to the image, such as 1/8.", metavar="SCALE",
         show_default="their own", rich_help_panel=NETWORK)] = None,
     provider: Provider = AUTO,
+    rays: Rays = AUTO,
     strict_device: StrictDevice = False,
     timing: Annotated[Path | None, typer.Option(
         help="Time each pass; write milliseconds (median, p95), the device and what was culled.", metavar="FILE.json",
@@ -137,7 +139,7 @@ def render(
         size=parse_size(size), render_scale=parse_scale(render_scale, "--render-scale"),
         outputs=parse_names(aov, AOVS, "--aov"), taa=taa, reflections=reflections,
         exposure=exposure, tonemap=tonemap, auto_exposure=auto_exposure, bounces=bounces, seed=seed, provider=provider,
-        strict_device=strict_device, timing=timing is not None, check=check,
+        rays=rays, strict_device=strict_device, timing=timing is not None, check=check,
         scale=None if scale is None else parse_scale(scale, "--scale"))
     if provider != AUTO:
         from app.network.providers import check_provider  # imports onnxruntime

@@ -13,6 +13,7 @@ from app.gl.lights import LightSet
 from app.gl.pool import Resources
 from app.gl.shader import Program
 from app.gl.shadow_rays import RayScene, ShadowRays
+from app.gl.shadow_rays_gpu import GpuShadowRays
 
 
 class DirectLight:
@@ -32,12 +33,17 @@ class DirectLight:
                  scene: RayScene) -> None:
         self._device, self._layout, self._origin, self._maps = device, layout, scene.origin, lights.shadow_maps
         self._program = device.fullscreen("surfel_light.frag", {**lights.defines, **defines})
-        self._target = device.ctx.framebuffer([device.ctx.texture((2 * layout[0], 2 * layout[1]), 4, dtype="f4")])
+        self._light = device.ctx.texture((2 * layout[0], 2 * layout[1]), 4, dtype="f4")
+        self._target = device.ctx.framebuffer([self._light])
         self._rows = layout[1]  # of texels that hold points
         names = "light_sample_position", "light_sample_normal", "light_sample_visibility"
         self._textures = {name: device.ctx.texture(layout, 4, dtype="f4") for name in names}
-        self._rays = (ShadowRays(device, layout, {**lights.defines, "GRID_SURFELS": 1}, scene)
-                      if lights.has_traced else None)
+        device.clear(self._textures["light_sample_visibility"])
+        ray_defines = {**lights.defines, "GRID_SURFELS": 1}
+        self._rays = ShadowRays(device, layout, ray_defines, scene) if lights.has_traced else None
+        self._gpu_rays = (GpuShadowRays(device, layout, ray_defines, scene)
+                          if lights.has_traced and scene.shader_rays is not None else None)
+        self._traced = [device.ctx.texture(layout, 4, dtype="f4") for _ in range(2 if self._gpu_rays else 0)]
 
     def place(self, position: F32, normal: F32) -> None:
         """Take other points, shape (N, 3) in local space: world axes, relative to the origin of the traced scene."""
@@ -63,6 +69,14 @@ class DirectLight:
         """
         shares = np.zeros((*self._layout[::-1], 4), np.float32) if visibility is None else visibility
         self._textures["light_sample_visibility"].write(shares.tobytes())
+        drawn = self._draw(frame, resources)
+        texels = np.frombuffer(self._target.read(drawn, components=4, alignment=1, dtype="f4"), np.float32)
+        rows = texels.reshape(self._rows, 2, 8 * self._layout[0])
+        pairs = (rows[:, 0] + rows[:, 1]).reshape(-1, 2, 4)
+        return np.asarray((pairs[:, 0, :3] + pairs[:, 1, :3]) / np.float32(4), np.float32)
+
+    def _draw(self, frame: FrameState, resources: Resources) -> tuple[int, int, int, int]:
+        """Draw into the target; the rectangle of it that has points."""
         drawn = 0, 0, 2 * self._layout[0], 2 * self._rows
         self._target.use()
         self._target.scissor = drawn
@@ -71,10 +85,29 @@ class DirectLight:
         self._bind(self._program, tuple(self._textures), len(self._maps))
         self._program.set(noise_phase=frame.noise_phase, local_eye=tuple(frame.view.eye - self._origin))
         self._device.draw_fullscreen(self._program)
-        texels = np.frombuffer(self._target.read(drawn, components=4, alignment=1, dtype="f4"), np.float32)
-        rows = texels.reshape(self._rows, 2, 8 * self._layout[0])
-        pairs = (rows[:, 0] + rows[:, 1]).reshape(-1, 2, 4)
-        return np.asarray((pairs[:, 0, :3] + pairs[:, 1, :3]) / np.float32(4), np.float32)
+        return drawn
+
+    @property
+    def points(self) -> tuple[moderngl.Texture, moderngl.Texture]:
+        """Positions and normals of the points, for shaders that place them; a normal of 0 is no point."""
+        return self._textures["light_sample_position"], self._textures["light_sample_normal"]
+
+    def draw_estimate(self, frame: FrameState, resources: Resources, sample: int) -> dict[str, moderngl.Texture]:
+        """Like ``estimate``, by a ``sample`` of each point's sequence of rays, but at ``points`` and on the GPU alone.
+
+        Returns
+        -------
+        dict of str to Texture
+            ``end_light``: irradiance / π by mapped lights, four texels for each point; with traced lights,
+            ``end_traced``: irradiance by these.
+        """
+        self._draw(frame, resources)
+        light = {"end_light": self._light}
+        if self._gpu_rays is not None:
+            self._bind(self._gpu_rays.program, tuple(self._textures)[:2], 0)
+            self._gpu_rays.draw(frame, range(sample, sample + 1), self._traced)
+            light["end_traced"] = self._traced[0]
+        return light
 
     def estimate(self, frame: FrameState, resources: Resources, position: F32, normal: F32) -> F32:
         """Irradiance / π at N points, shape (N, 3); of lights whose shadows are traced, one ray's estimate.

@@ -12,10 +12,17 @@ from app.gl.context import Device
 from app.gl.frame_state import FrameState
 from app.gl.shader import Program
 from app.gl.sky_guide import DEFINES as GUIDE_DEFINES
-from app.gl.sky_guide import OPEN, SkyGuide
+from app.gl.sky_guide import LUMINANCE, OPEN, SkyGuide
 
 PASSES_PROXIES, MEETS_ALL, TO_SKY = 1.0, 2.0, 3.0  # kinds of rays in shadow_rays.frag, the last one from there on
 RAY_EPSILON = 1e-4  # of the scene's longest edge, by which rays start off their surface
+
+
+class ShaderRays(Protocol):
+    """Rays that shaders trace: shaders/include/ray_scene.glsl."""
+
+    def bind(self, program: Program) -> None:
+        """Let ``program`` trace rays through the scene as it is now."""
 
 
 class RayScene(Protocol):
@@ -27,10 +34,13 @@ class RayScene(Protocol):
         World-space point that positions are relative to.
     extent : float
         Longest edge of the scene, scene units.
+    shader_rays : ShaderRays or None
+        For shaders that trace rays themselves; None where ``is_occluded`` does it.
     """
 
     origin: F64
     extent: float
+    shader_rays: ShaderRays | None
 
     def is_occluded(self, origins: F32, vectors: F32, proxies_block: bool) -> Bools:
         """Whether something blocks light from the ends of vectors to origins, both float32 (N, 3) in world axes.
@@ -83,9 +93,7 @@ class ShadowRays:
         visible, unshadowed = np.zeros((2, self._size[0] * self._size[1], 4), np.float32)
         of_lights, specular_rays = np.zeros_like(visible), np.zeros(len(visible), np.float32)
         shift = (frame.view.eye - self._scene.origin).astype(np.float32)
-        self.program.set(noise_phase=frame.noise_phase, ray_epsilon=RAY_EPSILON * self._scene.extent,
-                         sky_distance=SKY_DISTANCE * self._scene.extent)
-        frame.lights.bind_emission_points(self.program)
+        set_frame(self.program, frame, self._scene)
         if self._guide is not None:
             self._guide.bind(self.program)
         self._target.use()
@@ -109,8 +117,8 @@ class ShadowRays:
             unshadowed += light
             if self._guide is not None:
                 hits = np.flatnonzero(seen[:, 0] * (kind >= TO_SKY))
-                self._guide.learn(hits, kind.take(hits) - TO_SKY, light.take(hits, axis=0)[:, :3],
-                                  sky[:, 3] * (light[:, 3] == 0))
+                self._guide.learn(hits, (kind.take(hits) - TO_SKY).astype(np.int64),
+                                  light.take(hits, axis=0)[:, :3] @ LUMINANCE, sky[:, 3] * (light[:, 3] == 0))
                 if self._has_lights:
                     of_lights += light * ((kind >= 0) & (kind < TO_SKY))[:, None]
             if self._has_specular:
@@ -129,6 +137,13 @@ class ShadowRays:
     def _read(self, target: int) -> F32:
         """What the program wrote into one of its targets, shape (h · w, 4)."""
         return np.frombuffer(self._textures[target].read(), np.float32).reshape(-1, 4)
+
+
+def set_frame(program: Program, frame: FrameState, scene: RayScene) -> None:
+    """Set what variants of shadow_rays.frag need of a frame, beside their receivers."""
+    program.set(noise_phase=frame.noise_phase, ray_epsilon=RAY_EPSILON * scene.extent,
+                sky_distance=SKY_DISTANCE * scene.extent)
+    frame.lights.bind_emission_points(program)
 
 
 def take_exact(visible: F32, unshadowed: F32, exact: F32) -> None:

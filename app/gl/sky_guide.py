@@ -67,22 +67,22 @@ class SkyGuide:
         for sums in (self._visible, self._unshadowed):
             sums *= DECAY
 
-    def learn(self, receivers: Ints, parts: F32, light: F32, sky: F32) -> None:
+    def learn(self, receivers: Ints, parts: Ints, luminance: F32, sky: F32) -> None:
         """Take which rays have arrived of one more of each receiver; those that follow are guided by it.
 
         Parameters
         ----------
         receivers : ndarray of int, shape (N,)
             Where the rays began.
-        parts : ndarray, float32, shape (N,)
+        parts : ndarray of int, shape (N,)
             Which part of the environment each has arrived in.
-        light : ndarray, float32, shape (N, 3)
-            Its irradiance over its probability.
+        luminance : ndarray, float32, shape (N,)
+            Of its irradiance over its probability.
         sky : ndarray, float32, shape (h · w,)
             Luminance of the unshadowed irradiance of each receiver that had a ray.
         """
-        at = self._tile.take(receivers) * PARTS**2 + parts.astype(np.int64)
-        found = np.bincount(at, light @ LUMINANCE, self._visible.size)
+        at = self._tile.take(receivers) * PARTS**2 + parts
+        found = np.bincount(at, luminance, self._visible.size)
         self._visible += found.reshape(self._visible.shape)
         self._unshadowed += np.bincount(self._tile, sky, len(self._unshadowed))
         self._new_samples += 1

@@ -92,6 +92,10 @@ def catalogue() -> dict[str, Case]:
         replace(_settled("ember", scenes.room(), ember), stages=("surfel_light", "pack_surfels", "missed_pixels")),
         replace(_settled("gathered", scenes.room(), find_model("final-gather")), size=(96, 72),
                 stages=("gather_history",)),
+        replace(_settled("gathered_on_gpu", scenes.room(), find_model("final-gather")), size=(64, 48), rays="gpu",
+                stages=("shadow_rays", "gather_rays", "missed_light")),
+        replace(_settled("mirrors_on_gpu", scenes.mirrors(), SSGI), size=(64, 48), reflections=True, rays="gpu",
+                stages=("reflection_rays",)),
     ]
     # Tensors as they are shared with onnxruntime on a GPU; their network has a case of its own already.
     mapped = replace(_single("mapped", scenes.room(), radiosity), size=(96, 72), stages=("network",),

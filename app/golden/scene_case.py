@@ -47,7 +47,7 @@ class SceneCase:
         Passes whose output becomes goldens; None for all.
     outputs : tuple of str
         What the passes run for.
-    tonemap, auto_exposure, render_scale
+    tonemap, auto_exposure, render_scale, rays
         As in ``Settings``.
     open_exchange : callable
         As for ``Renderer``.
@@ -67,6 +67,7 @@ class SceneCase:
     tonemap: str = TONE_MAPS[0]
     auto_exposure: bool = False
     render_scale: float = 1.0
+    rays: str = "cpu"
     open_exchange: OpenExchange = open_exchange
 
     def origin(self) -> str:
@@ -77,7 +78,7 @@ class SceneCase:
         """A new renderer for the case."""
         settings = Settings(size=self.size, outputs=self.outputs, taa=self.taa, reflections=self.reflections,
                             tonemap=self.tonemap, auto_exposure=self.auto_exposure, provider="cpu", seed=self.seed,
-                            render_scale=self.render_scale)
+                            render_scale=self.render_scale, rays=self.rays)
         return Renderer(self.scene, settings, self.model, self.open_exchange)
 
     def draw(self, saved: Path) -> list[Picture]:

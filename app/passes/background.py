@@ -32,7 +32,7 @@ def declare_cube(environment: Environment, face: int, camera_axes: bool) -> Pass
 def _make(device: Device, bound: BoundPass, environment: Environment, grid: Mapping[str, object],
           face: int | None) -> Execute:
     """``face`` texels span 90°; with None, the screen's rows span the camera's field of view."""
-    texture = _upload(device, environment)
+    texture = upload(device, environment)
     texels_per_radian = max(texture.height / math.pi, texture.width / (2 * math.pi))
 
     def uniforms(frame: FrameState) -> dict[str, object]:
@@ -46,7 +46,8 @@ def _make(device: Device, bound: BoundPass, environment: Environment, grid: Mapp
     return make_fullscreen("background.frag", uniforms, grid, CUBE_PREFIX)(device, bound)
 
 
-def _upload(device: Device, environment: Environment) -> moderngl.Texture:
+def upload(device: Device, environment: Environment) -> moderngl.Texture:
+    """The environment's radiance and its levels of detail, top row first."""
     h, w = environment.radiance.shape[:2]
     if max(h, w) > device.max_size:
         raise SceneError(f"{w}x{h} texels are too many for {device.renderer}", "environment",

@@ -1,34 +1,30 @@
 """Light that is gathered along rays from a low-resolution grid, few of them in a frame, and accumulated over frames.
 
-Embree traces the rays on the CPU. Where they end, direct light is drawn as in the picture, and indirect light is that
-of the world surfels around. Networks read the result, and clean it.
+Embree traces the rays on the CPU, or ``final_gather_gpu`` does on the GPU. Where they end, direct light is drawn as in
+the picture, and indirect light is that of the world surfels around. Networks read the result, and clean it.
 """
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass
 
 import numpy as np
 
-from app.arrays import F32, Bools, Ints
+from app.arrays import F32, Ints
 from app.gl.context import Device
 from app.gl.direct_light import DirectLight
-from app.gl.frame_state import Execute, FrameState, MotionKind
+from app.gl.frame_state import Execute, FrameState
 from app.gl.fullscreen import make_fullscreen, ratio_to, read_defines
 from app.gl.lights import LightSet
 from app.gl.pool import Resources
-from app.gl.ray_budget import RayBudget
 from app.graph import BoundPass, Buf, Pass, Resource, Tex
 from app.math3d import put_rows, unit_rows
+from app.passes import final_gather_gpu
+from app.passes.gather_turns import is_turn, max_rays, turns_of
 from app.surfels.final_gather import LightAt, gather, sequence
 from app.surfels.tracked import TrackedSurfels
 
-RAYS = RayBudget(first_rays=2**17, max_first_samples=16, changed_rays=2**15, rays=2**14, max_samples=4)
-AT_REST = replace(RAYS, rays=2**16)  # where nothing moves
 STILL_FRAMES = 4.0  # whose cleaned light is averaged at rest, since the first ones were cleaned from few rays
-HISTORY_FRAMES = {MotionKind.NONE: 4096, MotionKind.CAMERA: 96, MotionKind.OBJECTS: 8}  # whose rays count at most
-TURN = np.array([[0, 1], [3, 2]])  # of the texels of 2×2, where not all of them can trace rays in each frame
 INTERPOLATED_FROM = 4  # surfels, where the light without rays matters little
 LIT_AT_ONCE = 128, 128  # ends of rays that direct light is drawn at together, as a grid
 MEANS = "gathered_light", "gathered_surfels"  # light and number of rays; surfels' light and distance of rays
@@ -55,35 +51,53 @@ class Receivers:
     traced: Ints
 
 
-def declare(surfels: TrackedSurfels, lights: LightSet, grid: tuple[int, int], has_history: bool) -> Iterator[Pass]:
-    """The passes over a ``grid`` of width and height; ``has_history`` says whether frames are accumulated."""
+def declare(surfels: TrackedSurfels, lights: LightSet, grid: tuple[int, int], has_history: bool,
+            on_gpu: bool) -> Iterator[Pass]:
+    """The passes over a ``grid`` of width and height.
+
+    Parameters
+    ----------
+    has_history : bool
+        Whether frames are accumulated.
+    on_gpu : bool
+        Whether the GPU traces the rays.
+    """
     means: dict[str, Resource] = {name: Tex("f4", 4, size=grid) for name in MEANS}
     now = {f"{name}_now": tex for name, tex in means.items()} if has_history else means
-    yield Pass("gather_rays", reads=("gather_surfaces", "surfel_indirect", *lights.shadow_maps), writes=now,
-               make=lambda device, bound: make(device, bound, surfels, lights, grid, has_history))
+    if on_gpu:
+        yield final_gather_gpu.declare(surfels, lights, shown(has_history), now, grid, has_history)
+    else:
+        yield Pass("gather_rays", reads=("gather_surfaces", "surfel_indirect", *lights.shadow_maps), writes=now,
+                   make=lambda device, bound: make(device, bound, surfels, lights, grid, has_history))
     if has_history:
         yield Pass("gather_history",
                    reads=(*now, "lowres_gbuffer", "motion", *(f"{name}@prev" for name in means), "lowres_gbuffer@prev"),
                    writes=means, make=make_fullscreen("gather_history.frag", lambda frame: {
-                       **_history_uniforms(frame, grid), "max_rays": _max_rays(frame, math.prod(grid))}))
+                       **_history_uniforms(frame, grid), "max_rays": max_rays(frame, math.prod(grid))}))
 
 
 def _history_uniforms(frame: FrameState, grid: tuple[int, int]) -> dict[str, object]:
     return {"ratio": ratio_to(grid, frame), "history_valid": frame.history_valid and not frame.relit}
 
 
-def declare_surfaces(grid: tuple[int, int], has_history: bool) -> Iterator[Pass]:
+def shown(has_history: bool) -> str:
+    """The texture of what the grid shows: normals and depths, which are negative where history knows nothing."""
+    return "gather_receivers" if has_history else "lowres_gbuffer"
+
+
+def declare_receivers(grid: tuple[int, int]) -> Pass:
+    """What the ``grid`` shows, and what of it history knows."""
+    return Pass("gather_receivers", reads=("lowres_gbuffer", "motion", "gathered_light@prev", "lowres_gbuffer@prev"),
+                writes={"gather_receivers": Tex("f4", 4, size=grid)},
+                make=make_fullscreen("gather_receivers.frag", lambda frame: _history_uniforms(frame, grid)))
+
+
+def declare_surfaces(grid: tuple[int, int], has_history: bool) -> Pass:
     """Bring what the ``grid`` shows to the CPU: a pass of its own, so that others can be drawn before its rays end."""
-    shape = grid[1], grid[0], 4
-    shown = "lowres_gbuffer"
-    if has_history:
-        shown = "gather_receivers"
-        yield Pass(shown, reads=("lowres_gbuffer", "motion", "gathered_light@prev", "lowres_gbuffer@prev"),
-                   writes={shown: Tex("f4", 4, size=grid)},
-                   make=make_fullscreen("gather_receivers.frag", lambda frame: _history_uniforms(frame, grid)))
-    yield Pass("gather_surfaces", reads=(shown,), writes={"gather_surfaces": Buf(shape, on_host=True)},
-               make=lambda device, bound: lambda frame, resources: resources.write_array(
-                   "gather_surfaces", np.frombuffer(resources[shown].read(), np.float32).reshape(shape)))
+    shape, source = (grid[1], grid[0], 4), shown(has_history)
+    return Pass("gather_surfaces", reads=(source,), writes={"gather_surfaces": Buf(shape, on_host=True)},
+                make=lambda device, bound: lambda frame, resources: resources.write_array(
+                    "gather_surfaces", np.frombuffer(resources[source].read(), np.float32).reshape(shape)))
 
 
 def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: LightSet, grid: tuple[int, int],
@@ -96,7 +110,7 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
         if not has_history and resources.is_current(key):
             return
         device.flush()  # what is waiting is drawn while the CPU traces rays
-        turns, chosen = _turns(frame, math.prod(grid), has_history)
+        turns, chosen = turns_of(frame, math.prod(grid), has_history)
         receivers = _receivers(resources.array("gather_surfaces"), frame, grid, turns)
         world, caster, lookup = surfels.world, surfels.caster, surfels.lookup
         indirect = resources.rows("surfel_indirect")
@@ -129,37 +143,16 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
     return execute
 
 
-def _turns(frame: FrameState, texels: int, has_history: bool) -> tuple[int, range]:
-    """Of how many frames a texel traces rays in one, and the numbers of these rays."""
-    budget = AT_REST if frame.motion is MotionKind.NONE else RAYS
-    return budget.turns(frame, texels, has_history, 1 if frame.relit else TURN.size)  # no history knows the new light
-
-
-def _max_rays(frame: FrameState, texels: int) -> float:
-    """How many rays of its history count for a texel."""
-    turns, chosen = _turns(frame, texels, has_history=True)
-    return max(1.0, HISTORY_FRAMES[frame.motion] * len(chosen) / turns)
-
-
 def _receivers(surfaces: F32, frame: FrameState, grid: tuple[int, int], turns: int) -> Receivers:
     """What those texels of ``gather_surfaces`` show whose turn it is, or which have no history."""
     surfaces = surfaces.reshape(-1, 4)
-    is_turn = _is_turn(grid, turns, frame.index % turns)
+    has_turn = is_turn(grid, turns, frame.index % turns)
     texel = np.flatnonzero(np.isfinite(np.einsum("nc->n", surfaces)) & (
-        (surfaces[:, 3] < 0) | is_turn & (surfaces[:, 3] > 0)))
+        (surfaces[:, 3] < 0) | has_turn & (surfaces[:, 3] > 0)))
     surface = surfaces.take(texel, axis=0)
     at = np.stack([texel % grid[0], texel // grid[0]], axis=1)
     pixel = np.floor((at + 0.5) * ratio_to(grid, frame)) + 0.5
     offset, direction = frame.view.rays(pixel / frame.size * 2 - 1 - frame.jitter)
     position = offset + direction * np.abs(surface[:, 3:])
     return Receivers(texel, position.astype(np.float32), surface[:, :3], unit_rows(direction).astype(np.float32),
-                     np.flatnonzero(is_turn.take(texel)))
-
-
-@lru_cache(maxsize=2 * TURN.size)
-def _is_turn(grid: tuple[int, int], turns: int, turn: int) -> Bools:
-    """Whether it is the turn of each texel of a ``grid``."""
-    y, x = np.divmod(np.arange(math.prod(grid)), grid[0])
-    is_turn = np.asarray(TURN[y % 2, x % 2] % turns == turn)
-    is_turn.flags.writeable = False  # it is cached
-    return is_turn
+                     np.flatnonzero(has_turn.take(texel)))

@@ -9,12 +9,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from app.gl.compute import run_over_grid
 from app.gl.context import Device
 from app.gl.frame_state import Execute, FrameState, MotionKind
 from app.gl.fullscreen import make_fullscreen, ratio_to
 from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
 from app.network.channels import HALF_MAX
+from app.passes.surfel_buffer import SurfelBuffer
 from app.surfels.lookup import MAX_CANDIDATES
 from app.surfels.tracked import TrackedSurfels
 
@@ -52,7 +54,8 @@ def declare(size: tuple[int, int], grid: tuple[int, int], surfels: TrackedSurfel
                make=make_fullscreen("missed_pixels.frag", uniforms, {"TILE": side}))
     yield Pass("missed_light", reads=("missed_position", "missed_surface", "surfel_indirect"),
                writes={"missed_light": Tex("f4", 4, size=tiles)},
-               make=lambda device, bound: make(device, bound, surfels))
+               make=lambda device, bound: (make_on_gpu(device, surfels, tiles) if surfels.caster.shader_rays
+                                           else make(device, bound, surfels)))
 
 
 def _tiles(size: tuple[int, int], side: int) -> tuple[int, int]:
@@ -71,5 +74,18 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels) -> Execute:
             found = surfels.lookup.interpolate(indirect, at, surface[rows, :3], MAX_CANDIDATES)
             light[rows] = np.concatenate([np.nan_to_num(found).clip(0, HALF_MAX), position[rows, 3:]], axis=1)
         resources["missed_light"].write(light.tobytes())
+
+    return execute
+
+
+def make_on_gpu(device: Device, surfels: TrackedSurfels, tiles: tuple[int, int]) -> Execute:
+    """The same without bringing pixels to the CPU."""
+    program, buffer = device.program("missed_light.comp"), SurfelBuffer(device, surfels)
+
+    def execute(frame: FrameState, resources: Resources) -> None:
+        program.set(local_eye=tuple(frame.view.eye - surfels.world.origin))
+        buffer.bind(program, resources.rows("surfel_indirect"))
+        names = "missed_position", "missed_surface"
+        run_over_grid(device, program, tiles, 1, {name: resources[name] for name in names}, [resources["missed_light"]])
 
     return execute

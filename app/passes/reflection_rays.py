@@ -9,6 +9,7 @@ import numpy as np
 
 from app.arrays import F32, Bools, Ints
 from app.environment import SKY_DISTANCE, radiance_along
+from app.gl.compute import run_over_grid
 from app.gl.context import Device
 from app.gl.direct_light import DirectLight
 from app.gl.frame_state import Execute, FrameState, MotionKind
@@ -18,6 +19,8 @@ from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
 from app.math3d import GOLDEN_RATIO, R2, put_rows, row_dots
 from app.network.channels import HALF_MAX
+from app.passes.background import upload
+from app.passes.surfel_buffer import SurfelBuffer
 from app.raycast.caster import Caster
 from app.scene import Environment
 from app.surfels.tracked import TrackedSurfels
@@ -26,6 +29,7 @@ FIRST_RAYS = 2**17    # of a frame without history: all of them
 FRAME_RAYS = {MotionKind.NONE: 2**15, MotionKind.CAMERA: 2**12, MotionKind.OBJECTS: 2**13}  # of other frames
 LIT_AT_ONCE = 64, 64   # ends of rays that direct light is drawn at together, as a grid
 MAX_UNIT_ERROR = 0.1  # of a direction's squared length
+TRACED_SIDE = 8       # texels along the edges of what a work group of reflection_trace.comp traces
 
 
 def declare(grid: tuple[int, int], surfels: TrackedSurfels, lights: LightSet, environment: Environment | None,
@@ -40,7 +44,9 @@ def declare(grid: tuple[int, int], surfels: TrackedSurfels, lights: LightSet, en
     # The pass that writes ``surfel_light`` moves the surfels.
     return Pass("reflection_rays", reads=("reflection_origin", "reflection_ray", "surfel_light", *lights.shadow_maps),
                 optional=("surfel_indirect",), writes={"reflection_traced": Tex("f4", 4, size=grid)},
-                make=lambda device, bound: _make(device, bound, grid, surfels, lights, environment, has_history))
+                make=lambda device, bound: (
+                    _make_on_gpu(device, bound, grid, surfels, lights, environment) if surfels.caster.shader_rays
+                    else _make(device, bound, grid, surfels, lights, environment, has_history)))
 
 
 def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: TrackedSurfels, lights: LightSet,
@@ -54,12 +60,8 @@ def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: Trac
         rows = _choose(ray, (dither + GOLDEN_RATIO * frame.index) % 1.0, budget)
         traced = np.zeros_like(ray)
         if len(rows):
-            world, lookup = surfels.world, surfels.lookup
-            indirect = (resources.rows("surfel_indirect") if "surfel_indirect" in bound.reads
-                        else world.emissive_irradiance)
-            sent = world.sky_irradiance + indirect
-            is_known = (sent < HALF_MAX).all(axis=1, keepdims=True)  # a network may have made it of what is no number
-            of_surfels = lookup.smooth(np.where(is_known, sent, 0).clip(0))
+            lookup = surfels.lookup
+            of_surfels = lookup.smooth(_light_of(surfels, bound, resources))
 
             def light_at(at: F32, facing: F32) -> F32:
                 return direct.estimate(frame, resources, at, facing) + lookup.interpolate(of_surfels, at, facing)
@@ -71,6 +73,43 @@ def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: Trac
         resources["reflection_traced"].write(traced.tobytes())
 
     return execute
+
+
+def _make_on_gpu(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: TrackedSurfels, lights: LightSet,
+                 environment: Environment | None) -> Execute:
+    """The same with rays that shaders trace, all of them in each frame."""
+    rays = surfels.caster.shader_rays
+    assert rays is not None
+    direct = DirectLight(device, lights, {**lights.defines, **read_defines(bound)}, grid, surfels.caster)
+    trace = device.program("reflection_trace.comp", defines={"HAS_ENVIRONMENT": 1} if environment else {})
+    light = device.program("reflection_light.comp", defines=lights.defines)
+    sky = {} if environment is None else {"environment": upload(device, environment)}
+    rotation = 0.0 if environment is None else environment.rotation_deg / 360 % 1.0
+    buffer = SurfelBuffer(device, surfels)
+    ends = dict(zip(("end_position", "end_normal", "end_albedo", "end_emission"),
+                    (*direct.points, *(device.ctx.texture(grid, 4, dtype="f4") for _ in range(2))), strict=True))
+
+    def execute(frame: FrameState, resources: Resources) -> None:
+        caster = surfels.caster
+        trace.set(local_eye=tuple(frame.view.eye - caster.origin), sky_distance=SKY_DISTANCE * caster.extent,
+                  rotation=rotation)
+        rays.bind(trace)
+        run_over_grid(device, trace, grid, TRACED_SIDE, {
+            **{name: resources[name] for name in ("reflection_origin", "reflection_ray")}, **sky}, tuple(ends.values()))
+        drawn = direct.draw_estimate(frame, resources, frame.index)
+        buffer.bind(light, surfels.lookup.smooth(_light_of(surfels, bound, resources)), with_sky=False)
+        run_over_grid(device, light, grid, 1, {**ends, **drawn}, [resources["reflection_traced"]])
+
+    return execute
+
+
+def _light_of(surfels: TrackedSurfels, bound: BoundPass, resources: Resources) -> F32:
+    """Indirect light of the surfels, and that of the sky, shape (S, 3)."""
+    world = surfels.world
+    indirect = resources.rows("surfel_indirect") if "surfel_indirect" in bound.reads else world.emissive_irradiance
+    sent = world.sky_irradiance + indirect
+    is_known = (sent < HALF_MAX).all(axis=1, keepdims=True)  # a network may have made it of what is no number
+    return np.asarray(np.where(is_known, sent, 0).clip(0), np.float32)
 
 
 def _read(resources: Resources, name: str) -> F32:

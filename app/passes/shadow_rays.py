@@ -17,6 +17,7 @@ from app.gl.lights import LightSet
 from app.gl.pool import Resources
 from app.gl.ray_budget import RayBudget
 from app.gl.shadow_rays import RayScene, ShadowRays, share_of, specular_defines, take_exact
+from app.gl.shadow_rays_gpu import MAX_LESSONS, GpuShadowRays
 from app.gl.sky_guide import FIRST_SAMPLES, OPEN, SkyGuide
 from app.graph import BoundPass, Pass, Resource, Tex
 
@@ -87,7 +88,9 @@ def _filter(name: str, source: Collection[str], target: Mapping[str, Resource], 
 def _make_rays(device: Device, bound: BoundPass, defines: Mapping[str, object], scene: RayScene, size: tuple[int, int],
                has_history: bool) -> Execute:
     guide = SkyGuide(device, size) if "sky_strata" in bound.reads else None
-    rays = ShadowRays(device, size, {**defines, **read_defines(bound)}, scene, guide)
+    defines = {**defines, **read_defines(bound)}
+    rays = ShadowRays(device, size, defines, scene, guide)
+    gpu_rays = None if scene.shader_rays is None else GpuShadowRays(device, size, defines, scene, guide)
     last_frame = -1
 
     def execute(frame: FrameState, resources: Resources) -> None:
@@ -97,12 +100,20 @@ def _make_rays(device: Device, bound: BoundPass, defines: Mapping[str, object], 
             return
         resources.bind(rays.program)
         rays.program.set(ratio=ratio_to(size, frame))
+        if gpu_rays is not None:
+            gpu_rays.learn()
         samples = RAYS.samples(frame, math.prod(size), has_history)
         if guide is not None:
             # Frames of another render scale may have come between.
             continues = has_history and frame.history_valid and frame.index == last_frame + 1
             samples = _prepare(guide, rays, frame, samples, continues)
             last_frame = frame.index
+        if gpu_rays is not None and (guide is None or (has_history and len(samples) <= MAX_LESSONS)):
+            resources.bind(gpu_rays.program)
+            gpu_rays.program.set(ratio=ratio_to(size, frame))
+            gpu_rays.draw(frame, samples, [resources[name] for name in bound.writes])
+            resources.set_current(key)
+            return
         sums = rays.trace(frame, samples)
         if guide is not None and not has_history:
             take_exact(sums[0], sums[1], sums[-1])

@@ -53,6 +53,18 @@ class Body:
 
     Attributes
     ----------
+    positions, normals : ndarray, float32, shape (V, 3)
+        Of the vertices, in the body's space.
+    uvs : list of ndarray, float32, shape (V, 2)
+        One or two sets.
+    colors : ndarray, float32, shape (V, 4), or None
+    triangles : ndarray of int, shape (T, 3)
+    material : ndarray of int, shape (T,)
+        Index into ``materials``.
+    mirrored : ndarray of bool, shape (T,)
+        Whether the triangle's corners go around clockwise, seen from its front.
+    light_proxies, one_sided, alpha_tested : ndarray of bool, shape (materials,)
+        Which materials are those of an analytic light's mesh, have culled backs, and let rays pass in parts.
     part : ndarray of int, shape (T,)
         Which of ``placed`` each triangle belongs to.
     has_passable : bool
@@ -63,36 +75,36 @@ class Body:
                  time: float = 0.0) -> None:
         self._textures = textures
         parts = [_transform_instance(scene, instance, matrix, time) for instance, matrix in placed]
-        self._materials = list({id(p.material): p.material for p in parts}.values())
-        number = {id(m): k for k, m in enumerate(self._materials)}
+        self.materials = list({id(p.material): p.material for p in parts}.values())
+        number = {id(m): k for k, m in enumerate(self.materials)}
         start = np.cumsum([0, *(len(p.positions) for p in parts)])
         self.triangles = _concatenate([p.triangles + s for p, s in zip(parts, start, strict=False)], (0, 3), np.int64)
         self.positions = _concatenate([p.positions for p in parts], (0, 3), np.float32)
-        self._normals = _concatenate([p.normals for p in parts], (0, 3), np.float32)
+        self.normals = _concatenate([p.normals for p in parts], (0, 3), np.float32)
         # Vertex values of the uv sets; few scenes have a second one.
-        sets = 2 if any(t.uv_set for m in self._materials for t in m.maps.values()) else 1
-        self._uvs = [_concatenate([p.uvs[number] for p in parts], (0, 2), np.float32) for number in range(sets)]
-        self._colors = None
+        sets = 2 if any(t.uv_set for m in self.materials for t in m.maps.values()) else 1
+        self.uvs = [_concatenate([p.uvs[number] for p in parts], (0, 2), np.float32) for number in range(sets)]
+        self.colors = None
         if any(p.colors is not None for p in parts):
-            self._colors = _concatenate([np.ones((len(p.positions), 4), np.float32) if p.colors is None else p.colors
+            self.colors = _concatenate([np.ones((len(p.positions), 4), np.float32) if p.colors is None else p.colors
                                          for p in parts], (0, 4), np.float32)
-        self._material = _concatenate([np.full(len(p.triangles), number[id(p.material)]) for p in parts], (0,),
+        self.material = _concatenate([np.full(len(p.triangles), number[id(p.material)]) for p in parts], (0,),
                                       np.int64)
         self.part = np.repeat(np.arange(len(parts)), [len(p.triangles) for p in parts])
-        self._mirrored = _concatenate([np.full(len(p.triangles), p.mirrored) for p in parts], (0,), np.bool_)
+        self.mirrored = _concatenate([np.full(len(p.triangles), p.mirrored) for p in parts], (0,), np.bool_)
         corners = self.positions if len(self.positions) else np.zeros((1, 3), np.float32)
         low, high = corners.min(axis=0).astype(np.float64), corners.max(axis=0).astype(np.float64)
         self.center, self.radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
-        self._alpha_tested = np.array([m.alpha_cutoff is not None or m.is_see_through for m in self._materials], bool)
-        self._one_sided = np.array([m.is_one_sided for m in self._materials], bool)
-        self._varies = np.array([bool(m.maps) or m.emits for m in self._materials], bool)
-        self._has_specular = np.array([m.has_specular and not m.is_unlit for m in self._materials], bool)
-        self._albedo = _columns([(0.0,) * 3 if m.is_unlit else m.albedo for m in self._materials], 3)
-        self._specular = _columns([m.specular for m in self._materials], 3)
-        self._roughness_metallic = _columns([(m.roughness, m.metallic) for m in self._materials], 2)
-        self._light_proxies = np.array([m.is_light_proxy for m in self._materials], bool)
-        opaque = ~(self._alpha_tested | self._one_sided)[self._material]
-        proxy = self._light_proxies[self._material]
+        self.alpha_tested = np.array([m.alpha_cutoff is not None or m.is_see_through for m in self.materials], bool)
+        self.one_sided = np.array([m.is_one_sided for m in self.materials], bool)
+        self._varies = np.array([bool(m.maps) or m.emits for m in self.materials], bool)
+        self._has_specular = np.array([m.has_specular and not m.is_unlit for m in self.materials], bool)
+        self._albedo = _columns([(0.0,) * 3 if m.is_unlit else m.albedo for m in self.materials], 3)
+        self._specular = _columns([m.specular for m in self.materials], 3)
+        self._roughness_metallic = _columns([(m.roughness, m.metallic) for m in self.materials], 2)
+        self.light_proxies = np.array([m.is_light_proxy for m in self.materials], bool)
+        opaque = ~(self.alpha_tested | self.one_sided)[self.material]
+        proxy = self.light_proxies[self.material]
         self._opaque, self._opaque_proxies, self._passable = (
             Triangles(self.positions, self.triangles, np.flatnonzero(chosen))
             for chosen in (opaque & ~proxy, opaque & proxy, ~opaque))
@@ -188,7 +200,7 @@ class Body:
 
     def surface_corners(self) -> F32:
         """Corners of all triangles but those of light proxies, shape (T, 3, 3), in the body's space."""
-        rows = np.flatnonzero(~self._light_proxies.take(self._material))
+        rows = np.flatnonzero(~self.light_proxies.take(self.material))
         return self.positions.take(self.triangles.take(rows, axis=0), axis=0)
 
     def frames(self, triangle: Ints, uv: F32) -> tuple[F32, F32]:
@@ -207,17 +219,17 @@ class Body:
         """
         passed: Bools = np.zeros(len(triangle), np.bool_)
         met = np.flatnonzero(triangle >= 0)
-        material = self._material[triangle[met]]
-        backs = met[self._one_sided[material]]
+        material = self.material[triangle[met]]
+        backs = met[self.one_sided[material]]
         passed[backs] = ~self._is_front(triangle[backs], directions[backs])
-        for index, rows in self._by_material(met[self._alpha_tested[material]], triangle):
-            m = self._materials[index]
+        for index, rows in self._by_material(met[self.alpha_tested[material]], triangle):
+            m = self.materials[index]
             at = triangle[rows], uv[rows]
             alpha = np.full(len(rows), m.alpha, np.float32)
-            if self._colors is not None:
-                alpha *= self._interpolate(self._colors, *at)[:, 3]
+            if self.colors is not None:
+                alpha *= self._interpolate(self.colors, *at)[:, 3]
             if m.albedo_map is not None:
-                alpha *= sample_nearest(m.albedo_map, self._interpolate(self._uvs[0], *at))[:, 3]
+                alpha *= sample_nearest(m.albedo_map, self._interpolate(self.uvs[0], *at))[:, 3]
             if m.is_see_through:  # some rays pass, as much light as does
                 opacity = (alpha if m.is_blended else 1.0) * (1 - self._passing(m, *at))
                 passed[rows] |= ~(opacity > _hash(uv[rows]))
@@ -230,9 +242,9 @@ class Body:
         share = np.tile(np.asarray(m.passing, np.float32), (len(triangle), 1))
         if m.transmission is None:
             return share[:, 0]
-        at = [self._interpolate(uvs, triangle, uv) for uvs in self._uvs]
-        if self._colors is not None:
-            share *= self._interpolate(self._colors, triangle, uv)[:, :3]
+        at = [self._interpolate(uvs, triangle, uv) for uvs in self.uvs]
+        if self.colors is not None:
+            share *= self._interpolate(self.colors, triangle, uv)[:, :3]
         share *= self._textured(m.albedo_map, at, m.alpha_cutoff is not None)
         share *= self._textured(m.transmission.factor_map, at)[:, :1]
         share *= 1 - m.metallic * self._textured(m.metallic_roughness_map, at)[:, 2:]
@@ -241,25 +253,25 @@ class Body:
 
     def is_light_proxy(self, triangle: Ints) -> Bools:
         """Whether each triangle stands for an analytic light, shape (N,)."""
-        return np.asarray(self._light_proxies.take(self._material.take(triangle)))
+        return np.asarray(self.light_proxies.take(self.material.take(triangle)))
 
     def interact(self, triangle: Ints, uv: F32, face: F32, directions: F32) -> SurfaceInteraction:
         """Evaluate the surface at hits of ``cast``, none of them a miss."""
-        normal = self._interpolate(self._normals, triangle, uv)
+        normal = self._interpolate(self.normals, triangle, uv)
         length = row_lengths(normal)[:, None]
         normal = np.where(length > 1e-6, normal / np.maximum(length, 1e-30), face)
         normal = np.where(row_dots(normal, face)[:, None] < 0, -normal, normal)
-        material = self._material[triangle]
+        material = self.material[triangle]
         albedo = self._albedo.take(material, axis=0)
-        if self._colors is not None:
-            albedo *= self._interpolate(self._colors, triangle, uv)[:, :3]
+        if self.colors is not None:
+            albedo *= self._interpolate(self.colors, triangle, uv)[:, :3]
         emission = np.zeros_like(albedo)
         specular = self._specular.take(material, axis=0)
         roughness, metallic = self._roughness_metallic.take(material, axis=0).T[..., None]
         varying = np.flatnonzero(self._varies[material])
-        everywhere = [self._interpolate(uvs, triangle, uv) for uvs in self._uvs] if len(varying) else []
+        everywhere = [self._interpolate(uvs, triangle, uv) for uvs in self.uvs] if len(varying) else []
         for index, rows in self._by_material(varying, triangle):
-            m = self._materials[index]
+            m = self.materials[index]
             at = [uvs.take(rows, axis=0) for uvs in everywhere]
             if m.albedo_map is not None:
                 albedo[rows] *= self._textured(m.albedo_map, at, m.alpha_cutoff is not None)
@@ -283,7 +295,7 @@ class Body:
 
     def _is_front(self, triangle: Ints, directions: F32) -> Bools:
         a, b, c = (self.positions.take(corner, axis=0) for corner in self.triangles.take(triangle, axis=0).T)
-        return (row_dots(np.cross(b - a, c - a), directions) < 0) != self._mirrored[triangle]
+        return (row_dots(np.cross(b - a, c - a), directions) < 0) != self.mirrored[triangle]
 
     def _interpolate(self, values: F32, triangle: Ints, uv: F32) -> F32:
         """Vertex values at barycentric coordinates."""
@@ -300,7 +312,7 @@ class Body:
 
     def _by_material(self, rows: Ints, triangle: Ints) -> Iterable[tuple[int, Ints]]:
         """Pairs of a material's index and those of ``rows`` whose triangle has it."""
-        material = self._material[triangle[rows]]
+        material = self.material[triangle[rows]]
         order = np.argsort(material, kind="stable")
         indices, start = np.unique(material[order], return_index=True)
         return zip(indices.tolist(), np.split(rows[order], start[1:]), strict=True) if len(rows) else ()

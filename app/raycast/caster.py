@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.arrays import F32, F64, Bools, Ints
+from app.gl.shadow_rays import ShaderRays
 from app.math3d import affine_inverse, normal_matrix, put_rows, row_dots, row_lengths, translation, unit_rows
 from app.raycast.body import MAX_PASSED, Body
 from app.raycast.prefiltered_textures import PrefilteredTextures
@@ -100,14 +101,19 @@ class Caster:
         Changes whenever a body moves or deforms.
     extent : float
         Longest edge of the scene, scene units.
+    textures : PrefilteredTextures
+        What rays see of textures.
+    shader_rays : ShaderRays or None
+        Rays through the same scene for shaders, where these trace what is drawn (app/raycast/gpu_rays.py).
     """
 
     def __init__(self, scene: Scene) -> None:
+        self.shader_rays: ShaderRays | None = None
         self.origin = scene.bounds.mean(axis=0)
         self.extent = scene.longest_edge
         self.ray_epsilon = np.float32(RAY_EPSILON * scene.longest_edge)
         to_local, textures = translation(-self.origin), PrefilteredTextures()
-        self._scene, self._textures = scene, textures
+        self._scene, self.textures = scene, textures
         moving = [k for k, i in enumerate(scene.instances) if i.moves]
         animated = [k for k in moving if scene.instances[k].is_animated]
         self.members: list[list[int]] = [[k for k, i in enumerate(scene.instances) if not i.moves],
@@ -156,7 +162,7 @@ class Caster:
         """The body of all animated instances, in local space."""
         to_local = translation(-self.origin)
         return Body(self._scene, [(i, to_local @ i.transform_at(time)) for i in self._animated_instances()],
-                    self._textures, time)
+                    self.textures, time)
 
     def _pose_at(self, time: float) -> list[NDArray[Any]]:
         """What the body of all animated instances depends on."""

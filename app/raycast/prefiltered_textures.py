@@ -30,11 +30,15 @@ class PrefilteredTextures:
 
         When ``alpha_tested``, texels count by their alpha, so that cut-out ones do not bleed into the mean.
         """
+        color: F32 = _nearest(self.copy_of(texture, alpha_tested), texture, uv)
+        return color
+
+    def copy_of(self, texture: Texture, alpha_tested: bool = False) -> F32:
+        """The texels that ``sample`` takes, shape (h, w, 3), top row first."""
         key = id(texture.pixels), alpha_tested, texture.is_color  # the scene keeps the pixels, so the id stays theirs
         if key not in self._copies:
             self._copies[key] = _blur(texture, alpha_tested)
-        color: F32 = _nearest(self._copies[key], texture, uv)
-        return color
+        return self._copies[key]
 
 
 def _blur(texture: Texture, alpha_tested: bool) -> F32:

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from app.network.selection import find_model
-from app.passes import final_gather
+from app.passes import gather_turns
 from app.radiance_scale import radiance_scale
 from app.raycast.caster import Caster
 from app.renderer import Renderer
@@ -161,9 +161,9 @@ def test_a_moving_camera_leaves_no_light_behind(table: Renderer) -> None:
 
 
 def test_texels_take_turns_where_not_all_can_trace_rays_in_each_frame(monkeypatch: pytest.MonkeyPatch) -> None:
-    few = replace(final_gather.RAYS, rays=64 * 48 // 4)
-    monkeypatch.setattr(final_gather, "RAYS", few)
-    monkeypatch.setattr(final_gather, "AT_REST", few)
+    few = replace(gather_turns.RAYS, rays=64 * 48 // 4)
+    monkeypatch.setattr(gather_turns, "RAYS", few)
+    monkeypatch.setattr(gather_turns, "AT_REST", few)
     with Renderer(table_in_a_room(), settings("indirect"), MODEL) as renderer:
         renderer.advance(CAMERA)
         first = renderer.resource("gathered_light")
@@ -179,7 +179,7 @@ def test_texels_take_turns_where_not_all_can_trace_rays_in_each_frame(monkeypatc
 
 
 def test_every_texel_traces_rays_when_the_light_has_changed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(final_gather, "RAYS", replace(final_gather.RAYS, changed_rays=64 * 48 // 4))
+    monkeypatch.setattr(gather_turns, "RAYS", replace(gather_turns.RAYS, changed_rays=64 * 48 // 4))
     with Renderer(table_in_a_room(), settings("indirect"), MODEL) as renderer:
         for brightness in (8.0, 4.0, 2.0):
             assert renderer.relight((replace(LAMP, radiance=(brightness,) * 3),))

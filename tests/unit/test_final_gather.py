@@ -12,8 +12,8 @@ import pytest
 from app.arrays import F32
 from app.gl.frame_state import MotionKind
 from app.math3d import View
-from app.passes.final_gather import RAYS as BUDGET
-from app.passes.final_gather import _is_turn
+from app.passes.gather_turns import RAYS as BUDGET
+from app.passes.gather_turns import is_turn
 from app.raycast.caster import Caster
 from app.scene import Camera, Material, Scene
 from app.surfels.final_gather import SPREAD_BITS, GatheredRays, LightAt, gather, sequence, spread_evenly
@@ -145,7 +145,7 @@ def test_light_that_is_constant_in_cells_stays_near_the_interpolated_light() -> 
 @pytest.mark.parametrize("turns", [1, 2, 4])
 @pytest.mark.parametrize("grid", [(1, 1), (5, 3), (8, 6)])
 def test_each_texel_has_its_turn_once(grid: tuple[int, int], turns: int) -> None:
-    parts = [_is_turn(grid, turns, turn) for turn in range(turns)]
+    parts = [is_turn(grid, turns, turn) for turn in range(turns)]
     np.testing.assert_array_equal(np.sum(parts, axis=0), np.ones(grid[0] * grid[1]))
     with pytest.raises(ValueError, match="read-only"):
         parts[0][:] = False

@@ -1,0 +1,34 @@
+// Light that surfaces where rays end send back along these.
+#include "numbers.glsl"
+#include "surfel_kernel.glsl"
+
+uniform sampler2D end_position;  // local space
+uniform sampler2D end_normal;    // 0: none
+uniform sampler2D end_albedo;    // a: the ray's length
+uniform sampler2D end_emission;
+uniform sampler2D end_light;     // irradiance / π by mapped lights: four texels for each
+#ifdef HAS_TRACED_LIGHT
+uniform sampler2D end_traced;    // irradiance by traced lights
+#endif
+
+vec3 direct_at(ivec2 end)
+{
+    ivec2 quad = 2 * end;
+    vec3 light = texelFetch(end_light, quad, 0).rgb + texelFetch(end_light, quad + ivec2(1, 0), 0).rgb
+        + texelFetch(end_light, quad + ivec2(0, 1), 0).rgb + texelFetch(end_light, quad + 1, 0).rgb;
+    light *= 0.25;
+#ifdef HAS_TRACED_LIGHT
+    light += texelFetch(end_traced, end, 0).rgb / PI;
+#endif
+    return light;
+}
+
+// Light that an end reflects and emits; ``own`` is the indirect light that arrives at it where surfels are not asked.
+vec3 light_of(ivec2 end, bool asks_surfels, vec3 own)
+{
+    vec3 normal = texelFetch(end_normal, end, 0).xyz, emitted = texelFetch(end_emission, end, 0).rgb;
+    if (dot(normal, normal) < 0.5) return emitted;
+    SurfelLight between = surfel_light_at(texelFetch(end_position, end, 0).xyz, normal);
+    vec3 arrives = direct_at(end) + between.sky + (asks_surfels ? between.indirect : own);
+    return emitted + texelFetch(end_albedo, end, 0).rgb * arrives;
+}
