@@ -29,9 +29,6 @@ const float SHORTENED = 0.999;  // so that rays end before what touches the ligh
 #ifdef GRID_SURFELS
 uniform sampler2D light_sample_position;  // local space: world axes, the scene's centre as origin
 uniform sampler2D light_sample_normal;    // 0: no sample
-#ifndef RAYS_HERE
-uniform vec3 local_eye;
-#endif
 #else
 uniform sampler2D albedo;
 uniform sampler2D normal;
@@ -49,8 +46,10 @@ uniform usampler2D sky_guide;  // a row for each tile of receivers, see app/gl/s
                                // spread over the strata; in the last texel which share of the sky's light is visible
 uniform int guide_columns;     // tiles in a row of the grid
 #endif
+#if defined(GRID_SURFELS) || defined(RAYS_HERE)
+uniform vec3 local_eye;      // in local space
+#endif
 #ifdef RAYS_HERE
-uniform vec3 local_eye;      // in the local space of the rays: world axes, the scene's centre as origin
 uniform int first_sample;    // of each receiver
 uniform int sample_count;
 int sample_index;
