@@ -3,11 +3,8 @@
 import math
 from collections.abc import Mapping
 
-import moderngl
-import numpy as np
-
-from app.errors import SceneError
 from app.gl.context import Device
+from app.gl.environment_texture import environment_texture
 from app.gl.frame_state import Execute, FrameState
 from app.gl.fullscreen import CUBE_PREFIX, cube_defines, make_fullscreen
 from app.graph import BoundPass, Pass, Tex
@@ -32,7 +29,7 @@ def declare_cube(environment: Environment, face: int, camera_axes: bool) -> Pass
 def _make(device: Device, bound: BoundPass, environment: Environment, grid: Mapping[str, object],
           face: int | None) -> Execute:
     """``face`` texels span 90°; with None, the screen's rows span the camera's field of view."""
-    texture = upload(device, environment)
+    texture = environment_texture(device, environment)
     texels_per_radian = max(texture.height / math.pi, texture.width / (2 * math.pi))
 
     def uniforms(frame: FrameState) -> dict[str, object]:
@@ -44,17 +41,3 @@ def _make(device: Device, bound: BoundPass, environment: Environment, grid: Mapp
                 "level": math.log2(max(pixel * texels_per_radian, 1.0))}
 
     return make_fullscreen("background.frag", uniforms, grid, CUBE_PREFIX)(device, bound)
-
-
-def upload(device: Device, environment: Environment) -> moderngl.Texture:
-    """The environment's radiance and its levels of detail, top row first."""
-    h, w = environment.radiance.shape[:2]
-    if max(h, w) > device.max_size:
-        raise SceneError(f"{w}x{h} texels are too many for {device.renderer}", "environment",
-                         f"expected at most {device.max_size} a side")
-    pixels = np.minimum(environment.radiance, np.finfo(np.float16).max).astype(np.float16)
-    texture = device.ctx.texture((w, h), 3, pixels.tobytes(), alignment=1, dtype="f2")
-    texture.build_mipmaps()
-    texture.filter = moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR
-    texture.repeat_x, texture.repeat_y = True, False
-    return texture

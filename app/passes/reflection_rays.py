@@ -12,6 +12,7 @@ from app.environment import SKY_DISTANCE, radiance_along
 from app.gl.compute import run_over_grid
 from app.gl.context import Device
 from app.gl.direct_light import DirectLight
+from app.gl.environment_texture import environment_texture
 from app.gl.frame_state import Execute, FrameState, MotionKind
 from app.gl.fullscreen import read_defines
 from app.gl.lights import LightSet
@@ -19,7 +20,6 @@ from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
 from app.math3d import GOLDEN_RATIO, R2, put_rows, row_dots
 from app.network.channels import HALF_MAX
-from app.passes.background import upload
 from app.passes.surfel_buffer import SurfelBuffer
 from app.raycast.caster import Caster
 from app.scene import Environment
@@ -83,7 +83,7 @@ def _make_on_gpu(device: Device, bound: BoundPass, grid: tuple[int, int], surfel
     direct = DirectLight(device, lights, {**lights.defines, **read_defines(bound)}, grid, surfels.caster)
     trace = device.program("reflection_trace.comp", defines={"HAS_ENVIRONMENT": 1} if environment else {})
     light = device.program("reflection_light.comp", defines=lights.defines)
-    sky = {} if environment is None else {"environment": upload(device, environment)}
+    sky = {} if environment is None else {"environment": environment_texture(device, environment)}
     rotation = 0.0 if environment is None else environment.rotation_deg / 360 % 1.0
     buffer = SurfelBuffer(device, surfels)
     ends = dict(zip(("end_position", "end_normal", "end_albedo", "end_emission"),

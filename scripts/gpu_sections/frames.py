@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from time import perf_counter
 
 from app.load import embedded_scene, load_scene, orbit
@@ -12,7 +13,8 @@ from app.scene import Camera, Scene
 from app.settings import Settings
 from gpu_sections.common import Json, Options, format_size
 
-MODELS = ("none", SURFEL_MODEL, DEFAULT_MODEL)
+# Models, and what traces rays.
+MODELS = (("none", "auto"), (SURFEL_MODEL, "auto"), (DEFAULT_MODEL, "auto"), (DEFAULT_MODEL, "cpu"))
 SMALL_SIZE = (64, 48)  # at which the CPU dominates
 ORBIT_FRAMES = 720
 
@@ -27,18 +29,18 @@ def frames(options: Options) -> Json:
     for name, scene in scenes.items():
         cameras = orbit(scene, scene.cameras[scene.default_camera].at(0.0), ORBIT_FRAMES)[:warm_up + counted]
         for size in (SMALL_SIZE, *options.sizes):
-            for model in MODELS:
-                models = find_models(model)
-                rows[f"{name} {format_size(size)} {model}"] = {
-                    **_untimed(scene, size, models, cameras[:warm_up], cameras[warm_up:]),
-                    **_timed(scene, size, models, cameras[:warm_up], cameras[warm_up:])}
+            for model, rays in MODELS:
+                models, settings = find_models(model), Settings(size=size, rays=rays)
+                rows[f"{name} {format_size(size)} {model}, rays: {rays}"] = {
+                    **_untimed(scene, settings, models, cameras[:warm_up], cameras[warm_up:]),
+                    **_timed(scene, settings, models, cameras[:warm_up], cameras[warm_up:])}
     return rows
 
 
-def _untimed(scene: Scene, size: tuple[int, int], models: Sequence[Model], warm_up: Sequence[Camera],
+def _untimed(scene: Scene, settings: Settings, models: Sequence[Model], warm_up: Sequence[Camera],
              cameras: Sequence[Camera]) -> Json:
     """``submit`` and ``in_flight`` wait for the GPU only after the last frame, ``advance`` after each."""
-    with Renderer(scene, Settings(size=size), models) as renderer:
+    with Renderer(scene, settings, models) as renderer:
         _run(renderer.advance, warm_up)
         context = renderer._gl.ctx
         with context:
@@ -55,10 +57,10 @@ def _untimed(scene: Scene, size: tuple[int, int], models: Sequence[Model], warm_
                 "render": _run(renderer.render, cameras[:len(cameras) // 2])}
 
 
-def _timed(scene: Scene, size: tuple[int, int], models: Sequence[Model], warm_up: Sequence[Camera],
+def _timed(scene: Scene, settings: Settings, models: Sequence[Model], warm_up: Sequence[Camera],
            cameras: Sequence[Camera]) -> Json:
     """Times of each pass, for which the renderer waits for the GPU after each."""
-    with Renderer(scene, Settings(size=size, timing=True), models) as renderer:
+    with Renderer(scene, replace(settings, timing=True), models) as renderer:
         _run(renderer.advance, warm_up)
         renderer.reset_timing()
         ms = _run(renderer.advance, cameras)
