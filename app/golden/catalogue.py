@@ -92,6 +92,12 @@ def catalogue() -> dict[str, Case]:
         replace(_settled("ember", scenes.room(), ember), stages=("surfel_light", "pack_surfels", "missed_pixels")),
         replace(_settled("gathered", scenes.room(), find_model("final-gather")), size=(96, 72),
                 stages=("gather_history",)),
+    ]
+    # Tensors as they are shared with onnxruntime on a GPU; their network has a case of its own already.
+    mapped = replace(_single("mapped", scenes.room(), radiosity), size=(96, 72), stages=("network",),
+                     open_exchange=MappedExchange)
+    # Rays that shaders trace; the networks are those of cases with rays on the CPU.
+    on_gpu = [
         replace(_settled("gathered_on_gpu", scenes.room(), find_model("final-gather")), size=(64, 48), rays="gpu",
                 stages=("shadow_rays", "gather_rays", "missed_light")),
         replace(_settled("reflected_on_gpu", scenes.materials(), SSGI), size=(64, 48), reflections=True, rays="gpu",
@@ -99,12 +105,9 @@ def catalogue() -> dict[str, Case]:
         replace(_settled("mirrors_on_gpu", scenes.mirrors(), SSGI), size=(64, 48), reflections=True, rays="gpu",
                 stages=("reflection_rays",)),
     ]
-    # Tensors as they are shared with onnxruntime on a GPU; their network has a case of its own already.
-    mapped = replace(_single("mapped", scenes.room(), radiosity), size=(96, 72), stages=("network",),
-                     open_exchange=MappedExchange)
     used = {case.model for case in cases}
     others = [NetworkCase(_alone(name, file), file) for name, file in bundled_models().items() if file not in used]
-    every = (*with_networks(cases), mapped, *others, CopyCase())
+    every = (*with_networks(cases), mapped, *on_gpu, *others, CopyCase())
     by_name = {case.name: case for case in every}
     assert len(by_name) == len(every), "two cases have the same name"
     return by_name
