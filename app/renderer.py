@@ -111,7 +111,7 @@ class Renderer:
                 self._gl.close()
                 raise
         self.device = {"gl_renderer": self._gl.renderer, "gl_version": self._gl.version,
-                       "provider": self._models.provider, "exchange": self._exchanges.names}
+                       "provider": self._models.provider, "exchange": self._exchanges.names, "rays": self._traced_by}
 
     def _set_up(self, models: Future[Models], needs_caster: bool) -> None:
         settings = self.settings
@@ -251,7 +251,8 @@ class Renderer:
         scaled = scene.with_radiance_scale(self._radiance_scale)
         # Edited lights keep their way of shadowing: looking for it takes long, and another one needs other shaders.
         same_kinds = [type(light) for light in lights] == [type(light) for light in self.scene.lights]
-        traced = self._traced if same_kinds else self._needs_rays(scaled)
+        with self._gl.ctx:  # which the first caster needs
+            traced = self._traced if same_kinds else self._needs_rays(scaled)
         if not self._lights.replace(scaled, traced):
             return False
         self.scene, self._traced = scene, traced
@@ -377,6 +378,13 @@ class Renderer:
         """The view of a camera, which may see all that ``LightSet.bounds`` contains."""
         far = 1.01 * float(np.linalg.norm(np.abs(self._lights.bounds - camera.eye).max(axis=0)))
         return View.of(camera, self.settings.size, NEAR * self.scene.longest_edge, far)
+
+    @property
+    def _traced_by(self) -> str:
+        """What traces the rays of frames: ``cpu``, ``gpu``, or ``none`` where there are none."""
+        if self._caster is None:
+            return "none"
+        return "cpu" if self._caster.shader_rays is None else "gpu"
 
     def _get_caster(self) -> Caster:
         """One caster of the scene for all who cast rays, made when the first of them does."""

@@ -9,8 +9,7 @@ uniform sampler2D shadow_unshadowed_prev;   // a: share of the samples for which
 uniform float max_samples;  // of history
 #ifdef HAS_SHADOW_EXACT_NOW
 uniform sampler2D shadow_exact_now;       // rgb: what is known of shadow_unshadowed_now, a: 1 where rays were guided, else 0
-uniform float open_share;                 // of the unshadowed light, from which on this is not taken: as much as is visible of it
-                                          // differs from sample to sample
+uniform float open_share;                 // of the unshadowed light: where more than it is visible, samples give a better ratio
 #endif
 #ifdef HAS_SHADOW_SPECULAR_NOW
 uniform sampler2D shadow_specular_now;    // r: mean luminance of the rectangles that specular rays reach, g: of all of them,

@@ -272,7 +272,8 @@ def _shown(settings: Settings) -> str:
 def _describe(renderer: Renderer) -> None:
     lines = {
         "GL renderer": renderer.device["gl_renderer"], "OpenGL": renderer.device["gl_version"],
-        "provider": renderer.device["provider"], "passes": ", ".join(p.name for p in renderer.plan.passes),
+        "provider": renderer.device["provider"], "rays": renderer.device["rays"],
+        "passes": ", ".join(p.name for p in renderer.plan.passes),
         "shadows": ", ".join(f"{count} {name}" for name, count in renderer.shadow_methods.items()) or "none",
         **{f"culled {name}": why for name, why in renderer.plan.culled.items()},
     }

@@ -13,7 +13,6 @@ from app.cli.options import (
     Lighting,
     ModelNames,
     Provider,
-    Rays,
     SceneFile,
     SceneJson,
     StrictDevice,
@@ -51,7 +50,6 @@ def view(
     model: ModelNames = [DEFAULT_MODEL],  # noqa: B006
     bounces: Bounces = None,
     provider: Provider = AUTO,
-    rays: Rays = AUTO,
     strict_device: StrictDevice = False,
 ) -> None:
     """View a scene live in a browser: orbit, drag lights, compare models with each other and with the reference.
@@ -83,8 +81,7 @@ def view(
 
     extra_module("aiohttp", EXTRA)
     check_provider(provider)
-    settings = Settings(size=parse_size(size), bounces=bounces, provider=provider, rays=rays,
-                        strict_device=strict_device)
+    settings = Settings(size=parse_size(size), bounces=bounces, provider=provider, strict_device=strict_device)
     names = [name for name in model if name != NONE]
     files = [find_model(name) for name in names]
     Device(strict_device).close()  # raises if there is no OpenGL

@@ -74,6 +74,7 @@ class Device:
         self._functions = _EglFunctions()
         self._functions.call("glClipControl", GL_LOWER_LEFT, GL_ZERO_TO_ONE)
         self.max_size: int = info["GL_MAX_TEXTURE_SIZE"]
+        self.max_storage_bytes: int = info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"]
         while self.ctx.error != "GL_NO_ERROR":  # moderngl asks for limits that some drivers don't know
             pass
         self.defines: dict[str, object] = {}

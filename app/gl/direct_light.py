@@ -27,10 +27,12 @@ class DirectLight:
         ``HAS_X`` for what the pass reads, among it all shadow maps.
     layout : tuple of int
         Width and height of the textures that hold the points.
+    on_gpu : bool
+        Whether shaders place the points and trace their rays, for ``draw_estimate`` alone.
     """
 
     def __init__(self, device: Device, lights: LightSet, defines: Mapping[str, object], layout: tuple[int, int],
-                 scene: RayScene) -> None:
+                 scene: RayScene, on_gpu: bool = False) -> None:
         self._device, self._layout, self._origin, self._maps = device, layout, scene.origin, lights.shadow_maps
         self._program = device.fullscreen("surfel_light.frag", {**lights.defines, **defines})
         self._light = device.ctx.texture((2 * layout[0], 2 * layout[1]), 4, dtype="f4")
@@ -40,9 +42,8 @@ class DirectLight:
         self._textures = {name: device.ctx.texture(layout, 4, dtype="f4") for name in names}
         device.clear(self._textures["light_sample_visibility"])
         ray_defines = {**lights.defines, "GRID_SURFELS": 1}
-        self._rays = ShadowRays(device, layout, ray_defines, scene) if lights.has_traced else None
-        self._gpu_rays = (GpuShadowRays(device, layout, ray_defines, scene)
-                          if lights.has_traced and scene.shader_rays is not None else None)
+        self._rays = ShadowRays(device, layout, ray_defines, scene) if lights.has_traced and not on_gpu else None
+        self._gpu_rays = GpuShadowRays(device, layout, ray_defines, scene) if lights.has_traced and on_gpu else None
         self._traced = [device.ctx.texture(layout, 4, dtype="f4") for _ in range(2 if self._gpu_rays else 0)]
 
     def place(self, position: F32, normal: F32) -> None:

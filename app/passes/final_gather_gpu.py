@@ -39,7 +39,7 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
     assert rays is not None
     ends = grid[0], 2 * grid[1]
     defines = {**lights.defines, **read_defines(bound)}
-    direct = DirectLight(device, lights, defines, ends, surfels.caster)
+    direct = DirectLight(device, lights, defines, ends, surfels.caster, on_gpu=True)
     trace, resolve = (device.program(shader, defines=lights.defines)
                       for shader in ("gather_trace.comp", "gather_resolve.comp"))
     buffer = SurfelBuffer(device, surfels)

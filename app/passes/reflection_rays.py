@@ -80,7 +80,7 @@ def _make_on_gpu(device: Device, bound: BoundPass, grid: tuple[int, int], surfel
     """The same with rays that shaders trace, all of them in each frame."""
     rays = surfels.caster.shader_rays
     assert rays is not None
-    direct = DirectLight(device, lights, {**lights.defines, **read_defines(bound)}, grid, surfels.caster)
+    direct = DirectLight(device, lights, read_defines(bound), grid, surfels.caster, on_gpu=True)
     trace = device.program("reflection_trace.comp", defines={"HAS_ENVIRONMENT": 1} if environment else {})
     light = device.program("reflection_light.comp", defines=lights.defines)
     sky = {} if environment is None else {"environment": environment_texture(device, environment)}

@@ -90,7 +90,8 @@ def _make_rays(device: Device, bound: BoundPass, defines: Mapping[str, object], 
     guide = SkyGuide(device, size) if "sky_strata" in bound.reads else None
     defines = {**defines, **read_defines(bound)}
     rays = ShadowRays(device, size, defines, scene, guide)
-    gpu_rays = None if scene.shader_rays is None else GpuShadowRays(device, size, defines, scene, guide)
+    draws_rays = scene.shader_rays is not None and (guide is None or has_history)
+    gpu_rays = GpuShadowRays(device, size, defines, scene, guide) if draws_rays else None
     last_frame = -1
 
     def execute(frame: FrameState, resources: Resources) -> None:
@@ -108,7 +109,7 @@ def _make_rays(device: Device, bound: BoundPass, defines: Mapping[str, object], 
             continues = has_history and frame.history_valid and frame.index == last_frame + 1
             samples = _prepare(guide, rays, frame, samples, continues)
             last_frame = frame.index
-        if gpu_rays is not None and (guide is None or (has_history and len(samples) <= MAX_LESSONS)):
+        if gpu_rays is not None and (guide is None or len(samples) <= MAX_LESSONS):
             resources.bind(gpu_rays.program)
             gpu_rays.program.set(ratio=ratio_to(size, frame))
             gpu_rays.draw(frame, samples, [resources[name] for name in bound.writes])

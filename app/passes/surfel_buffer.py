@@ -5,6 +5,7 @@ import numpy as np
 from app.arrays import F32
 from app.gl.context import Device
 from app.gl.shader import Program
+from app.network.channels import HALF_MAX
 from app.surfels import kernel
 from app.surfels.tracked import TrackedSurfels
 
@@ -29,7 +30,8 @@ class SurfelBuffer:
         Parameters
         ----------
         indirect : ndarray, float32, shape (S, 3)
-            Indirect irradiance / π of each, or of those that are used.
+            Indirect irradiance / π of each, or of those that are used. All surfels count everywhere, so one that is no
+            number counts as 0.
         with_sky : bool
             Whether they give that of the sky too.
         """
@@ -37,7 +39,7 @@ class SurfelBuffer:
         if self._version != self._surfels.version:
             self._version = self._surfels.version
             self._pack()
-        self._records[:len(indirect), 3, :3] = indirect
+        self._records[:len(indirect), 3, :3] = np.where(indirect < HALF_MAX, indirect, 0)  # what is no number, too
         self._records[:, 4, :3] = world.sky_irradiance if with_sky else 0
         self._buffer.write(self._records.tobytes())
         self._buffer.bind_to_storage_buffer(BINDING)

@@ -8,17 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.arrays import F32, F64, Bools, Ints
-from app.gl.shadow_rays import ShaderRays
 from app.math3d import affine_inverse, normal_matrix, put_rows, row_dots, row_lengths, translation, unit_rows
 from app.raycast.body import MAX_PASSED, Body
 from app.raycast.prefiltered_textures import PrefilteredTextures
 from app.scene import Instance, Scene
+
+if TYPE_CHECKING:
+    from app.gl.shadow_rays import ShaderRays
 
 STATIC = 0            # index of the body of all instances that never move
 RAY_EPSILON = 1e-4    # offset of ray origins from their surface, relative to the scene's longest edge

@@ -5,6 +5,7 @@ them. Scenes in which rays pass parts of surfaces, and those with bodies that ch
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from app.scene import Material, Texture
 NODES, TRIANGLES, BODIES, CORNERS, VERTICES, MATERIALS, TEXELS = range(1, 8)
 IS_PROXY, IS_ONE_SIDED, IS_MIRRORED = 1, 2, 4  # of a triangle
 HAS_SPECULAR, IS_DOUBLE_SIDED, EMITS = 1, 2, 4  # of a material
+BODY_BYTES = 7 * 16  # as in ray_scene.glsl
 NO_TEXTURE = -1
 REPEATS_U, REPEATS_V, SECOND_UVS = 1, 2, 4
 
@@ -32,52 +34,73 @@ def can_trace(caster: Caster) -> bool:
     return caster.animated is None and not any(b.alpha_tested[b.material].any() for b in caster.bodies)
 
 
-class GpuRays:
-    """The buffers of one caster's scene.
+@dataclass(frozen=True, eq=False)
+class PackedScene:
+    """A caster's scene as shaders read it.
 
-    Parameters
+    Attributes
     ----------
-    caster : Caster
-        For which ``can_trace`` holds; bodies are where it has them.
+    bodies : list of int
+        Indices of the bodies that have triangles.
+    places : list of tuple of int
+        For each of them its first node, its number of leaves, its first triangle, and 0.
+    buffers : dict of int to bytes
+        By binding point; all but that of the bodies, which move.
     """
 
-    def __init__(self, device: Device, caster: Caster) -> None:
-        self._caster, self._device = caster, device
-        bodies = [body for body in caster.bodies if len(body.triangles)]
-        self._bodies = [index for index, body in enumerate(caster.bodies) if len(body.triangles)]
-        hierarchies = [build_hierarchy(body.positions[body.triangles]) for body in bodies]
-        self._places, first_node, first_triangle = [], 0, 0
-        for hierarchy in hierarchies:
-            self._places.append((first_node, hierarchy.leaves, first_triangle, 0))
-            first_node += 2 * hierarchy.leaves
-            first_triangle += hierarchy.leaves * LEAF
-        materials: list[Material] = []
-        triangles, corners, vertices = [], [], []
-        first = first_vertex = 0  # of all bodies
-        for body, hierarchy in zip(bodies, hierarchies, strict=True):
-            triangles.append(_triangles(body, hierarchy, first))
-            corners.append(np.concatenate([body.triangles + first_vertex,
-                                           body.material[:, None] + len(materials)], axis=1).astype(np.int32))
-            vertices.append(_vertices(body))
-            materials += body.materials
-            first, first_vertex = first + len(body.triangles), first_vertex + len(body.positions)
-        records, texels = _materials(materials, caster.textures)
-        bounds = np.concatenate([_padded(h.bounds) for h in hierarchies]) if bodies else np.zeros((2, 2, 4), np.float32)
-        self._buffers = {
-            NODES: self._buffer(bounds), TRIANGLES: self._buffer(*triangles), CORNERS: self._buffer(*corners),
-            VERTICES: self._buffer(*vertices), MATERIALS: self._buffer(records), TEXELS: self._buffer(*texels),
-            BODIES: device.ctx.buffer(reserve=max(1, len(bodies)) * 7 * 16)}
+    bodies: list[int]
+    places: list[tuple[int, ...]]
+    buffers: dict[int, bytes]
+
+
+def pack_scene(caster: Caster) -> PackedScene:
+    """Pack the scene of a caster for which ``can_trace`` holds."""
+    numbers = [index for index, body in enumerate(caster.bodies) if len(body.triangles)]
+    places: list[tuple[int, ...]] = []
+    materials: list[Material] = []
+    bounds, triangles, corners, vertices = [], [], [], []
+    first_node = first_slot = first_triangle = first_vertex = 0  # of all bodies
+    for body in (caster.bodies[index] for index in numbers):
+        hierarchy = build_hierarchy(body.positions[body.triangles])
+        places.append((first_node, hierarchy.leaves, first_slot, 0))
+        bounds.append(_padded(hierarchy.bounds))
+        triangles.append(_triangles(body, hierarchy, first_triangle))
+        corners.append(np.concatenate([body.triangles + first_vertex,
+                                       body.material[:, None] + len(materials)], axis=1).astype(np.int32))
+        vertices.append(_vertices(body))
+        materials += body.materials
+        first_node += 2 * hierarchy.leaves
+        first_slot += hierarchy.leaves * LEAF
+        first_triangle += len(body.triangles)
+        first_vertex += len(body.positions)
+    records, texels = _materials(materials, caster.textures)
+    return PackedScene(numbers, places, {
+        NODES: _joined(bounds), TRIANGLES: _joined(triangles), CORNERS: _joined(corners), VERTICES: _joined(vertices),
+        MATERIALS: _joined([records]), TEXELS: _joined(texels)})
+
+
+def _joined(arrays: Sequence[NDArray[Any]]) -> bytes:
+    return b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)
+
+
+class GpuRays:
+    """The buffers of one caster's scene, with bodies where the caster has them."""
+
+    def __init__(self, device: Device, caster: Caster, scene: PackedScene) -> None:
+        self._caster, self._scene = caster, scene
+        self._buffers = {binding: device.ctx.buffer(data or bytes(16)) for binding, data in scene.buffers.items()}
+        self._buffers[BODIES] = device.ctx.buffer(reserve=max(1, len(scene.bodies)) * BODY_BYTES)
         self._revision = -1
 
     def bind(self, program: Any) -> None:
         """Let ``program`` trace rays, with bodies where the caster has them now."""
         if self._revision != self._caster.revision:
             self._revision = self._caster.revision
-            records = [self._body(index, place) for index, place in zip(self._bodies, self._places, strict=True)]
+            records = map(self._body, self._scene.bodies, self._scene.places)
             self._buffers[BODIES].write(b"".join(records))
         for binding, buffer in self._buffers.items():
             buffer.bind_to_storage_buffer(binding)
-        program.set(body_count=len(self._bodies))
+        program.set(body_count=len(self._scene.bodies))
 
     def _body(self, index: int, place: tuple[int, ...]) -> bytes:
         """A body's matrices from and to local space, by rows, and where its nodes and triangles are."""
@@ -87,10 +110,6 @@ class GpuRays:
             inverse, place = np.eye(4), (place[0], 0, *place[2:])
         rows = np.concatenate([inverse[:3], matrix[:3]]).astype(np.float32)
         return rows.tobytes() + np.array(place, np.int32).tobytes()
-
-    def _buffer(self, *arrays: NDArray[Any]) -> Any:
-        data = b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)
-        return self._device.ctx.buffer(data or bytes(16))
 
 
 def _padded(vectors: F32) -> F32:
@@ -160,8 +179,11 @@ def choose_rays(device: Device, caster: Caster, method: str) -> GpuRays | None:
     ----------
     method : str
         One of ``RAY_METHODS`` of app/settings.py: ``auto`` is the GPU if there is one. Shaders trace no rays that they
-        can't.
+        can't, and none through scenes that are too large for a buffer.
     """
     if method == "cpu" or (method == "auto" and device.software) or not can_trace(caster):
         return None
-    return GpuRays(device, caster)
+    scene = pack_scene(caster)
+    if max(map(len, scene.buffers.values())) > device.max_storage_bytes:
+        return None
+    return GpuRays(device, caster, scene)

@@ -77,6 +77,8 @@ class SkyRays:
         """The rays of ``surfels``, which are on the static body, and which of them end nowhere on it."""
         first = self._rays(*self._points(surfels, 0, RAYS))
         is_open = self._trace(first, [STATIC])
+        if not len(surfels):
+            return first, is_open
         light, visible = first.sum(self._count), first.sum(self._count, is_open)
         sees_little = visible.sum(axis=1) < OPEN * light.sum(axis=1)
         guide = _Guide(self._surfels.current(), first, is_open, self._caster.extent)

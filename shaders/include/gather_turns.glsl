@@ -1,4 +1,4 @@
-// Which texels of the grid of gathered light trace rays in a frame, as in app/passes/final_gather.py.
+// Which texels of the grid of gathered light trace rays in a frame, as in app/passes/gather_turns.py.
 uniform sampler2D surfaces;  // normal and depth, which is negative where history knows nothing
 uniform int turns;           // of how many frames a texel traces rays in one
 uniform int turn;

@@ -13,7 +13,8 @@ struct Body {
 };
 
 layout(std430, binding = 1) readonly buffer RayNodes { vec4 ray_nodes[]; };          // lowest and highest corner
-layout(std430, binding = 2) readonly buffer RayTriangles { vec4 ray_triangles[]; };  // corner and number; edge and flags; edge
+// Corner and number; edge and flags; edge. Integers, since small ones are no floats that every driver keeps.
+layout(std430, binding = 2) readonly buffer RayTriangles { ivec4 ray_triangles[]; };
 layout(std430, binding = 3) readonly buffer RayBodies { Body ray_bodies[]; };
 uniform int body_count;
 
@@ -41,22 +42,25 @@ float entry(int node, vec3 origin, vec3 inverse, float end)
 }
 
 // Update the hit where the ray meets a triangle nearer than its distance. Backs of one-sided triangles are not there for what
-// comes along ``seen_along``. With ``any``, the first triangle that is found will do.
+// comes along ``seen_along``.
 void intersect(int index, vec3 origin, vec3 along, vec3 seen_along, bool proxies_block, int body, inout Hit hit)
 {
-    vec4 corner = ray_triangles[3 * index], edge = ray_triangles[3 * index + 1];
-    vec3 other = ray_triangles[3 * index + 2].xyz, p = cross(along, other), from = origin - corner.xyz;
-    float determinant = dot(edge.xyz, p), inverse = 1.0 / (determinant == 0.0 ? MIN_COMPONENT : determinant);
-    vec3 q = cross(from, edge.xyz);
+    ivec4 first = ray_triangles[3 * index], second = ray_triangles[3 * index + 1];
+    vec3 edge = intBitsToFloat(second.xyz), other = intBitsToFloat(ray_triangles[3 * index + 2].xyz);
+    vec3 from = origin - intBitsToFloat(first.xyz), p = cross(along, other);
+    float determinant = dot(edge, p), inverse = 1.0 / (determinant == 0.0 ? MIN_COMPONENT : determinant);
+    vec3 q = cross(from, edge);
     float u = dot(from, p) * inverse, v = dot(along, q) * inverse, t = dot(other, q) * inverse;
-    int flags = floatBitsToInt(edge.w);
-    vec3 face = cross(edge.xyz, other);
+    int flags = second.w;
+    vec3 face = cross(edge, other);
     bool front = (dot(face, seen_along) < 0.0) != ((flags & IS_MIRRORED) != 0);
     bool counts = ((flags & IS_ONE_SIDED) == 0 || front) && ((flags & IS_PROXY) == 0 || proxies_block);
     if (counts && determinant != 0.0 && u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0 && t < hit.distance)
-        hit = Hit(t, body, floatBitsToInt(corner.w), flags, vec2(u, v), face);
+        hit = Hit(t, body, first.w, flags, vec2(u, v), face);
 }
 
+// Update the hit by one body. With ``any``, the first triangle that is found will do. What the ray is to find moves along it, or
+// against it where ``side`` is -1.
 void walk(int index, vec3 origin, vec3 along, float side, bool any, bool proxies_block, inout Hit hit)
 {
     Body body = ray_bodies[index];

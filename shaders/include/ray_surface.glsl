@@ -9,7 +9,7 @@ const int MATERIAL_ROWS = 15, ALBEDO_MAP = 3, SPECULAR_MAP = 6, METALLIC_ROUGHNE
 
 layout(std430, binding = 4) readonly buffer RayCorners { ivec4 ray_corners[]; };    // three vertices, material
 layout(std430, binding = 5) readonly buffer RayVertices { vec4 ray_vertices[]; };   // normal; two sets of uv; colour
-layout(std430, binding = 6) readonly buffer RayMaterials { vec4 ray_materials[]; };
+layout(std430, binding = 6) readonly buffer RayMaterials { ivec4 ray_materials[]; };  // bits of floats, and integers
 layout(std430, binding = 7) readonly buffer RayTexels { float ray_texels[]; };
 
 struct Surface {
@@ -33,9 +33,9 @@ int wrap(float at, bool repeats, int size)
 // The texel nearest to mesh coordinates, of the texture whose record begins in that row; 1 without one.
 vec3 textured(int row, vec4 uvs)
 {
-    ivec4 place = floatBitsToInt(ray_materials[row]);
+    ivec4 place = ray_materials[row];
     if (place.x < 0) return vec3(1.0);
-    vec4 first = ray_materials[row + 1], second = ray_materials[row + 2];
+    vec4 first = intBitsToFloat(ray_materials[row + 1]), second = intBitsToFloat(ray_materials[row + 2]);
     vec3 uv = vec3((place.w & SECOND_UVS) != 0 ? uvs.zw : uvs.xy, 1.0);
     vec2 at = vec2(dot(first.xyz, uv), dot(vec3(first.w, second.xy), uv));
     int x = wrap(at.x, (place.w & REPEATS_U) != 0, place.y), y = wrap(1.0 - at.y, (place.w & REPEATS_V) != 0, place.z);
@@ -50,8 +50,10 @@ Surface surface_at(Hit hit, vec3 origin, vec3 along)
     ivec4 corners = ray_corners[hit.triangle];
     vec3 weights = vec3(1.0 - hit.uv.x - hit.uv.y, hit.uv), step = by_rows(body.to_body, vec4(along, 0.0));
     int material = MATERIAL_ROWS * corners.w;
-    vec4 base = ray_materials[material], reflected = ray_materials[material + 1], emitted = ray_materials[material + 2];
-    int kind = floatBitsToInt(base.w);
+    ivec4 first = ray_materials[material];
+    vec4 reflected = intBitsToFloat(ray_materials[material + 1]), emitted = intBitsToFloat(ray_materials[material + 2]);
+    vec3 base = intBitsToFloat(first.xyz);
+    int kind = first.w;
     vec4 uvs = interpolate(1, corners.xyz, weights);
 
     vec3 size = abs(hit.face);  // whose square may be no number
@@ -60,7 +62,7 @@ Surface surface_at(Hit hit, vec3 origin, vec3 along)
     normal = length(normal) > 1e-6 ? normalize(normal) : face;
     normal = dot(normal, face) < 0.0 ? -normal : normal;
 
-    vec3 albedo = base.rgb * interpolate(2, corners.xyz, weights).rgb * textured(material + ALBEDO_MAP, uvs);
+    vec3 albedo = base * interpolate(2, corners.xyz, weights).rgb * textured(material + ALBEDO_MAP, uvs);
     if ((kind & HAS_SPECULAR) != 0) {
         vec3 maps = textured(material + METALLIC_ROUGHNESS_MAP, uvs), color = clamp(albedo, 0.0, 1.0);
         float metallic = emitted.w * maps.b, n_v = abs(dot(normal, step)) / length(step);

@@ -87,7 +87,7 @@ def check_timing(report: dict[str, Any]) -> None:
             assert set(entry[clock]) == CLOCK
             assert 0 <= entry[clock]["median"] <= entry[clock]["p95"] < 60e3
     assert all(set(report["frame"][clock]) == CLOCK for clock in ("cpu_ms", "gpu_ms"))
-    assert set(report["device"]) == {"gl_renderer", "gl_version", "provider", "exchange"}
+    assert set(report["device"]) == {"gl_renderer", "gl_version", "provider", "exchange", "rays"}
 
 
 def test_timing_file(tmp_path: Path) -> None:

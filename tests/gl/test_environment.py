@@ -10,6 +10,7 @@ import pytest
 
 from app.environment import radiance_along, sky_light
 from app.math3d import View
+from app.network.selection import find_model
 from app.renderer import Renderer
 from app.scene import Camera, Environment, Material, Scene
 from app.settings import Settings
@@ -178,6 +179,13 @@ def test_ember_lights_by_the_environment(small: Path, sun: bool) -> None:
     found = diffuse_light(draw(scene, SIZE, ("direct", "indirect", "albedo"), model=small))
     assert found[seen].mean() == pytest.approx(reference[seen].mean(), rel=0.05)
     assert relative_error(found, reference, seen) < (0.35 if sun else 0.15)
+
+
+def test_a_mesh_without_triangles_is_drawn_as_sky() -> None:
+    scene = under(DUSK)
+    empty = replace(scene, meshes=tuple(replace(mesh, triangles=mesh.triangles[:0]) for mesh in scene.meshes))
+    with Renderer(empty, Settings(SIZE, provider="cpu"), find_model("final-gather")) as renderer:
+        assert renderer.render(LEVEL)["final"].min() > 0.2
 
 
 def test_lamps_hide_the_sky(small: Path) -> None:

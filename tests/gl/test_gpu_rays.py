@@ -8,13 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.errors import SettingsError
 from app.gl.context import Device
+from app.gl.pool import Pool
 from app.gl.shader import Program, resolve
+from app.graph import BoundPass
 from app.network.selection import find_model
 from app.raycast.caster import Caster
-from app.raycast.gpu_rays import GpuRays, can_trace
+from app.raycast.gpu_rays import GpuRays, can_trace, choose_rays, pack_scene
 from app.renderer import Renderer
-from app.scene import Camera, Environment, Material, Motion, RectLight, Scene, Texture
+from app.scene import Camera, DirectionalLight, Environment, Material, Motion, RectLight, Scene, Texture
 from app.settings import Settings
 from tests.deforming import deforming_scene
 from tests.gl.scenes import F32, GREY, Images, box, cellar, make_scene, moved, quad, slide, sphere
@@ -26,6 +29,7 @@ SHADER = Path(__file__).with_name("traced_rays.comp")
 RAYS = 4000
 SIZE = (128, 96)
 SHINY = Material(albedo=(0.2, 0.4, 0.8), specular=(0.04,) * 3, roughness=0.3, metallic=0.4)
+LAMP_ABOVE = RectLight((-0.5, 2.9, -0.5), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (8.0,) * 3)
 LAMP = replace(GREY, emission=(3.0, 2.0, 1.0))
 
 
@@ -60,17 +64,19 @@ def gallery() -> Scene:
 
 def traced_by_shaders(device: Device, caster: Caster, origins: F32, directions: F32) -> F32:
     """Shape (N, 5, 4), as traced_rays.comp gives them."""
-    raw = device.ctx.compute_shader(resolve(SHADER, {}, []))
-    program = Program(raw, SHADER.name, frozenset({"body_count", "count"}))
-    rays = np.zeros((len(origins), 5, 4), np.float32)
-    rays[:, 0, :3], rays[:, 1, :3] = origins, directions
-    buffer = device.ctx.buffer(rays.tobytes())
-    GpuRays(device, caster).bind(program)
-    program.set(count=len(origins))
-    buffer.bind_to_storage_buffer(0)
-    raw.run(-(-len(origins) // 64))
-    device.ctx.memory_barrier()
-    return np.frombuffer(buffer.read(), np.float32).reshape(rays.shape)
+    with device.ctx:
+        raw = device.ctx.compute_shader(resolve(SHADER, {}, []))
+        program = Program(raw, SHADER.name, frozenset({"body_count", "count"}))
+        rays = np.zeros((len(origins), 5, 4), np.float32)
+        rays[:, 0, :3], rays[:, 1, :3] = origins, directions
+        buffer = device.ctx.buffer(rays.tobytes())
+        GpuRays(device, caster, pack_scene(caster)).bind(program)
+        program.set(count=len(origins))
+        buffer.bind_to_storage_buffer(0)
+        raw.run(-(-len(origins) // 64))
+        device.ctx.memory_barrier()
+        found = np.frombuffer(buffer.read(), np.float32)
+    return found.reshape(rays.shape)
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-4, 1e4])
@@ -137,7 +143,7 @@ def difference(a: Images, b: Images, name: str) -> tuple[float, float]:
 
 
 def test_gathered_light_is_that_of_the_cpu() -> None:
-    on_cpu, on_gpu = (settled(table_in_a_room(), CAMERA, rays, "indirect", 40, "final-gather")
+    on_cpu, on_gpu = (settled(table_in_a_room(), CAMERA, rays, "indirect", 16, "final-gather")
                       for rays in ("cpu", "gpu"))
     bias, error = difference(on_gpu, on_cpu, "indirect")
     print(f"GATHERED off by {bias:.4f} on the mean, {error:.4f} on the mean of absolutes")
@@ -161,12 +167,73 @@ def test_light_of_a_window_is_that_of_the_cpu() -> None:
 def test_reflections_are_those_of_the_cpu(environment: Environment | None) -> None:
     """Of what is behind the camera, on a polished floor, in a room with a hole."""
     polished = Material(albedo=(0.3,) * 3, specular=(0.5,) * 3, roughness=0.15)
-    lamp = RectLight((-0.5, 2.9, -0.5), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (8.0,) * 3)
+    red = replace(GREY, albedo=(0.9, 0.2, 0.1))
     scene = make_scene([quad((-2, 0, 2), (4, 0, 0), (0, 0, -4), polished), quad((-2, 0, -2), (4, 0, 0), (0, 3, 0)),
-                        box((-0.2, 0.3, 1.0), (0.6, 0.8, 0.2), replace(GREY, albedo=(0.9, 0.2, 0.1)))], [lamp], CAMERA)
+                        box((-0.2, 0.3, 1.0), (0.6, 0.8, 0.2), red)], [LAMP_ABOVE], CAMERA)
     scene = replace(scene, environment=environment)
     on_cpu, on_gpu = (settled(scene, CAMERA, rays, "reflection", 24, "ember") for rays in ("cpu", "gpu"))
     bias, error = difference(on_gpu, on_cpu, "reflection")
     print(f"REFLECTED off by {bias:.4f} on the mean, {error:.4f} on the mean of absolutes")
+    assert on_cpu["direct"].mean() > 0.01
+    assert on_cpu["reflection"].mean() > 0.002
     assert abs(bias) < 0.01
     assert error < 0.03
+
+
+def test_a_scene_that_is_too_large_for_a_buffer_is_left_to_the_cpu(device: Device,
+                                                                  monkeypatch: pytest.MonkeyPatch) -> None:
+    caster = Caster(gallery())
+    with device.ctx:
+        assert choose_rays(device, caster, "gpu") is not None
+        assert choose_rays(device, caster, "auto") is None or not device.software
+        monkeypatch.setattr(device, "max_storage_bytes", 2**10)
+        assert choose_rays(device, caster, "gpu") is None
+
+
+def test_the_device_says_what_traces_rays() -> None:
+    scene = table_in_a_room()
+    for rays, expected in (("cpu", "cpu"), ("gpu", "gpu")):
+        with Renderer(scene, Settings(SIZE, ("indirect",), provider="cpu", rays=rays), find_model("ember")) as renderer:
+            assert renderer.device["rays"] == expected
+    with pytest.raises(SettingsError, match="expected one of auto, cpu, gpu"):
+        Settings(rays="fast")
+
+
+def test_surfels_whose_light_is_no_number_leave_the_others_alone() -> None:
+    """All surfels count everywhere, and nothing times a number that is none would be none."""
+    def spoil(bound: BoundPass, pool: Pool) -> None:
+        if bound.name == "surfel_indirect":
+            light = pool.array("surfel_indirect").copy()
+            light[:, 5] = np.nan
+            pool.write_array("surfel_indirect", light)
+
+    with Renderer(table_in_a_room(), Settings(SIZE, ("indirect",), rays="gpu"), find_model("final-gather")) as renderer:
+        right = renderer.render(CAMERA)["indirect"]
+        renderer.cut()
+        renderer.after_pass.append(spoil)
+        renderer.place_surfels([CAMERA])
+        spoiled = renderer.render(CAMERA)["indirect"]
+    assert abs(spoiled.mean() / right.mean() - 1) < 0.05
+
+
+def test_a_light_that_gets_an_area_later_has_its_rays() -> None:
+    """The caster is made then, outside of a frame."""
+    sun = DirectionalLight((0.0, -1.0, 0.1), (1.0, 1.0, 1.0))
+    scene = make_scene([box((-2, 0, -2), (4, 3, 4))], [sun], CAMERA)
+    with Renderer(scene, Settings(SIZE, ("direct",), rays="gpu"), None) as renderer:
+        renderer.advance(CAMERA)
+        assert not renderer.relight((LAMP_ABOVE,))
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_without_history_light_is_that_of_the_cpu(orthographic: bool) -> None:
+    camera = replace(CAMERA, orthographic_height=2.5) if orthographic else CAMERA
+    images = []
+    for rays in ("cpu", "gpu"):
+        settings = Settings(SIZE, ("indirect",), taa=False, provider="cpu", rays=rays)
+        with Renderer(table_in_a_room(), settings, find_model("final-gather")) as renderer:
+            images.append(renderer.render(camera))
+    bias, error = difference(images[1], images[0], "indirect")
+    print(f"ALONE off by {bias:.4f} on the mean, {error:.4f} on the mean of absolutes")
+    assert abs(bias) < 0.02
+    assert error < 0.1
