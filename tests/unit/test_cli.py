@@ -42,7 +42,7 @@ class FakeRenderer:
         self.scene, self.settings, self.model = scene, settings, model
         self.missing = ("motion",) if "motion" in settings.outputs else ()
         self.calls: list[tuple[str, Camera, float]] = []
-        self.device = {"gl_renderer": "fake GL", "gl_version": "4.5", "provider": "FakeProvider"}
+        self.device = {"gl_renderer": "fake GL", "gl_version": "4.5", "provider": "FakeProvider", "rays": "cpu"}
         self.shadow_methods = {"RectLight by rays": 2, "SpotLight by shadow map": 1}
         names = ("gbuffer", "direct", *(["taa"] if settings.taa else []))
         self.plan = Plan(tuple(BoundPass(Pass(n), (), ()) for n in names), {"cube_gbuffer": "no network asks for it"},
@@ -172,14 +172,15 @@ def test_timing_file(invoke, tmp_path: Path) -> None:
     assert invoke("--size", "4x2", "--frames", "2", "--timing", "deep/timing.json").exit_code == 0
     report = json.loads((tmp_path / "deep" / "timing.json").read_text())
     assert report.keys() == {"frame", "passes", "culled", "device", "model", "size", "scene", "triangles", "frames"}
-    assert report["device"].keys() == {"gl_renderer", "gl_version", "provider"}
+    assert report["device"].keys() == {"gl_renderer", "gl_version", "provider", "rays"}
     assert report["culled"] == {"cube_gbuffer": "no network asks for it"}
     assert (report["size"], report["frames"], report["model"]) == ([4, 2], 2, None)
 
 
 def test_verbose_lists_what_runs(invoke) -> None:
     text = invoke("--size", "2x2", "-v").stderr
-    for said in ("fake GL", "FakeProvider", "gbuffer, direct, taa", "cube_gbuffer: no network asks for it"):
+    for said in ("fake GL", "FakeProvider", "rays: cpu", "gbuffer, direct, taa",
+                 "cube_gbuffer: no network asks for it"):
         assert said in text
 
 
