@@ -21,6 +21,7 @@ uniform sampler2D shadow_specular;    // r: mean luminance of the rectangles tha
 #endif
 uniform vec2 ratio;   // full-resolution texels per low-resolution texel
 uniform int spacing;  // texels
+uniform ivec2 shift;  // of the texels around, other ones in each frame: what one of them brings would show as a square
 
 #ifdef WRITE_SHADOW_RATIO
 layout(location = WRITE_SHADOW_RATIO) out vec4 out_shadow_ratio;  // a: 1 plus the share of specular light, 0 where no unshadowed light arrives
@@ -97,7 +98,7 @@ void main()
     vec4 specular = vec4(0.0);
 #endif
     for (int i = 0; i < 9; ++i) {
-        ivec2 at = low + spacing * (ivec2(i % 3, i / 3) - 1);
+        ivec2 at = i == 4 ? low : low + spacing * (ivec2(i % 3, i / 3) - 1) + shift;
         Texel t = texel_at(clamp(at, ivec2(0), last));
         float away = dot(here.surface.xyz, t.p - here.p);
         bool alike = t.surface.a > 0.0 && abs(away) <= PLANE_TOLERANCE * depth_scale(here.surface.a)

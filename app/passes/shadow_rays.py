@@ -81,8 +81,19 @@ def _filter(name: str, source: Collection[str], target: Mapping[str, Resource], 
     samplers = {name: name.removesuffix(AVERAGED) for name in source}
     return Pass(name, reads=(*source, "shadow_gbuffer"), writes=target,
                 make=make_fullscreen("shadow_filter.frag", lambda frame: {
-                    "ratio": ratio_to(size, frame), "spacing": spacing}, defines,
+                    "ratio": ratio_to(size, frame), "spacing": spacing, "shift": filter_shift(frame, spacing)}, defines,
                     samplers={**samplers, "shadow_gbuffer": "lowres_gbuffer"}))
+
+
+def filter_shift(frame: FrameState, spacing: int) -> tuple[int, int]:
+    """Texels by which a filter of that spacing is shifted, so that frames at rest fill the gaps between its texels.
+
+    Others would flicker: temporal anti-aliasing averages few of them.
+    """
+    if not frame.accumulates or frame.motion is not MotionKind.NONE:
+        return 0, 0
+    y, x = divmod(4 * (frame.index + 1) % spacing**2, spacing)  # each once in spacing² frames, if that is odd
+    return x - spacing // 2, y - spacing // 2
 
 
 def _make_rays(device: Device, bound: BoundPass, defines: Mapping[str, object], scene: RayScene, size: tuple[int, int],

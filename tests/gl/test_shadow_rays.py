@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from app.gl.frame_state import MotionKind
+from app.passes.shadow_rays import filter_shift
 from app.renderer import Renderer
 from app.scene import Camera, Environment, Light, Material, PointLight, RectLight, Scene, SpotLight
 from app.settings import Settings
@@ -285,3 +288,15 @@ def test_the_picture_says_what_is_traced() -> None:
     large, small = RectLight((0, 2.0, 0), (1.0, 0, 0), (0, 0, 1.0), WHITE), PointLight((0, 2.0, 0), WHITE, 0.01)
     with Renderer(make_scene([floor(1.0)], [large, small]), Settings(SIZE)) as renderer:
         assert renderer.shadow_methods == {"RectLight by rays": 1, "PointLight by shadow map": 1}
+
+
+@pytest.mark.parametrize("spacing", [1, 3])
+def test_filters_of_frames_at_rest_fill_the_gaps_between_their_texels(spacing: int) -> None:
+    def shifts(motion: MotionKind, accumulates: bool = True) -> list[tuple[int, int]]:
+        frames = [SimpleNamespace(motion=motion, accumulates=accumulates, index=n) for n in range(spacing**2)]
+        return [filter_shift(frame, spacing) for frame in frames]  # type: ignore[arg-type]
+
+    reach = range(-(spacing // 2), spacing // 2 + 1)
+    assert sorted(shifts(MotionKind.NONE)) == [(x, y) for x in reach for y in reach]
+    assert shifts(MotionKind.NONE)[0] == (0, 0)  # a first frame may be the only one
+    assert set(shifts(MotionKind.CAMERA)) == set(shifts(MotionKind.NONE, accumulates=False)) == {(0, 0)}
