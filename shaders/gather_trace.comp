@@ -5,7 +5,7 @@ layout(local_size_x = 8, local_size_y = 8) in;
 #include "numbers.glsl"
 #include "grid.glsl"
 #include "nearest_texel.glsl"
-#include "ray_surface.glsl"
+#include "store_ray_ends.glsl"
 #include "gather_turns.glsl"
 
 const uvec2 RECURRENCE = uvec2(3242174889u, 2447445414u);  // R2 of Roberts 2018, in 32-bit fixed point
@@ -18,12 +18,6 @@ uniform vec2 ratio;            // texels of the G-buffer per texel of the grid
 uniform vec3 local_eye;        // in local space: world axes, the scene's centre as origin
 uniform float ray_epsilon;     // by which rays start off their surface, scene units
 uniform float reach;           // from which on light between surfels does at a ray's end, scene units
-
-// In the lower half ends of first rays, in the upper half those of second ones.
-layout(rgba32f, binding = 0) writeonly uniform image2D end_position;  // local space
-layout(rgba32f, binding = 1) writeonly uniform image2D end_normal;    // 0: none
-layout(rgba32f, binding = 2) writeonly uniform image2D end_albedo;    // a: of first rays, their length over reach, at most 1
-layout(rgba32f, binding = 3) writeonly uniform image2D end_emission;
 
 // A direction whose density is proportional to its cosine with n, for u in [0, 1)².
 vec3 cosine_direction(vec3 n, vec2 u)
@@ -46,22 +40,14 @@ uvec2 hash(uvec2 v)
     return v ^ (v >> 16u);
 }
 
-void store(ivec2 texel, Surface s, bool met, float length_over_reach)
-{
-    imageStore(end_position, texel, vec4(s.position, 0.0));
-    imageStore(end_normal, texel, vec4(met ? s.normal : vec3(0.0), 0.0));
-    imageStore(end_albedo, texel, vec4(s.albedo, length_over_reach));
-    imageStore(end_emission, texel, vec4(s.emission, 0.0));
-}
-
+// Stores ends of first rays in the lower half of the images, with lengths over reach and at most 1, and those of second rays
+// in the upper half.
 void main()
 {
     ivec2 texel = ivec2(gl_GlobalInvocationID.xy), size = textureSize(surfaces, 0);
     if (texel.x >= size.x || texel.y >= size.y) return;
-    const Surface nothing = Surface(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0));
     vec4 surface = texelFetch(surfaces, texel, 0);
-    Surface first = nothing, second = nothing;
-    bool met = false, met_again = false;
+    Surface first = NO_SURFACE, second = NO_SURFACE;
     float near = 1.0;
     if (is_wanted(texel, surface) && has_turn(texel)) {
         vec3 p = surface_point(vec2(nearest_texel(texel, ratio)) + 0.5, abs(surface.a));
@@ -69,8 +55,7 @@ void main()
         uvec2 bits = texelFetch(starts, texel, 0).xy + phase + RECURRENCE * uint(sample_index);
         vec3 along = cosine_direction(surface.xyz, vec2(bits >> 8u) * TO_UNIT);
         Hit hit = nearest_hit(origin, along);
-        met = hit.body >= 0;
-        if (met) {
+        if (hit.body >= 0) {
             first = surface_at(hit, origin, along);
             near = min(hit.distance / reach, 1.0);
         }
@@ -78,10 +63,9 @@ void main()
             origin = first.position + ray_epsilon * first.normal;
             along = cosine_direction(first.normal, vec2(hash(bits) >> 8u) * TO_UNIT);
             hit = nearest_hit(origin, along);
-            met_again = hit.body >= 0;
-            if (met_again) second = surface_at(hit, origin, along);
+            if (hit.body >= 0) second = surface_at(hit, origin, along);
         }
     }
-    store(texel, first, met, near);
-    store(texel + ivec2(0, size.y), second, met_again, 1.0);
+    store_ray_end(texel, first, near);
+    store_ray_end(texel + ivec2(0, size.y), second, 1.0);
 }

@@ -3,7 +3,7 @@
 layout(local_size_x = 8, local_size_y = 8) in;
 
 #include "numbers.glsl"
-#include "ray_surface.glsl"
+#include "store_ray_ends.glsl"
 
 const float MAX_UNIT_ERROR = 0.1;  // of a direction's squared length
 
@@ -15,11 +15,6 @@ uniform float rotation;               // counter-clockwise about +y seen from ab
 #endif
 uniform vec3 local_eye;               // in local space: world axes, the scene's centre as origin
 uniform float sky_distance;           // length of rays that end nowhere, scene units
-
-layout(rgba32f, binding = 0) writeonly uniform image2D end_position;  // local space
-layout(rgba32f, binding = 1) writeonly uniform image2D end_normal;    // 0: none
-layout(rgba32f, binding = 2) writeonly uniform image2D end_albedo;    // a: length, 0 where no ray was traced
-layout(rgba32f, binding = 3) writeonly uniform image2D end_emission;
 
 vec3 sky(vec3 along)
 {
@@ -37,8 +32,8 @@ void main()
     if (texel.x >= size.x || texel.y >= size.y) return;
     vec4 ray = texelFetch(reflection_ray, texel, 0);
     vec3 origin = texelFetch(reflection_origin, texel, 0).xyz + local_eye;
-    Surface end = Surface(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0));
-    float distance = 0.0;
+    Surface end = NO_SURFACE;
+    float distance = 0.0;  // where no ray was traced
     if (ray.a < 0.0 && abs(dot(ray.xyz, ray.xyz) - 1.0) < MAX_UNIT_ERROR && is_finite(dot(origin, vec3(1.0)))) {
         Hit hit = nearest_hit(origin, ray.xyz);
         bool met = hit.body >= 0;
@@ -46,8 +41,5 @@ void main()
         if (met) end = surface_at(hit, origin, ray.xyz);
         else end.emission = sky(ray.xyz);
     }
-    imageStore(end_position, texel, vec4(end.position, 0.0));
-    imageStore(end_normal, texel, vec4(end.normal, 0.0));
-    imageStore(end_albedo, texel, vec4(end.albedo, distance));
-    imageStore(end_emission, texel, vec4(end.emission, 0.0));
+    store_ray_end(texel, end, distance);
 }

@@ -24,7 +24,7 @@ from app.scene import Material, Texture
 NODES, TRIANGLES, BODIES, CORNERS, VERTICES, MATERIALS, TEXELS = range(1, 8)
 IS_PROXY, IS_ONE_SIDED, IS_MIRRORED = 1, 2, 4  # of a triangle
 HAS_SPECULAR, IS_DOUBLE_SIDED, EMITS = 1, 2, 4  # of a material
-BODY_BYTES = 7 * 16  # as in ray_scene.glsl
+BODY_BYTES = 4 * 16  # as in ray_scene.glsl
 NO_TEXTURE = -1
 REPEATS_U, REPEATS_V, SECOND_UVS = 1, 2, 4
 
@@ -103,13 +103,11 @@ class GpuRays:
         program.set(body_count=len(self._scene.bodies))
 
     def _body(self, index: int, place: tuple[int, ...]) -> bytes:
-        """A body's matrices from and to local space, by rows, and where its nodes and triangles are."""
-        matrix = self._caster.matrices[index]
-        inverse = affine_inverse(matrix)
+        """A body's matrix from local space, by rows, and where its nodes and triangles are."""
+        inverse = affine_inverse(self._caster.matrices[index])
         if inverse is None:  # scaled to nothing
             inverse, place = np.eye(4), (place[0], 0, *place[2:])
-        rows = np.concatenate([inverse[:3], matrix[:3]]).astype(np.float32)
-        return rows.tobytes() + np.array(place, np.int32).tobytes()
+        return inverse[:3].astype(np.float32).tobytes() + np.array(place, np.int32).tobytes()
 
 
 def _padded(vectors: F32) -> F32:

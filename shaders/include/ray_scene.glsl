@@ -8,7 +8,6 @@ const float MIN_COMPONENT = 1e-20;  // of a direction, whose inverse must be fin
 
 struct Body {
     vec4 to_body[3];   // rows of the matrix from local space: world axes, the scene's centre as origin
-    vec4 to_local[3];
     ivec4 place;       // first node, number of leaves, first triangle
 };
 
