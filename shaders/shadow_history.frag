@@ -66,7 +66,7 @@ void main()
     // Chosen by what earlier frames have found, since a choice by the samples themselves would be biased.
     vec4 exact = texelFetch(shadow_exact_now, low, 0);
     vec3 seen = keep ? visible_before : visible_now.rgb, sent = keep ? unshadowed_before.rgb : exact.rgb;
-    bool is_dim = dot(seen, vec3(1.0)) < open_share * dot(sent, vec3(1.0));
+    bool is_dim = dot(seen, vec3(1.0)) <= open_share * dot(sent, vec3(1.0));
     if (is_dim && healthy_now && exact.a > 0.0 && is_finite(dot(exact, vec4(1.0)))) unshadowed_now = exact;
 #endif
     // Samples, fewer where few texels agree.

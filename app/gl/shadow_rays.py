@@ -15,6 +15,7 @@ from app.gl.sky_guide import DEFINES as GUIDE_DEFINES
 from app.gl.sky_guide import LUMINANCE, OPEN, SkyGuide
 
 PASSES_PROXIES, MEETS_ALL, TO_SKY = 1.0, 2.0, 3.0  # kinds of rays in shadow_rays.frag, the last one from there on
+ALWAYS_EXACT = 1e6  # a share of visible light that none reaches
 RAY_EPSILON = 1e-4  # of the scene's longest edge, by which rays start off their surface
 
 
@@ -146,13 +147,21 @@ def set_frame(program: Program, frame: FrameState, scene: RayScene) -> None:
     frame.lights.bind_emission_points(program)
 
 
-def take_exact(visible: F32, unshadowed: F32, exact: F32) -> None:
+def open_share(defines: Mapping[str, object]) -> float:
+    """Visible share of the unshadowed light from which on guided samples are used as they are; see ``take_exact``.
+
+    Light with and without occlusion is alike there if the sky is all that rays go to. Beside traced lights the sky has
+    few of the samples, as many as its visible share is worth, and only some of them say how much of it is hidden.
+    """
+    return ALWAYS_EXACT if "HAS_TRACED_LIGHT" in defines else OPEN
+
+
+def take_exact(visible: F32, unshadowed: F32, exact: F32, open_share: float) -> None:
     """Put into ``unshadowed`` what is known of it where little is visible: guided rays say little of what is not.
 
-    Not where most of it is visible, since light with and without occlusion is alike there. As ``trace`` gives them;
-    for many samples, since a choice that depends on few would be biased.
+    As ``trace`` gives them; for many samples, since a choice that depends on few would be biased.
     """
-    is_dim = visible[..., :3].sum(axis=-1) < OPEN * exact[..., :3].sum(axis=-1)
+    is_dim = visible[..., :3].sum(axis=-1) <= open_share * exact[..., :3].sum(axis=-1)
     np.copyto(unshadowed, exact, where=(is_dim & (exact[..., 3] > 0))[..., None])
 
 

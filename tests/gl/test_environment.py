@@ -12,7 +12,7 @@ from app.environment import radiance_along, sky_light
 from app.math3d import View
 from app.network.selection import find_model
 from app.renderer import Renderer
-from app.scene import Camera, Environment, Material, Scene
+from app.scene import Camera, Environment, Material, RectLight, Scene
 from app.settings import Settings
 from tests.gl.closed_forms import polygon_irradiance
 from tests.gl.scenes import F32, F64, box, cellar, draw, floor, make_scene, quad, slide, window_irradiance
@@ -75,6 +75,23 @@ def test_a_room_has_the_light_of_its_window(window: float, noise: float) -> None
                   f"noise {error.std() / exact.mean():.3f}")
             assert abs(error.mean()) < 0.05 * exact.mean()
             assert error.std() < noise * exact.mean()
+
+
+def test_a_room_has_the_light_of_its_window_and_its_lamp() -> None:
+    """Where rays go to a lamp and few to a sky that is mostly hidden, no texel takes all light for visible."""
+    size, camera = (128, 96), Camera((2.0, 3.9, 2.65), (2.0, 0.0, 2.649), fov_y_deg=27.0)
+    towards = rays(camera, size)
+    at = np.array(camera.eye) - towards * (camera.eye[1] / towards[..., 1:2])
+    lamp = RectLight((2.0, 3.95, 2.0), (1.2, 0.0, 0.0), (0.0, 0.0, 1.2), (200.0,) * 3)
+    corners = np.array([(1.4, 3.95, 1.4), (2.6, 3.95, 1.4), (2.6, 3.95, 2.6), (1.4, 3.95, 2.6)])
+    exact = window_irradiance(at, 0.3) + 200.0 * polygon_irradiance(at, np.array([0.0, 1.0, 0.0]), corners)
+    with Renderer(replace(cellar(0.3), lights=(lamp,)), Settings(size, ("direct", "albedo"), taa=True)) as renderer:
+        for _ in range(16):
+            images = renderer.render(camera)
+    error = images["direct"][..., 0] / images["albedo"][..., 0] * np.pi - exact
+    print(f"LAMP {error.mean() / exact.mean():.3f} off on the mean, noise {error.std() / exact.mean():.3f}")
+    assert abs(error.mean()) < 0.01 * exact.mean()
+    assert error.std() < 0.01 * exact.mean()
 
 
 def test_the_light_of_a_shaft_stays_as_it_was() -> None:
