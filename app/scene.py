@@ -23,6 +23,7 @@ MIN_ATTENUATION_DISTANCE = 1e-12  # in lengths of the scene
 MIN_SCALE = 1e-300                # of a matrix; what is less counts as 0
 MIN_RELATIVE_SCALE = 1e-9         # of an axis, to the longest one
 MIN_REST_SHARE = 0.01             # of the longest edge at all times that the one at time 0 counts as
+FLAT_COSINE = 0.99                # between the normals of a surface that light does not leave and meet again
 
 
 @dataclass(frozen=True, eq=False)
@@ -455,6 +456,11 @@ class EmissionPoints:
     intensity: F32
     area: F32
     two_sided: Bools
+
+    @property
+    def hides_itself(self) -> bool:
+        """Whether light that leaves the points meets the surfaces around them, as in a bowl that emits within too."""
+        return bool(self.two_sided.any() and (np.abs(self.normal @ self.normal[0]) < FLAT_COSINE).any())
 
 
 @dataclass(frozen=True, eq=False)

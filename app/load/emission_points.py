@@ -1,5 +1,7 @@
 """Points of the emissive surfaces that an approximate light stands for, to which its shadow rays go."""
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 
 from app.arrays import F64, Ints
@@ -11,8 +13,11 @@ R2 = np.array([0.7548776662466927, 0.5698402909980532])  # Roberts 2018, "The Un
                                                          # Sequences"
 
 
-def place_points(triangles: EmissiveTriangles, light: Light) -> EmissionPoints:
-    """Points of ``triangles``, one for each part of equal power, so that neighbours in the order lie close together."""
+def place_points(triangles: EmissiveTriangles, lights: Sequence[Light]) -> Iterator[tuple[Light, EmissionPoints]]:
+    """Points of ``triangles`` for each of the lights that stand for them together: by its share of their power.
+
+    One for each part of equal power, so that neighbours in the order lie close together.
+    """
     weight = triangles.power.sum(axis=1)
     row = _choose(triangles, weight)
     u, v = np.hsplit((0.5 + R2 * np.arange(POINTS)[:, None]) % 1.0, 2)
@@ -21,12 +26,23 @@ def place_points(triangles: EmissiveTriangles, light: Light) -> EmissionPoints:
     position = (1 - root) * a + root * (1 - v) * b + root * v * c
     normals = triangles.normals[row]
     area = np.linalg.norm(normals, axis=1)
+    directions = normals / area[:, None]
     share = weight.sum() / (POINTS * weight[row])  # how often a point stands for its triangle
-    assert isinstance(light, RectLight | PointLight)
-    center = light.center if isinstance(light, RectLight) else light.position
-    return EmissionPoints((position - center).astype(np.float32), (normals / area[:, None]).astype(np.float32),
-                          ((share * area)[:, None] * triangles.radiance[row]).astype(np.float32),
-                          (share * area).astype(np.float32), triangles.two_sided[row])
+    area *= share
+    powers = np.array([_power(light) for light in lights])
+    for light, of_all in zip(lights, powers / powers.sum(), strict=True):
+        assert isinstance(light, RectLight | PointLight)
+        center = light.center if isinstance(light, RectLight) else light.position
+        intensity = of_all * area[:, None] * triangles.radiance[row]
+        yield light, EmissionPoints((position - center).astype(np.float32), directions.astype(np.float32),
+                                    intensity.astype(np.float32), area.astype(np.float32), triangles.two_sided[row])
+
+
+def _power(light: Light) -> float:
+    """What a light sends, in any unit that lights of one kind share."""
+    if isinstance(light, RectLight):
+        return float(np.linalg.norm(np.cross(light.edge_u, light.edge_v)) * np.sum(light.radiance))
+    return 1.0
 
 
 def _choose(triangles: EmissiveTriangles, weight: F64) -> Ints:

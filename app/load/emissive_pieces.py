@@ -8,6 +8,7 @@ from app.arrays import F64, Bools, Ints
 from app.scene import Mesh
 
 WELD_DISTANCE = 1e-6  # of the mesh's size
+MAX_OPEN = 0.02       # length of open edges of a closed piece, relative to its size: of a ball without its poles
 CELL_OFFSET = 0.37    # keeps regular coordinates away from the borders of cells
 
 
@@ -20,7 +21,7 @@ class Pieces:
     label : ndarray of int, shape (T,)
         The piece of each triangle, counted from 0.
     is_closed : ndarray, bool, shape (pieces,)
-        Whether exactly two triangles meet at each edge, so that light emitted within does not leave.
+        Whether two triangles meet at each edge, but for tiny holes, so that light emitted within does not leave.
     is_inside_out : ndarray, bool, shape (pieces,)
         Of closed pieces, whether the triangles' fronts are within.
     """
@@ -39,12 +40,21 @@ def find_pieces(mesh: Mesh) -> Pieces:
     keys = edges[..., 0] * (int(corners.max()) + 1) + edges[..., 1]
     solid = np.flatnonzero((edges[..., 0] != edges[..., 1]).all(axis=1))  # the others have collapsed to a line
     _, edge, meeting = np.unique(keys[solid], return_inverse=True, return_counts=True)
-    is_open = np.zeros(len(label), np.bool_)
-    is_open[solid] = (meeting[edge.reshape(-1, 3)] != 2).any(axis=1)
-    a, b, c = np.moveaxis(mesh.positions[mesh.triangles].astype(np.float64), 1, 0)
+    at = mesh.positions[mesh.triangles].astype(np.float64)
+    lengths = np.linalg.norm(at - np.roll(at, -1, axis=1), axis=2)[solid]
+    gaps = np.bincount(label[solid], (lengths * (meeting[edge.reshape(-1, 3)] != 2)).sum(axis=1), count)
+    is_closed = gaps <= MAX_OPEN * _sizes(at, label, count)
+    a, b, c = np.moveaxis(at, 1, 0)
     volume = np.bincount(label, (a * np.cross(b, c)).sum(axis=1), count)
-    is_closed = np.bincount(label, is_open, count) == 0
     return Pieces(label, is_closed, is_closed & (volume < 0))
+
+
+def _sizes(corners: F64, label: Ints, count: int) -> F64:
+    """The longest edge of the bounding box of each piece, shape (count,), for corners of shape (T, 3, 3)."""
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, label, corners.min(axis=1))
+    np.maximum.at(high, label, corners.max(axis=1))
+    return np.asarray((high - low).max(axis=1))
 
 
 def _weld(positions: F64) -> Ints:

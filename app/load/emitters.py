@@ -67,7 +67,8 @@ def find_emitters(builder: SceneBuilder) -> None:
             exact_pieces.append(patches.piece[cluster.patches[0]])
             continue
         part = small.select(np.flatnonzero(np.isin(patch, cluster.patches)))
-        approximate |= {_translate(light, emitters.origin): place_points(part, light) for light in cluster.lights}
+        approximate |= {_translate(light, emitters.origin): points
+                        for light, points in place_points(part, cluster.lights)}
     builder.lights += lights
     builder.approximate_lights |= approximate
     if approximate:

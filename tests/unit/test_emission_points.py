@@ -7,7 +7,7 @@ import pytest
 
 from app.load.emission_patches import EmissiveTriangles
 from app.load.emission_points import POINTS, place_points
-from app.scene import PointLight
+from app.scene import EmissionPoints, PointLight, RectLight
 
 CENTER = np.array([1.0, 2.0, 3.0])
 
@@ -21,8 +21,13 @@ def triangles() -> EmissiveTriangles:
                              np.repeat([False, True, False], 2), np.repeat([0, 1, 2], 2))
 
 
+def points_of(emitters: EmissiveTriangles) -> EmissionPoints:
+    ((_, points),) = place_points(emitters, [PointLight((1.0, 2.0, 3.0), (1.0, 1.0, 1.0), 0.5)])
+    return points
+
+
 def test_points_lie_on_the_surfaces_in_proportion_to_their_power() -> None:
-    points = place_points(triangles(), PointLight((1.0, 2.0, 3.0), (1.0, 1.0, 1.0), 0.5))
+    points = points_of(triangles())
     at = points.offset + CENTER
     up, side = np.abs(at[:, 1]) < 1e-5, np.abs(at[:, 0] - 5) < 1e-5
     np.testing.assert_array_equal(up, ~side)
@@ -36,10 +41,21 @@ def test_points_lie_on_the_surfaces_in_proportion_to_their_power() -> None:
 
 def test_points_have_the_power_and_area_of_the_surfaces() -> None:
     emitters = triangles()
-    points = place_points(emitters, PointLight((1.0, 2.0, 3.0), (1.0, 1.0, 1.0), 0.5))
+    points = points_of(emitters)
     power = (np.pi * (1 + points.two_sided)[:, None] * points.intensity).sum(axis=0)
     np.testing.assert_allclose(power, emitters.power.sum(axis=0), rtol=0.02)
     assert abs(points.area.sum() - 2.01) < 0.04
+
+
+def test_lights_that_stand_for_the_same_surfaces_share_their_power() -> None:
+    """Crossed rectangles, which stand for a tube: rays to both would count its light twice."""
+    crossed = [RectLight((1.0, 2.0, 3.0), (0.0, 2.0, 0.0), edge, (radiance,) * 3, two_sided=True)
+               for edge, radiance in (((0.1, 0.0, 0.0), 3.0), ((0.0, 0.0, 0.2), 0.5))]
+    placed = dict(place_points(triangles(), crossed))
+    alone = points_of(triangles())
+    for light, share in zip(crossed, (0.75, 0.25), strict=True):
+        np.testing.assert_allclose(placed[light].intensity, share * alone.intensity, rtol=1e-6)
+        np.testing.assert_array_equal(placed[light].offset, alone.offset)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -54,7 +70,7 @@ def test_points_are_spread_over_crowded_triangles_in_proportion_to_their_area(se
     corners = np.concatenate([np.stack([near[:-1], near[1:], far[1:]], 1), np.stack([near[:-1], far[1:], far[:-1]], 1)])
     emitters = EmissiveTriangles(corners, np.ones((len(corners), 3)), np.zeros(len(corners), bool),
                                  np.zeros(len(corners), int))
-    at = place_points(emitters, PointLight((1.0, 2.0, 3.0), (1.0, 1.0, 1.0), 0.5)).offset.astype(np.float64) + CENTER
+    at = points_of(emitters).offset.astype(np.float64) + CENTER
 
     def off(triangle: np.ndarray) -> np.ndarray:
         """Distance of each point from a triangle's plane, infinite where it projects beyond its edges."""

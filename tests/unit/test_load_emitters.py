@@ -119,9 +119,10 @@ def test_a_two_sided_closed_piece_emits_to_the_outside_only(tmp_path):
     np.testing.assert_allclose(powers[0], np.pi, rtol=0.03)
 
 
-def test_a_seam_closes_but_for_rounding():
-    """The columns of a sphere's first and last meridian, and its poles, where triangles collapse."""
-    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 9), np.linspace(0, np.pi, 5))
+@pytest.mark.parametrize("pole", [0.0, 1e-3])
+def test_a_seam_closes_but_for_rounding(pole):
+    """The columns of a sphere's first and last meridian, and its poles: collapsed triangles, or tiny holes."""
+    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 9), np.linspace(pole, np.pi - pole, 5))
     positions = 1e-2 * np.stack([np.cos(u) * np.sin(v), np.cos(v), np.sin(u) * np.sin(v)], axis=-1).reshape(-1, 3)
     first = (9 * np.arange(4)[:, None] + np.arange(8)).ravel()
     faces = np.concatenate([np.stack([first, first + 1, first + 10], 1), np.stack([first, first + 10, first + 9], 1)])
