@@ -1,15 +1,18 @@
 // Averages reflected light over 3x3 texels, a distance apart, of one surface, as far as the lobe spreads on the way to what it
-// reflects and the frames gathered leave noise; mirrors only fill texels without a sample. Two passes, at distances 3 and 1;
-// the last also spreads light to texels that show something else, for glossy surfaces thinner than a texel and at edges.
+// reflects and the frames gathered leave noise; mirrors only fill texels without a sample. Seen at a slant, a lobe is narrow across
+// the plane of incidence: a half vector that tilts by x turns the reflection by 2x in that plane, and by 2x cos(angle of incidence)
+// across it. Two passes, at distances 3 and 1; the last also spreads light to texels that show something else, for glossy surfaces
+// thinner than a texel and at edges.
 #include "numbers.glsl"
 #include "grid.glsl"
 #include "nearest_texel.glsl"
 #include "reflection.glsl"
 
-const float SPREAD = 1.0;            // slope of the lobe's edge, in alphas
-const float MAX_RADIUS = 4.0;        // texels, standard deviation
+const float SPREAD = 2.0;            // of the lobe in the plane of incidence, in alphas
+const float MAX_RADIUS = 6.0;        // texels, standard deviation
+const float MIN_COSINE = 0.1;        // of the angle of incidence
 const float HOLE_RADIUS = 1.5;       // of texels without a sample
-const float NOISY_FRAMES = 8.0;      // after which the radius halves
+const float NOISY_FRAMES = 16.0;     // after which the radius halves
 const float MAX_FRAMES = 8.0;        // that a texel counts for
 
 uniform sampler2D light_low;                // radiance; a: frames
@@ -27,6 +30,13 @@ layout(location = 0) out vec4 out_light;  // radiance; a: frames, or the surface
 float roughness_at(ivec2 low)
 {
     return clamp(texelFetch(specular_roughness, nearest_texel(low, ratio), 0).a, 0.0, 1.0);
+}
+
+// Texels that a texel's light may be averaged over.
+float lobe_radius(ivec2 low, float depth)
+{
+    float texels = SPREAD * lobe_texels(texelFetch(reflection_distance, low, 0).r, roughness_at(low), depth, ratio);
+    return is_finite(texels) ? clamp(texels, 0.0, MAX_RADIUS) : 0.0;
 }
 
 // Whether the texel has something to average.
@@ -51,16 +61,18 @@ void main()
 #else
     vec4 surface = texelFetch(reflection_gbuffer, low, 0), here = texelFetch(light_low, low, 0);
     vec3 p = surface_point(vec2(nearest_texel(low, ratio)) + 0.5, surface.a);
-    float roughness = roughness_at(low), distance = texelFetch(reflection_distance, low, 0).r;
+    float roughness = roughness_at(low);
     float frames = here.a >= 1.0 && is_finite(here.a) ? here.a : 0.0;
-    // Texels that the lobe spreads over: its width at the end of the ray, seen from as far as its image is.
-    float texels = distance / (1.0 + distance) * roughness * roughness * SPREAD * image.y / (2.0 * lens.y * ratio.y);
+    float shrink = 1.0 + frames / NOISY_FRAMES, radius = lobe_radius(low, surface.a) / shrink;
+    // On the screen, the plane of incidence lies along the normal.
+    vec3 n = mat3(view_from_relative) * surface.xyz, at_view = mat3(view_from_relative) * p;
 #ifdef ORTHOGRAPHIC
-    texels *= surface.a;
+    vec2 axis = n.xy;
+#else
+    vec2 axis = n.xy - at_view.xy * (n.z / at_view.z);
 #endif
-    float radius = min(is_finite(texels) ? max(texels, 0.0) / (1.0 + frames / NOISY_FRAMES) : 0.0, MAX_RADIUS);
-    radius = frames > 0.0 ? radius : max(radius, HOLE_RADIUS);
-    float falloff = 0.5 / max(radius * radius, 1e-3);
+    axis = dot(axis, axis) > 1e-8 ? normalize(axis) : vec2(1.0, 0.0);
+    float cosine = max(abs(dot(surface.xyz, normalize(along_view(p)))), MIN_COSINE);
     vec4 sum = vec4(0.0), others = vec4(0.0);
     float depths = 0.0;
     for (int i = 0; i < 9; ++i) {
@@ -68,7 +80,11 @@ void main()
         vec4 there = texelFetch(reflection_gbuffer, at, 0), light = texelFetch(light_low, at, 0);
         float away = dot(surface.xyz, surface_point(vec2(nearest_texel(at, ratio)) + 0.5, there.a) - p);
         float rougher = (roughness_at(at) - roughness) / ROUGHNESS_SIGMA;
-        float weight = exp(-falloff * float(offset.x * offset.x + offset.y * offset.y) - rougher * rougher);
+        // The smaller of both lobes, so that what is near stays sharp beside what is far.
+        vec2 radii = min(radius, lobe_radius(at, there.a) / shrink) * vec2(1.0, cosine);
+        radii = max(radii, frames > 0.0 ? 0.0 : HOLE_RADIUS);
+        vec2 away_in = vec2(dot(vec2(offset), axis), dot(vec2(offset), vec2(-axis.y, axis.x)));
+        float weight = exp(-dot(0.5 / max(radii * radii, 1e-3), away_in * away_in) - rougher * rougher);
         bool known = is_surface(there.a) && is_finite(dot(light, vec4(1.0))) && light.a > 0.0;
         bool counts = known && is_finite(weight) && abs(away) <= PLANE_TOLERANCE * depth_scale(surface.a)
             && dot(surface.xyz, there.xyz) >= SAME_NORMAL;

@@ -17,3 +17,14 @@ bool is_metallic(vec3 albedo, vec3 f0)
 {
     return max(max(f0.r, f0.g), f0.b) > max(max(albedo.r, albedo.g), albedo.b);
 }
+
+// Texels of a grid of that ratio that a lobe of slope alpha spreads over: its width at the end of a ray, seen from as far as its
+// image is. reach: the ray's length over the depth where it starts.
+float lobe_texels(float reach, float roughness, float depth, vec2 ratio)
+{
+    float texels = reach / (1.0 + reach) * roughness * roughness * image.y / (2.0 * lens.y * ratio.y);
+#ifdef ORTHOGRAPHIC
+    texels *= depth;
+#endif
+    return texels;
+}
