@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import trimesh
 
+from app.load import load_scene
 from app.scene import Camera, DirectionalLight, Light, PointLight, RectLight, SpotLight
 from tests.gl import closed_forms as exact
 from tests.gl.closed_forms import F64
 from tests.gl.scenes import draw, floor, make_scene
+from tests.unit.load_helpers import Gltf
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
@@ -117,3 +122,26 @@ def test_sphere_above_and_across_the_horizon(height: float, radius: float) -> No
 def corners(center: tuple[float, float, float], u: tuple[float, float, float], v: tuple[float, float, float]) -> F64:
     c, a, b = (np.asarray(x, np.float64) / n for x, n in ((center, 1), (u, 2), (v, 2)))
     return np.stack([c - a - b, c + a - b, c + a + b, c - a + b])
+
+
+@pytest.mark.parametrize("double_sided", [False, True])
+def test_what_a_bulb_sends_into_itself_lights_nothing_else(double_sided: bool, tmp_path: Path) -> None:
+    """A small bulb with an open base lights the floor below like a closed one."""
+    ball = trimesh.creation.icosphere(3, radius=0.03)
+    found = []
+    for faces in (ball.faces, ball.faces[ball.face_normals[:, 1] < 0.9]):
+        gltf = Gltf()
+        gltf.material(emissiveFactor=[1.0, 1.0, 1.0], doubleSided=double_sided)
+        gltf.primitive["attributes"]["POSITION"] = gltf.array(np.add(ball.vertices, (0, 2, 0)).astype(np.float32))
+        gltf.primitive["indices"] = gltf.array(faces.astype(np.uint16).ravel())
+        floor = np.array([(-3, 0, -3), (-3, 0, 3), (3, 0, 3), (3, 0, -3)], np.float32)
+        gltf.json["materials"].append({"pbrMetallicRoughness": {"metallicFactor": 0.0}})
+        gltf.json["meshes"].append({"primitives": [{
+            "attributes": {"POSITION": gltf.array(floor)}, "material": 1,
+            "indices": gltf.array(np.array([0, 1, 2, 0, 2, 3], np.uint16))}]})
+        gltf.json["nodes"].append({"mesh": 1, "name": "floor"})
+        gltf.json["scenes"] = [{"nodes": [0, 1]}]
+        scene = load_scene(gltf.save(tmp_path), studio=False)
+        camera = Camera((0.0, 3.0, 4.0), (0.0, 0.0, 0.0), fov_y_deg=40.0)
+        found.append(draw(scene, (64, 48), ("direct",), camera)["direct"])
+    assert abs(found[1].mean() / found[0].mean() - 1) < 0.05

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from app.network.selection import SSGI, Model
+from app.network.selection import SSGI, Model, find_model
 from app.passes import reflection
 from app.renderer import Renderer
 from app.scene import Camera, Environment, Material, PointLight, Scene, Texture
@@ -234,3 +234,21 @@ def test_orthographic_views_have_reflections(small_ember: Path) -> None:
     image = draw(room(), small_ember, (parallel,) * 2)[-1]["reflection"][24:48]
     assert (image[:, 4:44, 0] > 5 * image[:, 4:44, 2]).mean() > 0.95
     assert (image[:, 52:92, 2] > 5 * image[:, 52:92, 0]).mean() > 0.95
+
+
+def test_a_floor_at_a_slant_is_not_blurred_sideways() -> None:
+    """There a lobe is narrow: after a few frames, an edge that runs towards the eye is as wide as later."""
+    polished, black = replace(ROUGH_METAL, roughness=0.3), Material("black", albedo=(0.0, 0.0, 0.0))
+    camera = Camera((0.0, 0.7, 0.0), (0.0, 0.2, -4.0), fov_y_deg=50.0)
+    parts = [quad((-4, 0, 0), (8, 0, 0), (0, 0, -8), polished), quad((-4, 0, -8), (4, 0, 0), (0, 4, 0), WHITE),
+             quad((0, 0, -8), (4, 0, 0), (0, 4, 0), black)]
+    scene = make_scene(parts, [PointLight((-2.0, 2.0, -6.0), (9.0, 9.0, 9.0), radius=0.05)], camera)
+    settings = Settings(size=(384, 288), outputs=("reflection",), taa=True, provider="cpu")
+    widths = []
+    with Renderer(scene, settings, find_model("ember")) as renderer:
+        for _ in range(64):
+            row = renderer.render(camera)["reflection"][144:156, :, 0].mean(axis=0)
+            lit = np.clip((row - row[-60:].mean()) / (row[60:120].mean() - row[-60:].mean()), 0, 1)
+            widths.append(float(np.minimum(lit, 1 - lit)[120:300].sum()))
+    print(f"EDGE {widths[7]:.2f}, {widths[15]:.2f} and {widths[-1]:.2f} pixels")
+    assert abs(widths[15] / widths[-1] - 1) < 0.01
