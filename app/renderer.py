@@ -396,9 +396,9 @@ class Renderer:
     def _needs_rays(self, scene: Scene) -> tuple[bool, ...]:
         """Which lights' shadows are traced, by what they light at all key times."""
         # A shadow map does not hold what hides the surfaces that its light stands for from each other.
-        hollow = [light for light, points in scene.approximate_lights.items() if points.hides_itself]
+        hidden = {light for light, points in scene.approximate_lights.items() if points.hides_itself}
         traced = needs_rays(scene.lights, self._get_caster, scene.key_times)
-        return tuple(is_traced or light in hollow for light, is_traced in zip(scene.lights, traced, strict=True))
+        return tuple(is_traced or light in hidden for light, is_traced in zip(scene.lights, traced, strict=True))
 
     def _jitter(self) -> tuple[float, float]:
         """Halton offsets in clip units, centred on the pixel."""

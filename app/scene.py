@@ -23,7 +23,6 @@ MIN_ATTENUATION_DISTANCE = 1e-12  # in lengths of the scene
 MIN_SCALE = 1e-300                # of a matrix; what is less counts as 0
 MIN_RELATIVE_SCALE = 1e-9         # of an axis, to the longest one
 MIN_REST_SHARE = 0.01             # of the longest edge at all times that the one at time 0 counts as
-FLAT_COSINE = 0.99                # between the normals of a surface that light does not leave and meet again
 
 
 @dataclass(frozen=True, eq=False)
@@ -449,6 +448,8 @@ class EmissionPoints:
         That a point stands for.
     two_sided : ndarray, bool, shape (N,)
         Whether a point also emits against its normal.
+    hides_itself : bool
+        Whether light that leaves the points meets the surfaces around them, as in a shade that emits within too.
     """
 
     offset: F32
@@ -456,11 +457,7 @@ class EmissionPoints:
     intensity: F32
     area: F32
     two_sided: Bools
-
-    @property
-    def hides_itself(self) -> bool:
-        """Whether light that leaves the points meets the surfaces around them, as in a bowl that emits within too."""
-        return bool(self.two_sided.any() and (np.abs(self.normal @ self.normal[0]) < FLAT_COSINE).any())
+    hides_itself: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,8 @@ const float MIN_SHARE = 0.05;        // of the texels around that must show the 
 const float MIN_NEIGHBOURS = 4.0;    // with samples, that bound the history
 const float MAX_BRIGHTENING = 4.0;   // history counts as at most this many times what is around now, or a flash would linger
 const float MAX_RARE = 40.0;         // the same where few rays of a wide lobe meet a window or a lamp, and at rest
-const float SHARP = 0.1, BLURRED = 0.25;  // roughness up to which the history of what moves is bounded, and from which it isn't,
-const float NARROW = 1.5, WIDE = 3.0;     // and spread of the lobe in texels: few rays of a wide one meet a window
+const float SHARP = 0.1, BLURRED = 0.25;  // roughness up to which the history of what moves is bounded, and from which it isn't;
+const float NARROW = 1.5, WIDE = 3.0;     // the same for the spread of the lobe in texels, of which few rays meet a window
 const float SIGMAS = 2.0;            // of their mean, within which history counts
 
 uniform sampler2D reflection_now;  // radiance; a: length of the ray / depth where it starts, none of the texel's surface if <= 0

@@ -147,7 +147,7 @@ def set_frame(program: Program, frame: FrameState, scene: RayScene) -> None:
     frame.lights.bind_emission_points(program)
 
 
-def open_share(defines: Mapping[str, object]) -> float:
+def exact_below(defines: Mapping[str, object]) -> float:
     """Visible share of the unshadowed light from which on guided samples are used as they are; see ``take_exact``.
 
     Light with and without occlusion is alike there if the sky is all that rays go to. Beside traced lights the sky has

@@ -9,11 +9,13 @@ from app.load.emission_patches import EmissiveTriangles
 from app.scene import EmissionPoints, Light, PointLight, RectLight
 
 POINTS = 256  # of a light
+MIN_POWER = 1e-300
 R2 = np.array([0.7548776662466927, 0.5698402909980532])  # Roberts 2018, "The Unreasonable Effectiveness of Quasirandom
                                                          # Sequences"
 
 
-def place_points(triangles: EmissiveTriangles, lights: Sequence[Light]) -> Iterator[tuple[Light, EmissionPoints]]:
+def place_points(triangles: EmissiveTriangles, lights: Sequence[Light],
+                 hides_itself: bool = False) -> Iterator[tuple[Light, EmissionPoints]]:
     """Points of ``triangles`` for each of the lights that stand for them together: by its share of their power.
 
     One for each part of equal power, so that neighbours in the order lie close together.
@@ -29,17 +31,18 @@ def place_points(triangles: EmissiveTriangles, lights: Sequence[Light]) -> Itera
     directions = normals / area[:, None]
     share = weight.sum() / (POINTS * weight[row])  # how often a point stands for its triangle
     area *= share
-    powers = np.array([_power(light) for light in lights])
+    powers = np.maximum([_power(light) for light in lights], MIN_POWER)
     for light, of_all in zip(lights, powers / powers.sum(), strict=True):
         assert isinstance(light, RectLight | PointLight)
         center = light.center if isinstance(light, RectLight) else light.position
         intensity = of_all * area[:, None] * triangles.radiance[row]
         yield light, EmissionPoints((position - center).astype(np.float32), directions.astype(np.float32),
-                                    intensity.astype(np.float32), area.astype(np.float32), triangles.two_sided[row])
+                                    intensity.astype(np.float32), area.astype(np.float32), triangles.two_sided[row],
+                                    hides_itself)
 
 
 def _power(light: Light) -> float:
-    """What a light sends, in any unit that lights of one kind share."""
+    """What a light sends, in a unit that rectangles share; a sphere stands for its pieces alone."""
     if isinstance(light, RectLight):
         return float(np.linalg.norm(np.cross(light.edge_u, light.edge_v)) * np.sum(light.radiance))
     return 1.0

@@ -8,7 +8,7 @@ from app.arrays import F64, Bools, Ints
 from app.scene import Mesh
 
 WELD_DISTANCE = 1e-6  # of the mesh's size
-MAX_OPEN = 0.02       # length of open edges of a closed piece, relative to its size: of a ball without its poles
+MAX_OPEN = 0.02       # borders of tiny holes in all, of the longest edge of the piece's box; more leave it open
 CELL_OFFSET = 0.37    # keeps regular coordinates away from the borders of cells
 
 
@@ -43,18 +43,19 @@ def find_pieces(mesh: Mesh) -> Pieces:
     at = mesh.positions[mesh.triangles].astype(np.float64)
     lengths = np.linalg.norm(at - np.roll(at, -1, axis=1), axis=2)[solid]
     gaps = np.bincount(label[solid], (lengths * (meeting[edge.reshape(-1, 3)] != 2)).sum(axis=1), count)
-    is_closed = gaps <= MAX_OPEN * _sizes(at, label, count)
-    a, b, c = np.moveaxis(at, 1, 0)
+    low, high = _boxes(at, label, count)
+    is_closed = gaps <= MAX_OPEN * (high - low).max(axis=1)
+    a, b, c = np.moveaxis(at - ((low + high) / 2)[label, None], 1, 0)  # volumes of what has holes depend on the origin
     volume = np.bincount(label, (a * np.cross(b, c)).sum(axis=1), count)
     return Pieces(label, is_closed, is_closed & (volume < 0))
 
 
-def _sizes(corners: F64, label: Ints, count: int) -> F64:
-    """The longest edge of the bounding box of each piece, shape (count,), for corners of shape (T, 3, 3)."""
+def _boxes(corners: F64, label: Ints, count: int) -> tuple[F64, F64]:
+    """Lowest and highest corner of each piece's bounding box, shape (count, 3), for corners of shape (T, 3, 3)."""
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
     np.minimum.at(low, label, corners.min(axis=1))
     np.maximum.at(high, label, corners.max(axis=1))
-    return np.asarray((high - low).max(axis=1))
+    return low, high
 
 
 def _weld(positions: F64) -> Ints:

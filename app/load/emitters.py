@@ -22,6 +22,8 @@ from app.load.receivers import sample_receivers, surround
 from app.load.scene_builder import MAX_COORDINATE, SceneBuilder, vector
 from app.scene import EmissionPoints, Instance, Light, Material, Mesh, PointLight, RectLight
 
+FLAT_COSINE = 0.99  # between the normals of a piece whose light does not meet it again
+MIN_AREA = 1e-300
 
 @dataclass(frozen=True, eq=False)
 class _Emitters:
@@ -60,6 +62,7 @@ def find_emitters(builder: SceneBuilder) -> None:
     exact = {int(np.flatnonzero(patches.piece == number)[0]): light for number, light in rectangles.items()}
     clusters = cluster_patches(patches, _receivers(builder, emitters, set(emissive)), exact)
     approximate: dict[Light, EmissionPoints] = {}
+    hides_itself = _find_bent(triangles)
     exact_pieces, lights = [], []
     for cluster in clusters:
         lights += [_translate(light, emitters.origin) for light in cluster.lights]
@@ -67,13 +70,22 @@ def find_emitters(builder: SceneBuilder) -> None:
             exact_pieces.append(patches.piece[cluster.patches[0]])
             continue
         part = small.select(np.flatnonzero(np.isin(patch, cluster.patches)))
-        approximate |= {_translate(light, emitters.origin): points
-                        for light, points in place_points(part, cluster.lights)}
+        placed = place_points(part, cluster.lights, bool(hides_itself[part.piece].any()))
+        approximate |= {_translate(light, emitters.origin): points for light, points in placed}
     builder.lights += lights
     builder.approximate_lights |= approximate
     if approximate:
         builder.notice(_describe(count, len(lights), len(approximate)))
     _mark_proxies(builder, emitters, np.isin(triangles.piece, exact_pieces))
+
+
+def _find_bent(triangles: EmissiveTriangles) -> Bools:
+    """Which pieces emit from both sides and are not flat, shape (pieces,): some of that light meets them again."""
+    normal = triangles.normals
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), MIN_AREA)
+    _, first = np.unique(triangles.piece, return_index=True)
+    turned = np.abs((normal * normal[first[triangles.piece]]).sum(axis=1)) < FLAT_COSINE
+    return np.asarray(np.bincount(triangles.piece, turned & triangles.two_sided) > 0)
 
 
 def _mark_proxies(builder: SceneBuilder, emitters: _Emitters, is_exact: Bools) -> None:

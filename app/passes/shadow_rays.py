@@ -16,7 +16,7 @@ from app.gl.fullscreen import CUBE_PREFIX, cube_defines, make_fullscreen, ratio_
 from app.gl.lights import LightSet
 from app.gl.pool import Resources
 from app.gl.ray_budget import RayBudget
-from app.gl.shadow_rays import RayScene, ShadowRays, open_share, share_of, specular_defines, take_exact
+from app.gl.shadow_rays import RayScene, ShadowRays, exact_below, share_of, specular_defines, take_exact
 from app.gl.shadow_rays_gpu import MAX_LESSONS, GpuShadowRays
 from app.gl.sky_guide import FIRST_SAMPLES, SkyGuide
 from app.graph import BoundPass, Pass, Resource, Tex
@@ -68,7 +68,7 @@ def declare(lights: LightSet, has_specular: bool, has_sky: bool, scene: Callable
                    writes=sums, make=make_fullscreen("shadow_history.frag", lambda frame: {
                        "ratio": ratio_to(receivers, frame), "max_samples": MAX_SAMPLES[frame.motion],
                        **({"max_specular_samples": MAX_SPECULAR_SAMPLES[frame.motion]} if defines else {}),
-                       **({"open_share": open_share(lights.defines)} if has_sky else {}),
+                       **({"open_share": exact_below(lights.defines)} if has_sky else {}),
                        "history_valid": frame.history_valid and not frame.relit},
                        samplers={"shadow_gbuffer": "lowres_gbuffer", "shadow_gbuffer@prev": "lowres_gbuffer_prev"}))
     averaged = {name + AVERAGED: tex for name, tex in sums.items()}
@@ -128,7 +128,7 @@ def _make_rays(device: Device, bound: BoundPass, defines: Mapping[str, object], 
             return
         sums = rays.trace(frame, samples)
         if guide is not None and not has_history:
-            take_exact(sums[0], sums[1], sums[-1], open_share(defines))
+            take_exact(sums[0], sums[1], sums[-1], exact_below(defines))
             sums = sums[:-1]
         for name, values in zip(bound.writes, sums, strict=True):
             resources[name].write(values.tobytes())

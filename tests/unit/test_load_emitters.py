@@ -166,3 +166,44 @@ def test_emission_texture_counts_by_its_linear_mean(tmp_path):
     np.testing.assert_allclose(power_of(scene), 2 * np.pi * 0.25, rtol=1e-6)
     assert all(light.two_sided for light in scene.lights)
     assert tuple(scene.approximate_lights) == scene.lights, "the mean of a texture is no exact radiance"
+
+
+@pytest.mark.parametrize(("sides", "double_sided", "hidden"), [
+    (4, True, True), (6, True, True), (24, True, True), (24, False, False), (0, True, False)])
+def test_all_lights_of_a_shade_know_that_it_hides_some_of_its_light(sides, double_sided, hidden, tmp_path):
+    """A cylinder without caps; 0 sides: a flat triangle, whose light leaves it."""
+    angle = 2 * np.pi * np.arange(max(sides, 3)) / max(sides, 3)
+    ring = np.stack([np.cos(angle), np.zeros_like(angle), np.sin(angle)], axis=-1)
+    k, after = np.arange(sides), (np.arange(sides) + 1) % max(sides, 1)
+    faces = np.concatenate([np.stack([k, after, after + sides], 1), np.stack([k, after + sides, k + sides], 1)])
+    gltf = Gltf()
+    gltf.material(emissiveFactor=[1, 1, 1], doubleSided=double_sided)
+    positions = np.concatenate([ring, np.add(ring, (0, 1, 0))])
+    gltf.primitive["attributes"]["POSITION"] = gltf.array(positions.astype(np.float32))
+    gltf.primitive["indices"] = gltf.array((faces if sides else np.array([[0, 1, 2]])).astype(np.uint16).ravel())
+    scene = load_scene(gltf.save(tmp_path))
+    assert scene.approximate_lights
+    assert {points.hides_itself for points in scene.approximate_lights.values()} == {hidden}
+
+
+def test_the_points_of_a_tube_have_its_power(tmp_path):
+    """It becomes crossed rectangles, or parts of it do."""
+    tube = trimesh.creation.cylinder(0.02, 1.0, sections=16)
+    vertices = "".join("v {} {} {}\n".format(*v) for v in tube.vertices)
+    scene = load_emissive(tmp_path, vertices + "".join("f {} {} {}\n".format(*f) for f in tube.faces + 1))
+    power = sum((np.pi * (1 + points.two_sided[:, None]) * points.intensity).sum(axis=0)
+                for points in scene.approximate_lights.values())
+    np.testing.assert_allclose(power, np.pi * tube.area * np.array([4, 2, 1]), rtol=0.02)
+    np.testing.assert_allclose(power_of(scene), np.pi * tube.area * np.array([4, 2, 1]), rtol=0.02)
+
+
+@pytest.mark.parametrize("offset", [0.0, 30.0])
+def test_the_outside_of_a_piece_with_holes_is_the_same_far_from_its_mesh_s_origin(offset):
+    tube = trimesh.creation.cylinder(0.0015, 1.0, sections=8)
+    faces = tube.faces[np.abs(tube.face_normals[:, 2]) < 0.5]
+    for turned in (False, True):
+        mesh = Mesh("tube", (tube.vertices + offset).astype(np.float32), np.zeros((len(tube.vertices), 3), np.float32),
+                    (faces[:, ::-1] if turned else faces).astype(np.uint32))
+        pieces = find_pieces(mesh)
+        assert pieces.is_closed.all()
+        assert pieces.is_inside_out.tolist() == [turned]
