@@ -33,9 +33,9 @@ float roughness_at(ivec2 low)
 }
 
 // Texels that a texel's light may be averaged over.
-float lobe_radius(ivec2 low, float depth)
+float lobe_radius(ivec2 low, float roughness, float depth)
 {
-    float texels = SPREAD * lobe_texels(texelFetch(reflection_distance, low, 0).r, roughness_at(low), depth, ratio);
+    float texels = SPREAD * lobe_texels(texelFetch(reflection_distance, low, 0).r, roughness, depth, ratio);
     return is_finite(texels) ? clamp(texels, 0.0, MAX_RADIUS) : 0.0;
 }
 
@@ -63,15 +63,17 @@ void main()
     vec3 p = surface_point(vec2(nearest_texel(low, ratio)) + 0.5, surface.a);
     float roughness = roughness_at(low);
     float frames = here.a >= 1.0 && is_finite(here.a) ? here.a : 0.0;
-    float shrink = 1.0 + frames / NOISY_FRAMES, radius = lobe_radius(low, surface.a) / shrink;
+    float shrink = 1.0 + frames / NOISY_FRAMES, radius = lobe_radius(low, roughness, surface.a);
     // On the screen, the plane of incidence lies along the normal.
-    vec3 n = mat3(view_from_relative) * surface.xyz, at_view = mat3(view_from_relative) * p;
+    vec3 n = mat3(view_from_relative) * surface.xyz;
 #ifdef ORTHOGRAPHIC
     vec2 axis = n.xy;
 #else
+    vec3 at_view = mat3(view_from_relative) * p;
     vec2 axis = n.xy - at_view.xy * (n.z / at_view.z);
 #endif
     axis = dot(axis, axis) > 1e-8 ? normalize(axis) : vec2(1.0, 0.0);
+    mat2 axes = mat2(axis, vec2(-axis.y, axis.x));
     float cosine = max(abs(dot(surface.xyz, normalize(along_view(p)))), MIN_COSINE);
     vec4 sum = vec4(0.0), others = vec4(0.0);
     float depths = 0.0;
@@ -79,12 +81,12 @@ void main()
         ivec2 offset = spacing * (ivec2(i % 3, i / 3) - 1), at = clamp(low + offset, ivec2(0), last);
         vec4 there = texelFetch(reflection_gbuffer, at, 0), light = texelFetch(light_low, at, 0);
         float away = dot(surface.xyz, surface_point(vec2(nearest_texel(at, ratio)) + 0.5, there.a) - p);
-        float rougher = (roughness_at(at) - roughness) / ROUGHNESS_SIGMA;
+        float roughness_there = roughness_at(at), rougher = (roughness_there - roughness) / ROUGHNESS_SIGMA;
         // The smaller of both lobes, so that what is near stays sharp beside what is far.
-        vec2 radii = min(radius, lobe_radius(at, there.a) / shrink) * vec2(1.0, cosine);
+        vec2 radii = min(radius, lobe_radius(at, roughness_there, there.a)) / shrink * vec2(1.0, cosine);
         radii = max(radii, frames > 0.0 ? 0.0 : HOLE_RADIUS);
-        vec2 away_in = vec2(dot(vec2(offset), axis), dot(vec2(offset), vec2(-axis.y, axis.x)));
-        float weight = exp(-dot(0.5 / max(radii * radii, 1e-3), away_in * away_in) - rougher * rougher);
+        vec2 along = vec2(offset) * axes;
+        float weight = exp(-dot(0.5 / max(radii * radii, 1e-3), along * along) - rougher * rougher);
         bool known = is_surface(there.a) && is_finite(dot(light, vec4(1.0))) && light.a > 0.0;
         bool counts = known && is_finite(weight) && abs(away) <= PLANE_TOLERANCE * depth_scale(surface.a)
             && dot(surface.xyz, there.xyz) >= SAME_NORMAL;

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.arrays import F64, Bools, Ints
+from app.load.emissive_pieces import boxes
 
 PATCHES = 1024          # that all pieces share by power
 MIN_PIECE_PATCHES = 8    # a piece whose share is less is one patch
@@ -96,21 +97,13 @@ def divide_into_patches(triangles: EmissiveTriangles, whole: Bools) -> tuple[Emi
     power = triangles.power.sum(axis=1)
     share = np.bincount(triangles.piece, power, count) / max(float(power.sum()), 1e-300)
     patches = np.where(whole, 1.0, np.clip(PATCHES * share, 1, MAX_PIECE_PATCHES))
-    low, high = _boxes(triangles, count)
+    low, high = boxes(triangles.corners, triangles.piece, count)
     area = np.bincount(triangles.piece, np.linalg.norm(triangles.normals, axis=1), count)
     diameter = np.linalg.norm(high - low, axis=1)
     cell = np.maximum(np.sqrt(area / patches), diameter / MAX_PIECE_CELLS)
     cell[patches < MIN_PIECE_PATCHES] = np.inf  # the whole piece
     small = _refine(triangles, cell[triangles.piece])
     return small, _number_cells(small, cell, low)
-
-
-def _boxes(triangles: EmissiveTriangles, count: int) -> tuple[F64, F64]:
-    """Lowest and highest corner of each piece, both (count, 3)."""
-    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
-    np.minimum.at(low, triangles.piece, triangles.corners.min(axis=1))
-    np.maximum.at(high, triangles.piece, triangles.corners.max(axis=1))
-    return low, high
 
 
 def _refine(triangles: EmissiveTriangles, max_edge: F64) -> EmissiveTriangles:

@@ -43,14 +43,14 @@ def find_pieces(mesh: Mesh) -> Pieces:
     at = mesh.positions[mesh.triangles].astype(np.float64)
     lengths = np.linalg.norm(at - np.roll(at, -1, axis=1), axis=2)[solid]
     gaps = np.bincount(label[solid], (lengths * (meeting[edge.reshape(-1, 3)] != 2)).sum(axis=1), count)
-    low, high = _boxes(at, label, count)
+    low, high = boxes(at, label, count)
     is_closed = gaps <= MAX_OPEN * (high - low).max(axis=1)
     a, b, c = np.moveaxis(at - ((low + high) / 2)[label, None], 1, 0)  # volumes of what has holes depend on the origin
     volume = np.bincount(label, (a * np.cross(b, c)).sum(axis=1), count)
     return Pieces(label, is_closed, is_closed & (volume < 0))
 
 
-def _boxes(corners: F64, label: Ints, count: int) -> tuple[F64, F64]:
+def boxes(corners: F64, label: Ints, count: int) -> tuple[F64, F64]:
     """Lowest and highest corner of each piece's bounding box, shape (count, 3), for corners of shape (T, 3, 3)."""
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
     np.minimum.at(low, label, corners.min(axis=1))

@@ -25,6 +25,7 @@ from app.scene import EmissionPoints, Instance, Light, Material, Mesh, PointLigh
 FLAT_COSINE = 0.99  # between the normals of a piece whose light does not meet it again
 MIN_AREA = 1e-300
 
+
 @dataclass(frozen=True, eq=False)
 class _Emitters:
     """All static emissive triangles, in an order that depends on where they are only.

@@ -134,10 +134,10 @@ def test_what_a_bulb_sends_into_itself_lights_nothing_else(double_sided: bool, t
         gltf.material(emissiveFactor=[1.0, 1.0, 1.0], doubleSided=double_sided)
         gltf.primitive["attributes"]["POSITION"] = gltf.array(np.add(ball.vertices, (0, 2, 0)).astype(np.float32))
         gltf.primitive["indices"] = gltf.array(faces.astype(np.uint16).ravel())
-        floor = np.array([(-3, 0, -3), (-3, 0, 3), (3, 0, 3), (3, 0, -3)], np.float32)
+        corners = np.array([(-3, 0, -3), (-3, 0, 3), (3, 0, 3), (3, 0, -3)], np.float32)
         gltf.json["materials"].append({"pbrMetallicRoughness": {"metallicFactor": 0.0}})
         gltf.json["meshes"].append({"primitives": [{
-            "attributes": {"POSITION": gltf.array(floor)}, "material": 1,
+            "attributes": {"POSITION": gltf.array(corners)}, "material": 1,
             "indices": gltf.array(np.array([0, 1, 2, 0, 2, 3], np.uint16))}]})
         gltf.json["nodes"].append({"mesh": 1, "name": "floor"})
         gltf.json["scenes"] = [{"nodes": [0, 1]}]

@@ -39,6 +39,12 @@ def rays(camera: Camera, size: tuple[int, int] = SIZE) -> F64:
     return np.asarray(towards / np.linalg.norm(towards, axis=-1, keepdims=True))
 
 
+def seen_on_the_floor(camera: Camera, size: tuple[int, int]) -> F64:
+    """Points of the plane y = 0 that the pixels show, shape (h, w, 3)."""
+    towards = rays(camera, size)
+    return np.asarray(np.array(camera.eye) - towards * (camera.eye[1] / towards[..., 1:2]))
+
+
 @pytest.mark.parametrize("rotation", [0.0, 40.0, -400.0])
 @pytest.mark.parametrize("target", [(0, 1, 0), (3, 2, 4), (-2, 9, 4.1), (0.1, 1, 9)], ids=str)
 def test_the_background_is_the_environment_along_each_ray(target: tuple[float, float, float], rotation: float) -> None:
@@ -65,8 +71,7 @@ def test_a_room_has_the_light_of_its_window(window: float, noise: float) -> None
     """Against the form factor of the hole; few rays that are spread over the sky's light pass it."""
     size = (256, 192)
     camera = Camera((2.0, 3.9, 2.65), (2.0, 0.0, 2.649), fov_y_deg=27.0)
-    towards = rays(camera, size)
-    exact = window_irradiance(np.array(camera.eye) - towards * (camera.eye[1] / towards[..., 1:2]), window)
+    exact = window_irradiance(seen_on_the_floor(camera, size), window)
     with Renderer(cellar(window), Settings(size, ("direct", "albedo"))) as renderer:
         for frame in range(2):
             images = renderer.render(camera)
@@ -80,8 +85,7 @@ def test_a_room_has_the_light_of_its_window(window: float, noise: float) -> None
 def test_a_room_has_the_light_of_its_window_and_its_lamp() -> None:
     """Where rays go to a lamp and few to a sky that is mostly hidden, no texel takes all light for visible."""
     size, camera = (128, 96), Camera((2.0, 3.9, 2.65), (2.0, 0.0, 2.649), fov_y_deg=27.0)
-    towards = rays(camera, size)
-    at = np.array(camera.eye) - towards * (camera.eye[1] / towards[..., 1:2])
+    at = seen_on_the_floor(camera, size)
     lamp = RectLight((2.0, 3.95, 2.0), (1.2, 0.0, 0.0), (0.0, 0.0, 1.2), (200.0,) * 3)
     corners = np.array([(1.4, 3.95, 1.4), (2.6, 3.95, 1.4), (2.6, 3.95, 2.6), (1.4, 3.95, 2.6)])
     exact = window_irradiance(at, 0.3) + 200.0 * polygon_irradiance(at, np.array([0.0, 1.0, 0.0]), corners)
@@ -100,8 +104,7 @@ def test_the_light_of_a_shaft_stays_as_it_was() -> None:
              quad((2, 0, -2), (0, 0, 4), (0, 3, 0)), quad((-2, 0, -2), (4, 0, 0), (0, 3, 0)),
              quad((-2, 0, 2), (0, 3, 0), (4, 0, 0))]
     camera = Camera((0.0, 2.95, 0.001), (0.0, 0.0, 0.0), fov_y_deg=40.0)
-    towards = rays(camera, (128, 96))
-    at = np.array(camera.eye) - towards * (camera.eye[1] / towards[..., 1:2])
+    at = seen_on_the_floor(camera, (128, 96))
     rim = np.array([(-2, 3, -2), (2, 3, -2), (2, 3, 2), (-2, 3, 2)])
     exact = polygon_irradiance(at, np.array([0.0, 1.0, 0.0]), rim).mean()
     with Renderer(under(EVEN_SKY, *walls), Settings((128, 96), ("direct", "albedo"))) as renderer:
