@@ -9,7 +9,6 @@ uniform float adaptation;  // share of the way in this frame
 const int SAMPLES = 64;            // along each side of the picture
 const float MIDDLE_GREY = 0.18;
 const float MIN_LUMINANCE = 1e-6;  // 17 steps of halves; darker texels show nothing
-const vec3 LUMINANCE = vec3(0.2126, 0.7152, 0.0722);
 
 layout(location = 0) out float out_exposure;
 
@@ -20,7 +19,7 @@ void main()
     for (int y = 0; y < SAMPLES; y++)
         for (int x = 0; x < SAMPLES; x++) {
             ivec2 texel = (ivec2(x, y) * 2 + 1) * size / (2 * SAMPLES);
-            float l = dot(sanitize_radiance(texelFetch(picture, texel, 0).rgb), LUMINANCE);
+            float l = luminance(sanitize_radiance(texelFetch(picture, texel, 0).rgb));
             sum += l >= MIN_LUMINANCE ? vec2(log2(l), 1.0) : vec2(0.0);
         }
     float target = log2(MIDDLE_GREY) - (sum.y > 0.0 ? sum.x / sum.y : 0.0);

@@ -25,6 +25,8 @@ const float MIN_EPSILON = 0.05;   // of ray_epsilon, which covers the rounding o
 const float MAX_WEIGHED = 256.0;  // largest light over its probability, in the largest light
 const int MAX_LESSONS = 8;      // samples that a guide learns by at once
 const float SHORTENED = 0.999;  // so that rays end before what touches the light
+const float PLANE_TOLERANCE = 0.01;  // of depth_scale
+const float MIN_COSINE = 0.9;        // between normals of triangles
 
 #ifdef GRID_SURFELS
 uniform sampler2D light_sample_position;  // local space: world axes, the scene's centre as origin
@@ -88,6 +90,7 @@ layout(location = 3) out vec4 out_sky;     // rgb: unshadowed irradiance of the 
 #endif
 
 struct Receiver {
+    ivec2 pixel;
     vec3 p;
     vec3 n;
     vec3 face;
@@ -95,24 +98,48 @@ struct Receiver {
     bool is_surface;
 };
 
+#ifdef GRID_SURFELS
 Receiver receiver(ivec2 texel)
 {
-#ifdef GRID_SURFELS
     vec3 p = texelFetch(light_sample_position, texel, 0).xyz - local_eye;
     vec3 n = texelFetch(light_sample_normal, texel, 0).xyz;
-    return Receiver(p, n, n, p + n * (MIN_EPSILON * ray_epsilon), dot(n, n) > 0.5);
+    return Receiver(texel, p, n, n, p + n * (MIN_EPSILON * ray_epsilon), dot(n, n) > 0.5);
+}
 #else
-    ivec2 full = nearest_texel(texel, ratio);
-    float d = texelFetch(depth, full, 0).r;
-    vec4 surface = texelFetch(normal, full, 0);
+Receiver receiver_at(ivec2 pixel)
+{
+    float d = texelFetch(depth, pixel, 0).r;
+    vec4 surface = texelFetch(normal, pixel, 0);
     vec3 n = sanitize_normal(surface.xyz);
-    vec3 face = octahedral_decode(vec2(surface.a, texelFetch(albedo, full, 0).a));
-    vec3 p = surface_point(vec2(full) + 0.5, d);
+    vec3 face = octahedral_decode(vec2(surface.a, texelFetch(albedo, pixel, 0).a));
+    vec3 p = surface_point(vec2(pixel) + 0.5, d);
     // Half a pixel, within limits: what is nearer can't be seen to cast a shadow.
     float epsilon = clamp(0.5 * pixel_width(d), MIN_EPSILON * ray_epsilon, ray_epsilon);
-    return Receiver(p, n, face, p + (face - normalize(along_view(p))) * epsilon, is_surface(d) && dot(n, n) > 0.5);
-#endif
+    return Receiver(pixel, p, n, face, p + (face - normalize(along_view(p))) * epsilon, is_surface(d) && dot(n, n) > 0.5);
 }
+
+// Successive samples start at all pixels of a texel, as do those of neighbours, so that an edge of a shadow has no steps.
+ivec2 pixel_of_sample(ivec2 texel)
+{
+    ivec2 side = ivec2(ceil(ratio));
+    int pixels = side.x * side.y;
+    // Each round begins elsewhere, so that a pixel does not always have an even or an odd sample.
+    int pixel = (sample_index + sample_index / pixels + texel.x + side.x * texel.y) % pixels;
+    vec2 inside = (vec2(pixel % side.x, pixel / side.x) + 0.5) / vec2(side);
+    return texel_inside(texel, ratio, inside, textureSize(depth, 0));
+}
+
+// On the surface at the texel's centre, which its light is averaged and shown for.
+Receiver receiver(ivec2 texel)
+{
+    Receiver centre = receiver_at(nearest_texel(texel, ratio)), other = receiver_at(pixel_of_sample(texel));
+    float away = dot(centre.face, other.p - centre.p);
+    bool is_alike = centre.is_surface && other.is_surface && dot(centre.face, other.face) >= MIN_COSINE
+        && abs(away) <= PLANE_TOLERANCE * depth_scale(texelFetch(depth, centre.pixel, 0).r);
+    if (is_alike) return other;
+    return centre;
+}
+#endif
 
 // A hash of three numbers (pcg3d of Jarzynski and Olano 2020, "Hash Functions for GPU Rendering").
 uvec3 hash(uvec3 v)
@@ -219,7 +246,7 @@ LightSample sample_sky(ivec2 texel, vec3 n, vec2 s, float pick, out vec2 chosen_
 // depend on their numbers, so it has a sequence of its own.
 LightSample sample_specular(ivec2 texel, Receiver r)
 {
-    vec4 surface = texelFetch(specular_roughness, nearest_texel(texel, ratio), 0);
+    vec4 surface = texelFetch(specular_roughness, r.pixel, 0);
     uvec2 start = hash(uvec3(uvec2(texel), uint(noise_phase * 65536.0) + 1u)).xy;
     vec2 s = vec2((SPECULAR_RECURRENCE * uint(sample_index) + start) >> 8u) * (256.0 * TO_UNIT);
     float alpha = max(surface.a * surface.a, MIN_ALPHA), nearest = 1e30;
@@ -257,7 +284,7 @@ ShadowRay shadow_ray(ivec2 texel, Receiver r)
 #ifdef HAS_TRACED_LIGHT
     int i = LIGHT_COUNT;
     do {
-        float light = luminance(irradiance(lights[--i], r.p, r.n));
+        float light = light_target(lights[--i], r.p, r.n);
         bool take = replaces(light, total, choice);
         chosen = take ? i : chosen;
         part = take ? light : part;
@@ -318,23 +345,25 @@ float visibility(Receiver r, vec4 vector)
 void main()
 {
     ivec2 texel = ivec2(gl_FragCoord.xy);
-    Receiver r = receiver(texel);
 #ifdef RAYS_HERE
     vec4 visible = vec4(0.0), unshadowed = vec4(0.0), sky = vec4(0.0);
+    float first_sky = 0.0;
     vec3 of_lights = vec3(0.0);
     float specular_rays = 0.0;
     uint lessons[MAX_LESSONS];
     for (int i = 0; i < MAX_LESSONS; ++i) lessons[i] = 0u;
     for (sample_index = first_sample; sample_index < first_sample + sample_count; ++sample_index) {
+        Receiver r = receiver(texel);
         ShadowRay ray = shadow_ray(texel, r);
         float seen = visibility(r, ray.vector), kind = ray.vector.a;
         visible += ray.light * seen;
         unshadowed += ray.light;
         specular_rays += ray.light.a > 0.0 ? 1.0 : 0.0;
-        sky = ray.sky;
+        sky += ray.sky / float(sample_count);
+        first_sky = sample_index == first_sample ? ray.sky.a : first_sky;
         of_lights += kind >= 0.0 && kind < 3.0 ? ray.light.rgb : vec3(0.0);
         uint part = seen > 0.0 && kind >= 3.0 ? uint(kind) - 2u : 0u;
-        float brightness = luminance(ray.light.rgb) / max(ray.sky.a, LUMINANCE_FLOOR);
+        float brightness = luminance(ray.light.rgb) / max(first_sky, LUMINANCE_FLOOR);
         lessons[min(sample_index - first_sample, MAX_LESSONS - 1)] = (ray.light.a == 0.0 ? 1u << 31u : 0u) | part << 16u
             | packHalf2x16(vec2(min(brightness, HALF_MAX), 0.0));
     }
@@ -347,11 +376,12 @@ void main()
 #ifdef WRITE_LESSONS
     bool guided = texelFetch(sky_guide, ivec2(PART_COUNT, guide_row(texel)), 0).r != 0u;
     out_exact = vec4(sky.rgb + of_lights / max(samples, 1.0), guided ? 1.0 : 0.0);
-    out_lessons_0 = uvec4(floatBitsToUint(sky.a), lessons[0], lessons[1], lessons[2]);
+    out_lessons_0 = uvec4(floatBitsToUint(first_sky), lessons[0], lessons[1], lessons[2]);
     out_lessons_1 = uvec4(lessons[3], lessons[4], lessons[5], lessons[6]);
     out_lessons_2 = uvec4(lessons[7], 0u, 0u, 0u);
 #endif
 #else
+    Receiver r = receiver(texel);
     ShadowRay ray = shadow_ray(texel, r);
     out_origin = vec4(r.origin, 0.0);
     out_vector = ray.vector;

@@ -97,16 +97,13 @@ class ShadowRays:
         set_frame(self.program, frame, self._scene)
         if self._guide is not None:
             self._guide.bind(self.program)
+        sky_of_all = np.zeros_like(visible)
         self._target.use()
         self._device.ctx.enable_only(moderngl.NOTHING)
         for sample in samples:
             self.program.set(sample_index=sample)
             self._device.draw_fullscreen(self.program)
-            if sample == samples.start:  # all samples of a receiver start at one point
-                origin = self._read(0)[:, :3] + shift
-                if self._guide is not None:
-                    sky = self._read(3)
-            vector, light = self._read(1), self._read(2)
+            origin, vector, light = self._read(0)[:, :3] + shift, self._read(1), self._read(2)
             seen = np.zeros((len(light), 1), np.float32)
             kind = vector[:, 3]
             for is_kind, proxies_block in ((kind == PASSES_PROXIES, False), (kind >= MEETS_ALL, True)):
@@ -117,6 +114,8 @@ class ShadowRays:
             visible += light * seen
             unshadowed += light
             if self._guide is not None:
+                sky = self._read(3)
+                sky_of_all += sky
                 hits = np.flatnonzero(seen[:, 0] * (kind >= TO_SKY))
                 self._guide.learn(hits, (kind.take(hits) - TO_SKY).astype(np.int64),
                                   light.take(hits, axis=0)[:, :3] @ LUMINANCE, sky[:, 3] * (light[:, 3] == 0))
@@ -130,7 +129,8 @@ class ShadowRays:
             none = np.zeros_like(specular_rays)
             means.append(_mean(np.stack([visible[:, 3], unshadowed[:, 3], none, none], axis=1), specular_rays))
         if self._guide is not None:
-            exact = np.asarray(sky + of_lights / np.maximum(len(samples) - specular_rays, 1)[:, None], np.float32)
+            mean_of_lights = of_lights / np.maximum(len(samples) - specular_rays, 1)[:, None]
+            exact = np.asarray(sky_of_all / len(samples) + mean_of_lights, np.float32)
             exact[:, 3] = self._guide.guides
             means.append(exact)
         return tuple(mean.reshape(self._size[1], self._size[0], 4) for mean in means)

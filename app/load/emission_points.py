@@ -8,7 +8,7 @@ from app.arrays import F64, Ints
 from app.load.emission_patches import EmissiveTriangles
 from app.scene import EmissionPoints, Light, PointLight, RectLight
 
-POINTS = 256  # of a light
+POINTS = 1024  # of a light
 MIN_POWER = 1e-300
 R2 = np.array([0.7548776662466927, 0.5698402909980532])  # Roberts 2018, "The Unreasonable Effectiveness of Quasirandom
                                                          # Sequences"
@@ -18,9 +18,12 @@ def place_points(triangles: EmissiveTriangles, lights: Sequence[Light],
                  hides_itself: bool = False) -> Iterator[tuple[Light, EmissionPoints]]:
     """Points of ``triangles`` for each of the lights that stand for them together: by its share of their power.
 
-    One for each part of equal power, so that neighbours in the order lie close together.
+    One for each part of equal power, so that neighbours in the order lie close together; but more on what faces where
+    little is sent to, such as the narrow sides of a panel, which alone light the ceiling around it.
     """
     weight = triangles.power.sum(axis=1)
+    facing = _main_axis(triangles.normals)
+    weight /= np.sqrt(np.bincount(facing, weight))[facing]
     row = _choose(triangles, weight)
     u, v = np.hsplit((0.5 + R2 * np.arange(POINTS)[:, None]) % 1.0, 2)
     root = np.sqrt(u)
@@ -39,6 +42,12 @@ def place_points(triangles: EmissiveTriangles, lights: Sequence[Light],
         yield light, EmissionPoints((position - center).astype(np.float32), directions.astype(np.float32),
                                     intensity.astype(np.float32), area.astype(np.float32), triangles.two_sided[row],
                                     hides_itself)
+
+
+def _main_axis(normals: F64) -> Ints:
+    """Which of the six directions along the axes each normal is nearest to."""
+    axis = np.abs(normals).argmax(axis=1)
+    return 2 * axis + (np.take_along_axis(normals, axis[:, None], axis=1)[:, 0] > 0)
 
 
 def _power(light: Light) -> float:

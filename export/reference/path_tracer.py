@@ -316,7 +316,10 @@ class PathTracer:
             weight = weight * dr.select(sample.pdf > 0, power_heuristic(sample.pdf, lobe.pdf(sample.d)), 1.0)
         active = active & (dr.dot(face_normal(si), sample.d) > 0) & (dr.max(weight) > 0)
         ray = si.spawn_ray(sample.d)
-        ray.maxt = sample.distance * (1 - SHADOW_EPSILON)
+        # The ray starts off the surface, nearer to the light by more than SHADOW_EPSILON if that is close.
+        towards = si.p + sample.d * sample.distance - ray.o
+        distance = dr.norm(towards)
+        ray.d, ray.maxt = towards / distance, distance * (1 - SHADOW_EPSILON)
         return sample.d, dr.select(active, weight * self._visible(ray, active, source.occluders), 0.0)
 
     def _visible(self, ray: Any, active: Any, meshes: Any) -> Any:

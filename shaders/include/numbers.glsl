@@ -8,6 +8,11 @@ bool is_finite(float x)
     return !(isnan(x) || isinf(x));
 }
 
+float luminance(vec3 c)
+{
+    return dot(c, vec3(0.2126, 0.7152, 0.0722));
+}
+
 // Finite, non-negative, representable in half precision; NaN becomes 0. clamp() alone need not see NaN.
 vec3 sanitize_radiance(vec3 c)
 {

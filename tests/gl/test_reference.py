@@ -30,6 +30,7 @@ from app.scene import (
     Texture,
 )
 from app.settings import Settings
+from export.dataset.scenes.found_emitters import with_found_emitters
 from tests.deforming import corners_of, deform, deforming_scene, strip
 from tests.gl.closed_forms import point_irradiance
 from tests.gl.scenes import F32, GREY, Images, Part, box, draw, floor, make_scene, quad, slide, sphere, without_shadows
@@ -182,6 +183,16 @@ def test_the_path_tracer_obeys_the_inverse_square_law() -> None:
     at = draw(scene, SIZE, ("position",))["position"].astype(np.float64)
     expected = point_irradiance(at, np.array([0, 1.0, 0]), np.array(light)) * 0.5 / np.pi
     np.testing.assert_allclose(trace(scene, 2)["direct"][..., 1], expected, rtol=2e-3)
+
+
+@pytest.mark.parametrize("height", [0.1, 0.2, 0.5])
+def test_lamps_near_a_surface_light_it(height: float) -> None:
+    """A small ball near the rim of a floor of 12 m, where rays start farthest off their surface."""
+    ball = sphere((5.0, height, 5.0), 0.1 * height, 20, Material(emission=(100.0,) * 3))
+    camera = Camera((5.0, 0.5 * height, 5.0), (5.0, 0.0, 5.0), (0.0, 0.0, -1.0), 2.0)
+    scene = with_found_emitters(make_scene([floor(6.0), ball], [], camera))
+    light = mean_samples(PathTracer(scene, max_bounces=0), Still(scene, camera, (8, 8)), 256)["direct"]
+    assert light.mean() == pytest.approx(100.0 * 0.1**2 * GREY.albedo[0], rel=0.04)
 
 
 @pytest.mark.parametrize("albedo", [0.2, 0.5, 0.8])

@@ -29,13 +29,13 @@ LAMP = PointLight((0.0, 1.6, 0.0), (3.0, 3.0, 3.0), radius=0.05)
 CAMERA = Camera((0.0, 1.0, 0.5), (0.0, 1.0, -1.0), fov_y_deg=50.0)
 
 
-def room(front: Material = MIRROR) -> Scene:
+def room(front: Material = MIRROR, *furniture: Part) -> Scene:
     """A cube of edge 2; behind the camera its wall is red on the left as the camera looks, blue on the right."""
     walls = [quad((-1, 0, -1), (2, 0, 0), (0, 2, 0), front),
              quad((0, 0, 1), (-1, 0, 0), (0, 2, 0), RED), quad((1, 0, 1), (-1, 0, 0), (0, 2, 0), BLUE),
              quad((-1, 0, 1), (2, 0, 0), (0, 0, -2), WHITE), quad((-1, 2, -1), (2, 0, 0), (0, 0, 2), WHITE),
              quad((-1, 0, 1), (0, 0, -2), (0, 2, 0), WHITE), quad((1, 0, -1), (0, 0, 2), (0, 2, 0), WHITE)]
-    return make_scene(walls, [LAMP], CAMERA)
+    return make_scene([*walls, *furniture], [LAMP], CAMERA)
 
 
 def draw(scene: Scene, model: Model, cameras: Sequence[Camera] = (CAMERA,), size: tuple[int, int] = SIZE,
@@ -85,10 +85,10 @@ def test_a_coarse_grid_is_interpolated(small_ember: Path, monkeypatch: pytest.Mo
     assert (inside[:, 1:] != inside[:, :-1]).mean() > 0.9
 
 
-def coarsen(monkeypatch: pytest.MonkeyPatch) -> None:
+def coarsen(monkeypatch: pytest.MonkeyPatch, size: tuple[int, int] = SIZE) -> None:
     """A grid that is to the picture as that of large pictures."""
     for name in ("MIN_TEXELS", "MAX_TEXELS"):
-        monkeypatch.setattr(reflection, name, SIZE[0] * SIZE[1] // 16)
+        monkeypatch.setattr(reflection, name, size[0] * size[1] // 16)
 
 
 def mixed_share(reflection: Image) -> float:
@@ -102,6 +102,31 @@ def test_a_mirror_at_rest_becomes_as_sharp_as_the_picture(small_ember: Path, mon
     images = [image["reflection"] for image in draw(room(), small_ember, (CAMERA,) * 20)]
     assert mixed_share(images[0]) > 0.2
     assert mixed_share(images[-1]) <= 1 / 8  # at most one pixel of each row
+
+
+def rod(center: tuple[float, float, float], radius: float, height: float, material: Material) -> Part:
+    """An upright one, without ends."""
+    angle = np.linspace(0, 2 * np.pi, 65)
+    low = np.stack([np.sin(angle), 0 * angle, np.cos(angle)], -1) * radius + center
+    high = low + np.array((0.0, height, 0.0))
+    return Part(np.concatenate([np.stack([low[:-1], low[1:], high[1:]], 1),
+                                np.stack([low[:-1], high[1:], high[:-1]], 1)]), material)
+
+
+def test_a_metal_rod_at_rest_is_not_mottled(small_ember: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Along it light changes smoothly, also where a still has hardly more than one ray of each pixel."""
+    size = (192, 144)
+    coarsen(monkeypatch, size)
+    brushed = replace(ROUGH_METAL, roughness=0.3)
+    scene = room(WHITE, rod((0.0, 0.0, -0.6), 0.04, 2.0, brushed))
+    seen = draw(scene, small_ember, (CAMERA,) * 17, size)[-1]
+    columns = np.flatnonzero(seen["reflection"][72].max(axis=-1))[2:-2]
+    light = seen["final"][40:104, columns].astype(np.float64).mean(axis=-1)
+    row = np.arange(len(light))
+    smooth = np.polynomial.polynomial.polyval(row, np.polynomial.polynomial.polyfit(row, light, 3)).T
+    noise = float((light - smooth).std() / light.mean())
+    print(f"NOISE {noise:.3f}")
+    assert noise < 0.08
 
 
 def test_what_a_mirror_showed_at_rest_is_gone_when_the_camera_moves(small_ember: Path,

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from app.gl.frame_state import MotionKind
+from app.passes import shadow_rays
 from app.passes.shadow_rays import filter_shift
 from app.renderer import Renderer
 from app.scene import Camera, Environment, Light, Material, PointLight, RectLight, Scene, SpotLight
@@ -66,6 +67,25 @@ def test_light_behind_bars_is_right_and_hardly_noisy(frames: int, most: float) -
     error = error_behind_bars(frames)
     assert error.std() < most
     assert abs(error.mean()) < 3e-3
+
+
+def test_the_edge_of_a_shadow_has_no_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A straight edge at a slant, on a grid of 1/3 of the picture."""
+    monkeypatch.setattr(shadow_rays, "MAX_RECEIVERS", SIZE[0] * SIZE[1] // 9)
+    pane = RectLight((-2.0, 2.0, 0.0), (0.2, 0, 0), (0, 0, 0.2), (50.0,) * 3)
+    c, s = np.cos(0.3), np.sin(0.3)
+    board = quad((-0.2 - 3 * s, 0.12, 3 * c), (6 * s, 0, -6 * c), (-3 * c, 0, -3 * s))
+    scene = make_scene([floor(3.0), board], [pane], ABOVE)
+    with Renderer(scene, Settings(SIZE, ("direct",), taa=True)) as renderer:
+        for _ in range(17):
+            light = renderer.render(ABOVE)["direct"][10:134, :, 1]
+    share = light / draw(without_shadows(scene), SIZE, ("direct",))["direct"][10:134, :, 1]
+    row = np.arange(len(share))
+    last = np.array([np.flatnonzero(values < 0.5)[-1] for values in share])
+    edge = last + (0.5 - share[row, last]) / (share[row, last + 1] - share[row, last])
+    off = float((edge - np.polyval(np.polyfit(row, edge, 1), row)).std())
+    print(f"EDGE {off:.2f} pixels off a line")
+    assert off < 0.25
 
 
 def half_covered_pane(roughness: float = 0.1, x: float = 0.0) -> tuple[Scene, Camera]:
