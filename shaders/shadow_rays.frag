@@ -25,7 +25,7 @@ const float MIN_EPSILON = 0.05;   // of ray_epsilon, which covers the rounding o
 const float MAX_WEIGHED = 256.0;  // largest light over its probability, in the largest light
 const int MAX_LESSONS = 8;      // samples that a guide learns by at once
 const float SHORTENED = 0.999;  // so that rays end before what touches the light
-const float PLANE_TOLERANCE = 0.01;  // of depth_scale
+const float PLANE_TOLERANCE = 0.01;  // of depth_scale, as in shadow_filter.frag
 const float MIN_COSINE = 0.9;        // between normals of triangles
 
 #ifdef GRID_SURFELS
@@ -69,7 +69,8 @@ layout(location = 1) out vec4 out_unshadowed;  // rgb: mean irradiance of all sa
 layout(location = 2) out vec4 out_specular;    // r: mean luminance of the rectangles that specular rays reach, g: of all, a: rays
 #endif
 #ifdef WRITE_LESSONS
-// rgb: unshadowed, with the sky's exact irradiance, a: 1 where rays were guided. Then the sky's luminance as its bits, and for
+// rgb: unshadowed, with the sky's exact irradiance, a: 1 where rays were guided. Then the luminance of the sky for the first sample
+// as its bits, and for
 // each sample: whether it is one of diffuse light, 1 plus the part of the sky that it has arrived in, or 0, and half the bits
 // of its luminance over the sky's.
 layout(location = WRITE_LESSONS) out vec4 out_exact;
@@ -123,8 +124,8 @@ ivec2 pixel_of_sample(ivec2 texel)
 {
     ivec2 side = ivec2(ceil(ratio));
     int pixels = side.x * side.y;
-    // Each round begins elsewhere, so that a pixel does not always have an even or an odd sample.
-    int pixel = (sample_index + sample_index / pixels + texel.x + side.x * texel.y) % pixels;
+    // Rounds begin so that a pixel does not always have an even or an odd sample, only one of which may be specular.
+    int pixel = (sample_index + sample_index / pixels * (1 + pixels % 2) + texel.x + side.x * texel.y) % pixels;
     vec2 inside = (vec2(pixel % side.x, pixel / side.x) + 0.5) / vec2(side);
     return texel_inside(texel, ratio, inside, textureSize(depth, 0));
 }
@@ -284,7 +285,7 @@ ShadowRay shadow_ray(ivec2 texel, Receiver r)
 #ifdef HAS_TRACED_LIGHT
     int i = LIGHT_COUNT;
     do {
-        float light = light_target(lights[--i], r.p, r.n);
+        float light = luminance(irradiance(lights[--i], r.p, r.n));
         bool take = replaces(light, total, choice);
         chosen = take ? i : chosen;
         part = take ? light : part;

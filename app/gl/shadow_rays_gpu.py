@@ -20,6 +20,8 @@ ARRIVED, PART, LUMINANCE, IS_DIFFUSE = 0x7FF, 16, 0xFFFF, 31  # masks and shifts
 class GpuShadowRays:
     """Shadow rays of a grid of receivers, with the same samples and the same results as those of ``ShadowRays``.
 
+    The guide learns from a frame as if all samples of a receiver had the sky of the first.
+
     Parameters
     ----------
     size, defines, guide

@@ -18,12 +18,12 @@ def place_points(triangles: EmissiveTriangles, lights: Sequence[Light],
                  hides_itself: bool = False) -> Iterator[tuple[Light, EmissionPoints]]:
     """Points of ``triangles`` for each of the lights that stand for them together: by its share of their power.
 
-    One for each part of equal power, so that neighbours in the order lie close together; but more on what faces where
-    little is sent to, such as the narrow sides of a panel, which alone light the ceiling around it.
+    One for each part of equal power, so that neighbours in the order lie close together; but more on what faces a
+    direction in which little is sent, such as the narrow sides of a panel, which alone light the ceiling around it.
     """
     weight = triangles.power.sum(axis=1)
     facing = _main_axis(triangles.normals)
-    weight /= np.sqrt(np.bincount(facing, weight))[facing]
+    weight /= np.sqrt(np.maximum(np.bincount(facing, weight), MIN_POWER))[facing]
     row = _choose(triangles, weight)
     u, v = np.hsplit((0.5 + R2 * np.arange(POINTS)[:, None]) % 1.0, 2)
     root = np.sqrt(u)

@@ -9,7 +9,6 @@ const float INSIDE = 1.001;            // of the squared radius, within which a 
 const float MIN_CORNER_COSINE = 0.05;  // so that corners below the horizon don't hide what lies between them
 
 const float LUMINANCE_FLOOR = 1e-30;
-const float FLAT_SHARE = 0.05;  // of a rectangle's light, which counts for the choice of lights in its plane too
 const int POINT_CANDIDATES = 4;        // of emission points, of which one is chosen, as of the environment's directions
 
 #ifdef HAS_EMISSION_POINTS
@@ -157,22 +156,6 @@ LightSample sample_emission_points(Light light, vec3 to_light, vec3 n, vec2 s)
     return chosen;
 }
 #endif
-
-// How often ``light`` is chosen, relative to others: about as its unshadowed light at relative point p with unit normal n. A
-// rectangle that only approximates what emits gets a few rays more nearby, since what it stands for may be seen from its plane.
-float light_target(Light light, vec3 p, vec3 n)
-{
-    float target = luminance(irradiance(light, p, n));
-#if defined(HAS_EMISSION_POINTS) && defined(HAS_RECT_LIGHT)
-    if (light.tile.y > 0.5 && int(light.color.w) == RECT) {
-        vec3 to_light = light.position.xyz - p;
-        float square = dot(light.u.xyz, light.u.xyz) + dot(light.v.xyz, light.v.xyz);
-        float nearness = square / (square + dot(to_light, to_light));
-        target += FLAT_SHARE * PI * luminance(light.color.rgb) * nearness * nearness;
-    }
-#endif
-    return target;
-}
 
 // A point of ``light`` for s in [0, 1)², as seen from relative point p with unit normal n.
 LightSample sample_light(Light light, vec3 p, vec3 n, vec2 s)

@@ -19,10 +19,8 @@ const float ROUGHNESS_OF_ONE = 0.05;  // at which one sample of a pixel's own co
 const float FEW = 2.0, ENOUGH = 9.0;  // samples that averaged light counts as, between which those of pixels lose their weight
 const float MIN_BLUR = 0.4;           // of ROUGHNESS_OF_ONE, from which pixels around count
 const float NOISELESS = 0.05, NOISY = 0.15;  // roughness, between which samples get noisy
-const float NOISE_SIGMAS = 2.0;       // of the mean of samples, by which noise may part it from averaged light
-const float PRIOR = 1.0;              // relative variance of a sample, as far as few of them don't tell
-const int ALONG = 8;                  // pixels that count on a line beyond those around
-const float MAX_DOUBT = 1e3;          // averaged light's samples for one
+const float NOISY_SAMPLES = 12.0;     // of noisy ones, that averaged light counts as at least
+const int ALONG = 8;                  // pixels on a line that count beyond those around
 
 uniform sampler2D reflection_detail;  // radiance; a: number of samples
 #endif
@@ -76,34 +74,25 @@ float bend(ivec2 texel, vec3 n)
     return max(max(turn(n, texel - right), turn(n, texel + right)), max(turn(n, texel - up), turn(n, texel + up)));
 }
 
-// Where to the normal changes least, as along a rod: the eigenvector of the smaller eigenvalue of the squared changes.
+// The direction in which the normal changes least, as along a rod: the eigenvector of the smaller eigenvalue of squared changes.
 vec2 straightest(ivec2 texel)
 {
     vec3 dx = normal_at(texel + ivec2(1, 0)) - normal_at(texel - ivec2(1, 0));
     vec3 dy = normal_at(texel + ivec2(0, 1)) - normal_at(texel - ivec2(0, 1));
     float half_difference = 0.5 * (dot(dx, dx) - dot(dy, dy)), mixed = dot(dx, dy);
-    float angle = 0.5 * atan(mixed, half_difference);  // of the larger one's
+    float angle = 0.5 * atan(mixed, half_difference == 0.0 ? 1e-20 : half_difference);  // of the larger one's
     return vec2(-sin(angle), cos(angle));
 }
 
-// How many samples the averaged light counts as, for ``count`` of the pixel's own: the more, the less their mean differs from it
-// for their noise.
-float doubt(vec3 averaged, float mean, float mean_square, float count)
-{
-    float expected = luminance(averaged), off = expected - mean;
-    float squares = count * max(mean_square - mean * mean, 0.0) + PRIOR * expected * expected;
-    float variance = squares / ((count + 1.0) * count);  // of the mean
-    return count * variance / max(off * off - NOISE_SIGMAS * NOISE_SIGMAS * variance, variance / MAX_DOUBT + 1e-20);
-}
-
-// With the light of rays from the pixel and those around, which counts the more, the smoother the surface is, the more it bends,
-// and the farther it is off.
+// With the light of rays from the pixel and those around, which counts the more, the smoother the surface is, and the more it
+// bends. How much they count must not depend on what they have found: rare rays of much light would count less than the others.
 vec3 detailed(ivec2 texel, vec3 n, float d, float roughness, vec4 averaged)
 {
     float blur = roughness / ROUGHNESS_OF_ONE, bent = bend(texel, n), bends = 0.5 * bent / max(roughness * roughness, MIN_LOBE);
     float flatness = 1.0 / (1.0 + bends * bends), known = averaged.a * blur * blur * flatness * flatness;
-    float needed = 1.0 - smoothstep(FEW, ENOUGH, known), squares = 0.0;
-    vec4 sum = vec4(0.0);
+    float needed = 1.0 - smoothstep(FEW, ENOUGH, known);
+    known = max(known + NOISY_SAMPLES * smoothstep(NOISELESS, NOISY, roughness) * averaged.a, 1e-6);
+    vec4 sum = vec4(averaged.rgb, 1.0) * known;
     vec3 p = surface_point(gl_FragCoord.xy, d);
     float sharpness = 1.0 / (roughness * roughness * roughness * roughness + 8.0 * bent * bent / dot(ratio, ratio) + 1e-8);
     // A loop that need not begin takes no time, unlike a branch, which some drivers run for all.
@@ -111,8 +100,8 @@ vec3 detailed(ivec2 texel, vec3 n, float d, float roughness, vec4 averaged)
     vec2 along = counts_around ? straightest(texel) : vec2(0.0);
     int end = counts_around ? 9 + ALONG : counts_any ? 5 : 0;
     for (int i = counts_around ? 0 : 4; i < end; ++i) {
-        int step = i - 9;  // 2, -2, 3, -3 ... pixels, beyond the 3x3 around
-        ivec2 offset = i < 9 ? ivec2(i % 3, i / 3) - 1 : ivec2(round(along * float((2 + step / 2) * (1 - 2 * (step & 1)))));
+        int pixels = (3 + (i - 9) / 2) * (1 - 2 * (i % 2));  // along the line: 3, -3, 4, -4 ... of them
+        ivec2 offset = i < 9 ? ivec2(i % 3, i / 3) - 1 : ivec2(round(along * float(pixels)));
         ivec2 at = clamp(texel + offset, ivec2(0), textureSize(reflection_detail, 0) - 1);
         vec4 detail = texelFetch(reflection_detail, at, 0);
         vec3 turned = normal_at(at) - n;
@@ -121,15 +110,10 @@ vec3 detailed(ivec2 texel, vec3 n, float d, float roughness, vec4 averaged)
         float rougher = (texelFetch(specular_roughness, at, 0).a - roughness) / ROUGHNESS_SIGMA;
         float weight = detail.a * needed * exp(-falloff - rougher * rougher);
         bool counts = detail.a >= 1.0 && is_finite(dot(detail, vec4(1.0))) && is_finite(weight)
-            && dot(turned, turned) < 2.0 - 2.0 * SAME_NORMAL && abs(away) <= PLANE_TOLERANCE * depth_scale(d);
-        vec3 light = clamp(detail.rgb, 0.0, HALF_MAX);
-        sum += counts ? vec4(light, 1.0) * weight : vec4(0.0);
-        squares += counts ? luminance(light) * luminance(light) * weight : 0.0;
+            && at == texel + offset && dot(turned, turned) < 2.0 - 2.0 * SAME_NORMAL && abs(away) <= PLANE_TOLERANCE * depth_scale(d);
+        sum += counts ? vec4(clamp(detail.rgb, 0.0, HALF_MAX), 1.0) * weight : vec4(0.0);
     }
-    float count = max(sum.a, 1e-6);
-    float noisy = smoothstep(NOISELESS, NOISY, roughness) * averaged.a;
-    known = max(known + noisy * doubt(averaged.rgb, luminance(sum.rgb) / count, squares / count, count), 1e-6);
-    return (sum.rgb + averaged.rgb * known) / (sum.a + known);
+    return sum.rgb / sum.a;
 }
 #endif
 #endif

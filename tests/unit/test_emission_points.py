@@ -59,6 +59,16 @@ def test_narrow_sides_get_more_points_than_their_power() -> None:
     assert abs(points.area[on_sides].sum() - 0.04) < 0.001
 
 
+def test_triangles_without_power_do_no_harm() -> None:
+    """Such as slivers, which rounding leaves of divided triangles; here the only one that faces its direction."""
+    emitters = triangles()
+    sliver = np.array([[(0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]])
+    radiance = np.concatenate([emitters.radiance, np.ones((1, 3))])
+    more = EmissiveTriangles(np.concatenate([emitters.corners, sliver]), radiance,
+                             np.append(emitters.two_sided, False), np.append(emitters.piece, 3))
+    assert np.isfinite(points_of(more).offset).all()
+
+
 def test_lights_that_stand_for_the_same_surfaces_share_their_power() -> None:
     """Crossed rectangles, which stand for a tube: rays to both would count its light twice."""
     crossed = [RectLight((1.0, 2.0, 3.0), (0.0, 2.0, 0.0), edge, (radiance,) * 3, two_sided=True)
