@@ -69,10 +69,9 @@ layout(location = 1) out vec4 out_unshadowed;  // rgb: mean irradiance of all sa
 layout(location = 2) out vec4 out_specular;    // r: mean luminance of the rectangles that specular rays reach, g: of all, a: rays
 #endif
 #ifdef WRITE_LESSONS
-// rgb: unshadowed, with the sky's exact irradiance, a: 1 where rays were guided. Then the luminance of the sky for the first sample
-// as its bits, and for
-// each sample: whether it is one of diffuse light, 1 plus the part of the sky that it has arrived in, or 0, and half the bits
-// of its luminance over the sky's.
+// rgb: unshadowed, with the sky's exact irradiance, a: 1 where rays were guided. Then the sky's luminance for the first sample as
+// its bits, and for each sample: whether it is one of diffuse light, 1 plus the part of the sky that it has arrived in, or 0, and
+// half the bits of its luminance over that of the sky.
 layout(location = WRITE_LESSONS) out vec4 out_exact;
 layout(location = WRITE_LESSONS + 1) out uvec4 out_lessons_0;
 layout(location = WRITE_LESSONS + 2) out uvec4 out_lessons_1;
