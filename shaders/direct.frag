@@ -32,6 +32,10 @@ uniform sampler2D environment_diffuse;   // irradiance / pi
 uniform sampler2D environment_specular;  // without Fresnel's law
 #endif
 
+#ifdef HAS_SKY_VISIBLE
+uniform sampler2D sky_visible;           // share of the environment's light, a texel for SKY_TILE × SKY_TILE of shadow_ratio
+#endif
+
 #ifdef WRITE_DIRECT
 layout(location = WRITE_DIRECT) out vec4 out_direct;
 #endif
@@ -44,6 +48,18 @@ layout(location = WRITE_SPECULAR) out vec4 out_specular;
 #define SKY_SHARE (1.0 - ray_share(reflectance.a))
 #else
 #define SKY_SHARE 1.0
+#endif
+
+// In front of lamps and a window, the share of all traced light says little about that of the sky.
+#ifdef HAS_SKY_VISIBLE
+#define VISIBLE_SKY textureLod(sky_visible, \
+    gl_FragCoord.xy / (shadow_grid_ratio * SKY_TILE * vec2(textureSize(sky_visible, 0))), 0.0).r
+#define SKY_SPECULAR specular
+#define SKY_LAYERED layered
+#else
+#define VISIBLE_SKY 1.0
+#define SKY_SPECULAR traced_specular
+#define SKY_LAYERED traced_layered
 #endif
 
 void main()
@@ -135,12 +151,12 @@ void main()
     if (is_surface(d)) traced += unshadowed_sky_irradiance(n);
 #endif
 #if defined(HAS_SKY_SPECULAR) && defined(WRITE_SPECULAR)
-    if (is_surface(d))
-        traced_specular += SKY_SHARE * specular_albedo(reflectance.rgb, reflectance.a, dot(n, lobe.v))
-            * unshadowed_sky_specular(dominant_direction(n, p, reflectance.a), reflectance.a);
+    vec3 sky_light = specular_albedo(reflectance.rgb, reflectance.a, dot(n, lobe.v))
+        * unshadowed_sky_specular(dominant_direction(n, p, reflectance.a), reflectance.a);
+    SKY_SPECULAR += is_surface(d) ? SKY_SHARE * VISIBLE_SKY * sky_light : vec3(0.0);
 #endif
 #if defined(LAYERS) && defined(HAS_SKY_SPECULAR)
-    if (is_surface(d)) traced_layered += layered_sky(p, n, layers);
+    SKY_LAYERED += is_surface(d) ? VISIBLE_SKY * layered_sky(p, n, layers) : vec3(0.0);
 #endif
     vec3 arriving = traced + traced_specular;
 #ifdef LAYERS

@@ -26,6 +26,11 @@ DEFINES = {"GUIDE_TILE": TILE, "GUIDE_PARTS": PARTS, "GUIDE_ENTRIES": ENTRIES}
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
+def tiles(size: tuple[int, int]) -> tuple[int, int]:
+    """Columns and rows of the tiles of a grid of receivers of that width and height."""
+    return -(-size[0] // TILE), -(-size[1] // TILE)
+
+
 class SkyGuide:
     """Which parts of the environment the receivers of each tile of a grid see.
 
@@ -36,7 +41,7 @@ class SkyGuide:
     """
 
     def __init__(self, device: Device, size: tuple[int, int]) -> None:
-        columns, rows = (-(-extent // TILE) for extent in size)
+        columns, rows = tiles(size)
         y, x = np.divmod(np.arange(size[0] * size[1]), size[0])
         self._shape = rows, columns
         self._tile: Ints = y // TILE * columns + x // TILE  # of each receiver
@@ -50,6 +55,11 @@ class SkyGuide:
         self._unshadowed = np.zeros(tiles)           # and that would have if nothing was in the way
         self._samples, self._new_samples = 0.0, 0  # of each receiver, learned from in all and since the last update
         self._update()
+
+    @property
+    def share(self) -> F32:
+        """Visible share of the environment's light in each tile, shape (h, w); 1 where none is known."""
+        return self._share.reshape(self._shape)
 
     @property
     def guides(self) -> Bools:
@@ -95,7 +105,9 @@ class SkyGuide:
         around = _with_neighbours(self._visible.reshape(*self._shape, -1)).reshape(self._visible.shape)
         visible = blur_parts(np.asarray(around, np.float32))
         total = visible.sum(axis=1)
-        share = total / np.maximum(_with_neighbours(self._unshadowed.reshape(self._shape)).ravel(), 1e-30)
+        unshadowed = _with_neighbours(self._unshadowed.reshape(self._shape)).ravel()
+        share = total / np.maximum(unshadowed, 1e-30)
+        self._share = np.where(unshadowed > 0, np.minimum(share, 1), 1).astype(np.float32)
         self._guides = (total > 0) & (share < OPEN)
         table = np.zeros((len(total), PARTS**2 + ENTRIES + 1), np.uint32)
         chosen = np.flatnonzero(self._guides)

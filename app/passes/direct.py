@@ -13,6 +13,7 @@ from app.gl.lights import LightSet
 from app.gl.peeling import PeeledLayer
 from app.gl.pool import Resources
 from app.gl.shadow_rays import specular_defines
+from app.gl.sky_guide import TILE
 from app.graph import BoundPass, Pass, Resource, Tex
 from app.math3d import GOLDEN_RATIO
 from app.paths import data_dir
@@ -52,13 +53,13 @@ def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] |
         "albedo", "normal", "depth", *(("specular_roughness",) if has_specular else ()), *layers))
     reads = (*surface, *lights.shadow_maps, *(("shadow_ratio", "shadow_gbuffer") if shadow_grid is not None else ()),
              *(("sky_irradiance",) if has_sky else ()), *(("sky_specular",) if has_sky and has_specular else ()))
-    defines = {**lights.defines, **({"NORMAL_MAPS": 1} if has_normal_maps else {}),
+    defines = {**lights.defines, "SKY_TILE": f"{TILE}.0", **({"NORMAL_MAPS": 1} if has_normal_maps else {}),
                **{f"HAS_{name.upper()}": 1 for name in layers}, **({"WIDE_SHADOW_RATIO": 1} if prefix else {}),
                **({"SKY_IS_REFLECTED": 1} if sky_is_reflected else {}),
                **({"HAS_SPECULAR_SURFACES": 1} if has_specular else {})}
 
-    shaded = ("environment_diffuse", "environment_specular") if layer is None else ()
-    return Pass(prefix + "direct", reads=reads, optional=shaded, writes=writes,
+    optional = ("environment_diffuse", "environment_specular", "sky_visible") if layer is None else ()
+    return Pass(prefix + "direct", reads=reads, optional=optional, writes=writes,
                 make=lambda device, bound: _make(device, bound, defines, shadow_grid, bool(layers), layer))
 
 

@@ -18,7 +18,7 @@ from app.gl.pool import Resources
 from app.gl.ray_budget import RayBudget
 from app.gl.shadow_rays import RayScene, ShadowRays, exact_below, share_of, specular_defines, take_exact
 from app.gl.shadow_rays_gpu import MAX_LESSONS, GpuShadowRays
-from app.gl.sky_guide import FIRST_SAMPLES, SkyGuide
+from app.gl.sky_guide import FIRST_SAMPLES, SkyGuide, tiles
 from app.graph import BoundPass, Pass, Resource, Tex
 
 MAX_RECEIVERS = 2**17  # of the screen's grid
@@ -30,6 +30,7 @@ MAX_SPECULAR_SAMPLES = {MotionKind.NONE: 512.0, MotionKind.CAMERA: 8.0, MotionKi
 SKY_READS = ("sky_irradiance", "sky_strata")
 SUMS, SPECULAR, AVERAGED = ("shadow_visible", "shadow_unshadowed"), "shadow_specular", "_averaged"
 EXACT = "shadow_exact_now"  # what is known of the unshadowed light below a sky
+SKY = "sky_visible"         # share of the sky's light, coarse; where lights have a share of their own in shadow_ratio
 
 
 def grid(size: tuple[int, int]) -> tuple[int, int]:
@@ -58,8 +59,9 @@ def declare(lights: LightSet, has_specular: bool, has_sky: bool, scene: Callable
     now = {f"{name}_now": tex for name, tex in sums.items()} if has_history else dict(sums)
     if has_history and has_sky:
         now[EXACT] = Tex("f4", 4, size=receivers)
+    coarse = {SKY: Tex("f4", 1, size=tiles(receivers))} if has_sky and lights.has_traced and has_specular else {}
     surfaces = "albedo", "normal", "depth", *(("specular_roughness",) if defines else ())
-    yield Pass("shadow_rays", reads=(*surfaces, *(SKY_READS if has_sky else ())), writes=now,
+    yield Pass("shadow_rays", reads=(*surfaces, *(SKY_READS if has_sky else ())), writes={**now, **coarse},
                make=lambda device, bound: _make_rays(device, bound, {**lights.defines, **defines}, scene(), receivers,
                                                      has_history))
     if has_history:
@@ -103,6 +105,7 @@ def _make_rays(device: Device, bound: BoundPass, defines: Mapping[str, object], 
     rays = ShadowRays(device, size, defines, scene, guide)
     draws_rays = scene.shader_rays is not None and (guide is None or has_history)
     gpu_rays = GpuShadowRays(device, size, defines, scene, guide) if draws_rays else None
+    sums = [name for name in bound.writes if name != SKY]
     last_frame = -1
 
     def execute(frame: FrameState, resources: Resources) -> None:
@@ -123,15 +126,16 @@ def _make_rays(device: Device, bound: BoundPass, defines: Mapping[str, object], 
         if gpu_rays is not None and (guide is None or len(samples) <= MAX_LESSONS):
             resources.bind(gpu_rays.program)
             gpu_rays.program.set(ratio=ratio_to(size, frame))
-            gpu_rays.draw(frame, samples, [resources[name] for name in bound.writes])
-            resources.set_current(key)
-            return
-        sums = rays.trace(frame, samples)
-        if guide is not None and not has_history:
-            take_exact(sums[0], sums[1], sums[-1], exact_below(defines))
-            sums = sums[:-1]
-        for name, values in zip(bound.writes, sums, strict=True):
-            resources[name].write(values.tobytes())
+            gpu_rays.draw(frame, samples, [resources[name] for name in sums])
+        else:
+            traced = rays.trace(frame, samples)
+            if guide is not None and not has_history:
+                take_exact(traced[0], traced[1], traced[-1], exact_below(defines))
+                traced = traced[:-1]
+            for name, values in zip(sums, traced, strict=True):
+                resources[name].write(values.tobytes())
+        if guide is not None and SKY in bound.writes:
+            resources[SKY].write(guide.share.tobytes())
         resources.set_current(key)
 
     return execute

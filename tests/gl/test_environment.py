@@ -98,6 +98,23 @@ def test_a_room_has_the_light_of_its_window_and_its_lamp() -> None:
     assert error.std() < 0.01 * exact.mean()
 
 
+def test_a_lamp_does_not_show_the_highlights_of_a_hidden_sky() -> None:
+    """A rough floor has as much of the sky's highlights below a lamp as without one: little, through a small window."""
+    camera = Camera((2.0, 1.5, 3.9), (2.0, 0.0, 1.0), fov_y_deg=40.0)
+    lamp = RectLight((2.0, 3.95, 2.0), (1.2, 0.0, 0.0), (0.0, 0.0, 1.2), (5.0,) * 3)
+    room = cellar(1.0)
+    room = replace(room, materials=tuple(replace(m, specular=(0.5,) * 3, roughness=0.9) for m in room.materials))
+
+    def highlights(environment: Environment | None, *lights: RectLight) -> float:
+        scene = replace(room, environment=environment, lights=lights)
+        with Renderer(scene, Settings((128, 96), ("specular",), taa=True)) as renderer:
+            return float(np.mean([renderer.render(camera)["specular"].mean() for _ in range(8)][4:]))
+
+    alone, with_lamp = highlights(room.environment), highlights(room.environment, lamp) - highlights(None, lamp)
+    print(f"HIGHLIGHTS of the sky {alone:.4f} alone, {with_lamp:.4f} beside a lamp")
+    assert abs(with_lamp - alone) < 0.3 * alone
+
+
 def test_the_light_of_a_shaft_stays_as_it_was() -> None:
     """A third of the sky is visible: frames must not choose by their own rays which estimate they take."""
     walls = [quad((-2, 0, -2), (0, 0, 4), (4, 0, 0)), quad((-2, 0, -2), (0, 3, 0), (0, 0, 4)),
