@@ -11,6 +11,7 @@ from app.arrays import F32
 
 MIN_ALPHA = 2e-3   # as in shaders/include/ggx_lobe.glsl
 MIN_COSINE = 1e-3  # of the viewing angle, as in the fit
+MEAN_COSINE = 2 / 3  # between a normal and the light that arrives from everywhere
 # Fitted by scripts/fit_specular_albedo.py. Columns are powers of alpha and of the roughness, rows those of t.
 ALBEDO = ((0.0714, 0.8686, 3.8181, -0.6607), (1.0981, -5.9803, -13.6567, -2.9335), (-1.4322, 10.3178, 51.7082, 19.1513),
           (-0.9956, -4.1705, -73.4694, -66.5392), (1.2612, -0.5732, 24.0084, 75.1198))

@@ -13,7 +13,7 @@ from app.network.channels import HALF_MAX
 from app.raycast.embree import Triangles
 from app.raycast.prefiltered_textures import PrefilteredTextures, sample_nearest
 from app.scene import Instance, Material, Scene, Texture
-from app.specular_albedo import specular_albedo
+from app.specular_albedo import MEAN_COSINE, specular_albedo
 
 # Those that rays see, beside that of transmission.
 _MAPS = ("albedo_map", "emission_map", "metallic_roughness_map", "specular_map")
@@ -29,7 +29,7 @@ class SurfaceInteraction:
     normal : ndarray, float32, shape (N, 3)
         Unit shading normal in the body's space, on the side of the ray's origin.
     albedo : ndarray, float32, shape (N, 3)
-        Share of light from everywhere that goes back along the ray, by diffuse and specular reflection.
+        Share of the light that arrives at ``MEAN_COSINE`` which goes back, by diffuse and specular reflection.
     emission : ndarray, float32, shape (N, 3)
         In W/(sr m²), also of light proxies.
     """
@@ -286,11 +286,9 @@ class Body:
                 emitted = np.array(m.emission, np.float32) * self._textured(m.emission_map, at)
                 emission[rows] = np.where(emits, emitted, 0.0)
         shiny = np.flatnonzero(self._has_specular.take(material))
-        towards = directions.take(shiny, axis=0)
-        n_v = np.abs(row_dots(normal.take(shiny, axis=0), towards) / row_lengths(towards)).astype(np.float32)
         of_shiny = (values.take(shiny, axis=0) for values in (albedo.clip(0, 1), specular, roughness, metallic))
         base, dielectric, roughness, metallic = of_shiny
-        put_rows(albedo, shiny, _reflectance(base, dielectric, roughness, metallic, n_v[:, None]))
+        put_rows(albedo, shiny, _reflectance(base, dielectric, roughness, metallic))
         return SurfaceInteraction(normal.astype(np.float32), np.clip(albedo, 0.0, 1.0), np.maximum(emission, 0.0))
 
     def _is_front(self, triangle: Ints, directions: F32) -> Bools:
@@ -322,9 +320,10 @@ def _columns(rows: Sequence[Sequence[float]], count: int) -> F32:
     return np.array(rows, np.float32).reshape(-1, count)
 
 
-def _reflectance(base: F32, dielectric: F32, roughness: F32, metallic: F32, n_v: F32) -> F32:
+def _reflectance(base: F32, dielectric: F32, roughness: F32, metallic: F32) -> F32:
     """Diffuse and specular albedo of surfaces of a base colour, at most 1, shape (N, 3)."""
-    specular = specular_albedo(dielectric + metallic * (base - dielectric), roughness, n_v)
+    cosine = np.full_like(roughness, MEAN_COSINE)
+    specular = specular_albedo(dielectric + metallic * (base - dielectric), roughness, cosine)
     return np.asarray(specular + np.minimum(base * (1 - metallic), 1 - specular))
 
 

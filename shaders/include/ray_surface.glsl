@@ -65,9 +65,9 @@ Surface surface_at(Hit hit, vec3 origin, vec3 along)
     vec3 albedo = base * interpolate(2, corners.xyz, weights).rgb * textured(material + ALBEDO_MAP, uvs);
     if ((kind & HAS_SPECULAR) != 0) {
         vec3 maps = textured(material + METALLIC_ROUGHNESS_MAP, uvs), color = clamp(albedo, 0.0, 1.0);
-        float metallic = emitted.w * maps.b, n_v = abs(dot(normal, step)) / length(step);
+        float metallic = emitted.w * maps.b;
         vec3 f0 = mix(reflected.rgb * textured(material + SPECULAR_MAP, uvs), color, metallic);
-        vec3 specular = specular_albedo(f0, reflected.w * maps.g, n_v);
+        vec3 specular = specular_albedo(f0, reflected.w * maps.g, MEAN_COSINE);
         albedo = specular + min(color * (1.0 - metallic), 1.0 - specular);
     }
     bool front = (dot(hit.face, step) < 0.0) != ((hit.flags & IS_MIRRORED) != 0);

@@ -3,6 +3,7 @@
 // errs by at most 0.8 % of itself, what Schlick's term adds by 0.007.
 #include "ggx_lobe.glsl"
 
+const float MEAN_COSINE = 2.0 / 3.0;   // between a normal and the light that arrives from everywhere
 const float MIN_ALBEDO_COSINE = 1e-3;  // of the viewing angle, as in the fit
 const vec4 ALBEDO_0 = vec4(0.0714, 0.8686, 3.8181, -0.6607);  // by powers of alpha
 const vec4 ALBEDO_1 = vec4(1.0981, -5.9803, -13.6567, -2.9335);

@@ -90,9 +90,17 @@ def test_metals_reflect_their_specular_albedo() -> None:
     mapped = replace(metal, metallic=1.0, roughness=1.0, metallic_roughness_map=Texture(blue, is_color=False))
     for material, albedo in ((metal, (0.25, 0.25)), (mapped, (0.4, 0.1))):
         hits = cast(make_scene([wall(material)]), [FRONT] * 2, [(-0.5, 0, 0), (0.5, 0, 0)])
-        cosine = 1 / np.hypot(1, 0.5 / np.linalg.norm(FRONT))
-        expected = [diffuse + ggx_reflectance(0.5 - diffuse, 0.5, cosine) for diffuse in albedo]
+        expected = [diffuse + ggx_reflectance(0.5 - diffuse, 0.5, 2 / 3) for diffuse in albedo]
         np.testing.assert_allclose(hits.albedo[:, 0], expected, rtol=0.01)
+
+
+def test_grazing_rays_do_not_brighten_a_floor() -> None:
+    """What arrives from above does not leave along the floor, as it would by the specular albedo of a grazing ray."""
+    floor = Material(albedo=(0.2,) * 3, specular=(0.04,) * 3, roughness=0.1)
+    origins = [FRONT, tuple(np.add(FRONT, (60.0, 0.0, 0.0)))]
+    above, grazing = cast(make_scene([wall(floor)]), origins, [(0.0, 0.0, 0.0)] * 2).albedo
+    np.testing.assert_allclose(grazing, above)
+    np.testing.assert_allclose(above, 0.2 + ggx_reflectance(0.04, 0.1, 2 / 3), rtol=0.01)
 
 
 @pytest.mark.parametrize("roughness", [0.0, 0.3, 1.0])
