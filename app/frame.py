@@ -179,11 +179,6 @@ class FrameInputs:
         return self.scene.environment is not None and self.models.environment is None
 
     @property
-    def gathers_on_faces(self) -> bool:
-        """Whether rays that gather light start from surfaces with normal maps."""
-        return self.models.surfels is not None and self.has_normal_maps
-
-    @property
     def traces_on_gpu(self) -> bool:
         """Whether shaders trace rays."""
         return self.caster().shader_rays is not None
@@ -359,7 +354,7 @@ def _low_resolution_surfaces(inputs: FrameInputs) -> Iterator[Step]:
     if grid is None:
         yield from _absent("no model was chosen", "lowres_gbuffer", "gather_receivers", "gather_surfaces")
         return
-    yield lowres_gbuffer.declare("lowres_gbuffer", grid, inputs.gathers_on_faces)
+    yield lowres_gbuffer.declare("lowres_gbuffer", grid)
     if inputs.models.surfels is None:
         yield from _absent("the network reads no gathered light", "gather_receivers", "gather_surfaces")
         return
@@ -370,7 +365,7 @@ def _low_resolution_surfaces(inputs: FrameInputs) -> Iterator[Step]:
     if inputs.traces_on_gpu:
         yield Absent("gather_surfaces", "the GPU traces the rays")
     else:
-        yield final_gather.declare_surfaces(grid, inputs.settings.taa, inputs.gathers_on_faces)
+        yield final_gather.declare_surfaces(grid, inputs.settings.taa)
 
 
 def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:
@@ -469,8 +464,7 @@ def _gathered_light(inputs: FrameInputs, source: Network, grid: Size) -> Iterato
     yield pack_surfels.declare(inputs.surfels, contract, tensors, inputs.scene.longest_edge)
     yield _pack_globals("surfel_pack_globals", contract, tensors, inputs.scene.environment, None)
     yield surfel_indirect.declare(source, tensors, inputs.surfels)
-    yield from final_gather.declare(inputs.surfels, inputs.lights, grid, settings.taa, inputs.gathers_on_faces,
-                                    inputs.traces_on_gpu)
+    yield from final_gather.declare(inputs.surfels, inputs.lights, grid, settings.taa, inputs.traces_on_gpu)
     if not settings.taa:
         yield Absent("gather_history", NO_TAA)
 

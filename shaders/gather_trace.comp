@@ -11,9 +11,6 @@ layout(local_size_x = 8, local_size_y = 8) in;
 const uvec2 RECURRENCE = uvec2(3242174889u, 2447445414u);  // R2 of Roberts 2018, in 32-bit fixed point
 const float TO_UNIT = 1.0 / 16777216.0;
 
-#ifdef HAS_FACES
-uniform sampler2D lowres_faces;  // normals of faces, below which rays of bumps find no light
-#endif
 uniform usampler2D starts;     // of each texel's sequence, in 32-bit fixed point
 uniform uvec2 phase;           // shifts all sequences
 uniform int sample_index;      // of each texel's sequence
@@ -58,9 +55,6 @@ void main()
         uvec2 bits = texelFetch(starts, texel, 0).xy + phase + RECURRENCE * uint(sample_index);
         vec3 along = cosine_direction(surface.xyz, vec2(bits >> 8u) * TO_UNIT);
         Hit hit = nearest_hit(origin, along);
-#ifdef HAS_FACES
-        if (dot(along, texelFetch(lowres_faces, texel, 0).xyz) <= 0.0) hit.body = -1;
-#endif
         if (hit.body >= 0) {
             first = surface_at(hit, origin, along);
             near = min(hit.distance / reach, 1.0);

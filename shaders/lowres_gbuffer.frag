@@ -1,21 +1,14 @@
 // Normal and depth at low resolution, from the texels nearest to its centres. Later passes read them many times at
 // scattered positions, so they have to fit into a cache.
 #include "channels.glsl"
-#include "octahedral.glsl"
 #include "nearest_texel.glsl"
 
 uniform vec2 ratio;  // full-resolution texels per low-resolution texel
 
 layout(location = 0) out vec4 out_lowres_gbuffer;  // normal, depth; a depth of 0 is sky
-#ifdef WRITE_LOWRES_FACES
-layout(location = WRITE_LOWRES_FACES) out vec4 out_lowres_faces;  // rgb: normal of the face
-#endif
 
 void main()
 {
     ivec2 full = nearest_texel(ivec2(gl_FragCoord.xy), ratio);
     out_lowres_gbuffer = vec4(channel_normal_world_xyz(full), surface_depth(full));
-#ifdef WRITE_LOWRES_FACES
-    out_lowres_faces = vec4(octahedral_decode(vec2(texelFetch(normal, full, 0).a, texelFetch(albedo, full, 0).a)), 0.0);
-#endif
 }

@@ -100,9 +100,8 @@ def catalogue() -> dict[str, Case]:
     on_gpu = [
         replace(_settled("gathered_on_gpu", scenes.room(), find_model("final-gather")), size=(64, 48), rays="gpu",
                 stages=("shadow_rays", "gather_rays", "missed_light")),
-        replace(_settled("reflected_on_gpu", scenes.materials(), find_model("final-gather")), size=(64, 48),
-                reflections=True, rays="gpu",
-                stages=("lowres_gbuffer", "shadow_rays", "gather_rays", "reflection_rays")),
+        replace(_settled("reflected_on_gpu", scenes.materials(), SSGI), size=(64, 48), reflections=True, rays="gpu",
+                stages=("shadow_rays", "reflection_rays")),
         replace(_settled("mirrors_on_gpu", scenes.mirrors(), SSGI), size=(64, 48), reflections=True, rays="gpu",
                 stages=("reflection_rays",)),
     ]

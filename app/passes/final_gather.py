@@ -21,7 +21,6 @@ from app.graph import BoundPass, Buf, Pass, Resource, Tex
 from app.math3d import put_rows, unit_rows
 from app.passes import final_gather_gpu
 from app.passes.gather_turns import is_turn, max_rays, turns_of
-from app.passes.lowres_gbuffer import FACES
 from app.surfels.final_gather import LightAt, gather, sequence
 from app.surfels.tracked import TrackedSurfels
 
@@ -52,7 +51,7 @@ class Receivers:
     traced: Ints
 
 
-def declare(surfels: TrackedSurfels, lights: LightSet, grid: tuple[int, int], has_history: bool, has_faces: bool,
+def declare(surfels: TrackedSurfels, lights: LightSet, grid: tuple[int, int], has_history: bool,
             on_gpu: bool) -> Iterator[Pass]:
     """The passes over a ``grid`` of width and height.
 
@@ -60,18 +59,15 @@ def declare(surfels: TrackedSurfels, lights: LightSet, grid: tuple[int, int], ha
     ----------
     has_history : bool
         Whether frames are accumulated.
-    has_faces : bool
-        Whether the grid has the normals of faces, below which no ray starts.
     on_gpu : bool
         Whether the GPU traces the rays.
     """
     means: dict[str, Resource] = {name: Tex("f4", 4, size=grid) for name in MEANS}
     now = {f"{name}_now": tex for name, tex in means.items()} if has_history else means
     if on_gpu:
-        yield final_gather_gpu.declare(surfels, lights, shown(has_history), now, grid, has_history, has_faces)
+        yield final_gather_gpu.declare(surfels, lights, shown(has_history), now, grid, has_history)
     else:
-        read_back = "gather_surfaces", *(("gather_faces",) if has_faces else ())
-        yield Pass("gather_rays", reads=(*read_back, "surfel_indirect", *lights.shadow_maps), writes=now,
+        yield Pass("gather_rays", reads=("gather_surfaces", "surfel_indirect", *lights.shadow_maps), writes=now,
                    make=lambda device, bound: make(device, bound, surfels, lights, grid, has_history))
     if has_history:
         yield Pass("gather_history",
@@ -96,17 +92,12 @@ def declare_receivers(grid: tuple[int, int]) -> Pass:
                 make=make_fullscreen("gather_receivers.frag", lambda frame: _history_uniforms(frame, grid)))
 
 
-def declare_surfaces(grid: tuple[int, int], has_history: bool, has_faces: bool) -> Pass:
+def declare_surfaces(grid: tuple[int, int], has_history: bool) -> Pass:
     """Bring what the ``grid`` shows to the CPU: a pass of its own, so that others can be drawn before its rays end."""
-    shape = grid[1], grid[0], 4
-    sources = {"gather_surfaces": shown(has_history), **({"gather_faces": FACES} if has_faces else {})}
-
-    def read(frame: FrameState, resources: Resources) -> None:
-        for name, source in sources.items():
-            resources.write_array(name, np.frombuffer(resources[source].read(), np.float32).reshape(shape))
-
-    return Pass("gather_surfaces", reads=tuple(sources.values()),
-                writes={name: Buf(shape, on_host=True) for name in sources}, make=lambda device, bound: read)
+    shape, source = (grid[1], grid[0], 4), shown(has_history)
+    return Pass("gather_surfaces", reads=(source,), writes={"gather_surfaces": Buf(shape, on_host=True)},
+                make=lambda device, bound: lambda frame, resources: resources.write_array(
+                    "gather_surfaces", np.frombuffer(resources[source].read(), np.float32).reshape(shape)))
 
 
 def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: LightSet, grid: tuple[int, int],
@@ -136,11 +127,8 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
         traced = receivers.traced
         numbers = sequence(grid, receivers.texel.take(traced), chosen.start, len(chosen), frame.noise_phase)
         interpolated = lookup.interpolate(indirect, position, receivers.normal, INTERPOLATED_FROM)
-        faces = None
-        if "gather_faces" in bound.reads:
-            faces = resources.array("gather_faces").reshape(-1, 4)[:, :3].take(receivers.texel.take(traced), axis=0)
         rays = gather(caster, light_at, float(world.median_radius), origin.take(traced, axis=0),
-                      receivers.normal.take(traced, axis=0), numbers, faces)
+                      receivers.normal.take(traced, axis=0), numbers)
         light, distance = np.zeros((len(position), 4), np.float32), np.ones((len(position), 1), np.float32)
         put_rows(light[:, :3], traced, np.einsum("nkc->nc", rays.light) / np.float32(len(chosen)))
         light[traced, 3] = len(chosen)

@@ -18,7 +18,6 @@ from app.gl.lights import LightSet
 from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Resource
 from app.passes.gather_turns import turns_of
-from app.passes.lowres_gbuffer import FACES
 from app.passes.surfel_buffer import SurfelBuffer
 from app.surfels.final_gather import spread_evenly
 from app.surfels.tracked import TrackedSurfels
@@ -27,10 +26,9 @@ TRACED_SIDE = 8  # texels along the edges of what a work group of gather_trace.c
 
 
 def declare(surfels: TrackedSurfels, lights: LightSet, surfaces: str, writes: Mapping[str, Resource],
-            grid: tuple[int, int], has_history: bool, has_faces: bool) -> Pass:
+            grid: tuple[int, int], has_history: bool) -> Pass:
     """The pass that gathers light, and light between surfels, for what the texture ``surfaces`` shows."""
-    faces = (FACES,) if has_faces else ()
-    return Pass("gather_rays", reads=(surfaces, *faces, "surfel_indirect", *lights.shadow_maps), writes=writes,
+    return Pass("gather_rays", reads=(surfaces, "surfel_indirect", *lights.shadow_maps), writes=writes,
                 make=lambda device, bound: make(device, bound, surfels, lights, surfaces, tuple(writes), grid,
                                                 has_history))
 
@@ -42,9 +40,8 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
     ends = grid[0], 2 * grid[1]
     defines = {**lights.defines, **read_defines(bound)}
     direct = DirectLight(device, lights, defines, ends, surfels.caster, on_gpu=True)
-    faces = [FACES] if FACES in bound.reads else []
-    trace = device.program("gather_trace.comp", defines={**lights.defines, **({"HAS_FACES": 1} if faces else {})})
-    resolve = device.program("gather_resolve.comp", defines=lights.defines)
+    trace, resolve = (device.program(shader, defines=lights.defines)
+                      for shader in ("gather_trace.comp", "gather_resolve.comp"))
     buffer = SurfelBuffer(device, surfels)
     albedo, emission = (device.ctx.texture(ends, 4, dtype="f4") for _ in range(2))
     position, normal = direct.points
@@ -68,8 +65,7 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
         targets = [unused[name] if name in unused else resources[name] for name in names]
         for number, sample in enumerate(samples):
             trace.set(sample_index=sample)
-            run_over_grid(device, trace, grid, TRACED_SIDE, {
-                "surfaces": resources[surfaces], "starts": starts, **{name: resources[name] for name in faces}},
+            run_over_grid(device, trace, grid, TRACED_SIDE, {"surfaces": resources[surfaces], "starts": starts},
                           (position, normal, albedo, emission))
             light = direct.draw_estimate(frame, resources, sample)
             resolve.set(samples_before=number)

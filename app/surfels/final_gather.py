@@ -11,7 +11,7 @@ from itertools import permutations
 import numpy as np
 
 from app.arrays import F32, F64, Ints
-from app.math3d import R2, put_rows, row_dots
+from app.math3d import R2, put_rows
 from app.raycast.caster import Caster, Hits
 from app.surfels.random_walks import sample_cosine_hemisphere
 
@@ -43,8 +43,7 @@ class LightAt:
     indirect: Callable[[F32, F32], F32]
 
 
-def gather(caster: Caster, light_at: LightAt, reach: float, origin: F32, normal: F32, numbers: F64,
-           face: F32 | None = None) -> GatheredRays:
+def gather(caster: Caster, light_at: LightAt, reach: float, origin: F32, normal: F32, numbers: F64) -> GatheredRays:
     """Trace cosine-distributed rays and find the light that they meet.
 
     A ray that ends at a surface gets its albedo times the light there, and the light that the surface emits, without
@@ -60,16 +59,10 @@ def gather(caster: Caster, light_at: LightAt, reach: float, origin: F32, normal:
         Where the rays start, in the caster's local space, and the normals there.
     numbers : ndarray, shape (N, K, 2)
         In [0, 1).
-    face : ndarray, float32, shape (N, 3), optional
-        Normals of the faces where ``normal`` has bumps: rays below a face, which would meet it, find no light.
     """
     count, rays = numbers.shape[:2]
     directions = sample_cosine_hemisphere(normal, numbers).reshape(-1, 3)
-    t_max = None
-    if face is not None:
-        is_above = row_dots(directions, np.repeat(face, rays, axis=0)) > 0
-        t_max = np.where(is_above, np.inf, 0).astype(np.float32)
-    hits = caster.cast(np.repeat(origin, rays, axis=0), directions, t_max=t_max)
+    hits = caster.cast(np.repeat(origin, rays, axis=0), directions)
     distance = np.minimum(hits.distance / np.float32(reach), 1)
     met = np.flatnonzero(hits.body >= 0)
     ends = hits.select(met)
