@@ -159,6 +159,11 @@ class FrameInputs:
         return any(m.normal_map is not None for m in self.scene.materials)
 
     @property
+    def smooth_normals(self) -> str:
+        """The resource of normals without bumps."""
+        return "smooth_normal" if self.has_normal_maps else "normal"
+
+    @property
     def has_textures(self) -> bool:
         return any(m.maps for m in self.scene.materials)
 
@@ -303,7 +308,7 @@ def _traced_shadows(inputs: FrameInputs) -> Iterator[Step]:
     if not inputs.is_traced:
         yield from _absent(NOTHING_TRACED, *SHADOW_RAY_PASSES)
         return
-    yield lowres_gbuffer.declare("shadow_gbuffer", shadow_rays.grid(settings.render_size))
+    yield lowres_gbuffer.declare("shadow_gbuffer", shadow_rays.grid(settings.render_size), inputs.smooth_normals)
     yield from shadow_rays.declare(inputs.lights, inputs.has_specular, inputs.has_sky, inputs.caster,
                                    settings.render_size, has_history=settings.taa)
     if not settings.taa:
@@ -354,7 +359,7 @@ def _low_resolution_surfaces(inputs: FrameInputs) -> Iterator[Step]:
     if grid is None:
         yield from _absent("no model was chosen", "lowres_gbuffer", "gather_receivers", "gather_surfaces")
         return
-    yield lowres_gbuffer.declare("lowres_gbuffer", grid)
+    yield lowres_gbuffer.declare("lowres_gbuffer", grid, inputs.smooth_normals)
     if inputs.models.surfels is None:
         yield from _absent("the network reads no gathered light", "gather_receivers", "gather_surfaces")
         return
@@ -394,11 +399,12 @@ def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:
     yield push_pull.declare("push_pull", grid, "indirect_low", "lowres_gbuffer", "indirect_filled")
     missed_tile = missed_pixels.tile_side(settings.render_size) if inputs.has_surfel_indirect else None
     if missed_tile:
-        yield from missed_pixels.declare(settings.render_size, grid, inputs.surfels, settings.taa)
+        yield from missed_pixels.declare(settings.render_size, grid, inputs.surfels, settings.taa,
+                                         inputs.smooth_normals)
     else:
         yield from _absent("the model gives no light of surfels", *MISSED_PASSES)
     yield upsample.declare("upsample", grid, "indirect_filled", "lowres_gbuffer", "indirect", has_history=settings.taa,
-                           missed_tile=missed_tile)
+                           missed_tile=missed_tile, normals=inputs.smooth_normals)
 
 
 def _reflections(inputs: FrameInputs) -> Iterator[Step]:
@@ -450,7 +456,7 @@ def _network(inputs: FrameInputs, model: Network | RepeatedNetwork, grid: Size, 
         else:
             yield pack_surfels.declare(inputs.surfels, contract, tensors, scene.longest_edge)
     yield _pack_globals("pack_globals", contract, tensors, scene.environment, settings.bounces)
-    yield pack_screen.declare("pack_screen", contract, settings.render_size, scene.longest_edge)
+    yield pack_screen.declare("pack_screen", contract, settings.render_size, scene.longest_edge, inputs.smooth_normals)
     targets = {INDIRECT: target}
     if contract.lights_surfels:
         targets[SURFEL_INDIRECT] = "surfel_indirect"

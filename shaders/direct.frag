@@ -32,6 +32,9 @@ uniform sampler2D environment_diffuse;   // irradiance / pi
 uniform sampler2D environment_specular;  // without Fresnel's law
 #endif
 
+#ifdef HAS_SMOOTH_NORMAL
+uniform sampler2D smooth_normal;         // by which shadow_gbuffer knows surfaces, whatever their bumps
+#endif
 #ifdef HAS_SKY_VISIBLE
 uniform sampler2D sky_visible;           // share of the environment's light, a texel for SKY_TILE × SKY_TILE of shadow_ratio
 #endif
@@ -164,16 +167,21 @@ void main()
 #endif
     bool is_reached = is_surface(d) && max(max(arriving.r, arriving.g), arriving.b) > 0.0;
 #ifdef HAS_SHADOW_RATIO
+#ifdef HAS_SMOOTH_NORMAL
+    vec3 smooth_n = sanitize_normal(texelFetch(smooth_normal, texel, 0).xyz);
+#else
+    vec3 smooth_n = n;
+#endif
 #ifdef FAST_PATH
     bool is_known;
-    vec3 v = traced_visibility(n, d, is_reached, is_known);
+    vec3 v = traced_visibility(smooth_n, d, is_reached, is_known);
     gl_FragDepth = quad_all(is_known || !is_reached) ? 1.0 : 0.0;
 #elif defined(SPECULAR_RAYS)
     float specular_share;
-    vec3 v = traced_visibility(n, d, is_reached, specular_share);
+    vec3 v = traced_visibility(smooth_n, d, is_reached, specular_share);
     specular += is_reached ? (specular_share - v) * rects.specular : vec3(0.0);  // whose share is not v, as below
 #else
-    vec3 v = traced_visibility(n, d, is_reached);
+    vec3 v = traced_visibility(smooth_n, d, is_reached);
 #endif
 #else  // layers that are seen through, where a model makes the environment's shadows on opaque surfaces
     vec3 v = vec3(1.0);

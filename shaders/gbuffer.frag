@@ -126,6 +126,9 @@ layout(location = WRITE_ALBEDO) out vec4 out_albedo;      // a: second number of
 #ifdef WRITE_NORMAL
 layout(location = WRITE_NORMAL) out vec4 out_normal;      // a: first number of the face normal
 #endif
+#ifdef WRITE_SMOOTH_NORMAL
+layout(location = WRITE_SMOOTH_NORMAL) out vec4 out_smooth_normal;  // without the normal map's bumps
+#endif
 #ifdef WRITE_DEPTH
 layout(location = WRITE_DEPTH) out float out_depth;
 #endif
@@ -296,6 +299,9 @@ void main()
     coat_normal = bend_above_face(mapped_normal(lookup(clearcoat_normal_map, map_at(clearcoat_normal_uv)).xyz,
                                                 clearcoat_normal_scale, normal, tangent, sign(scale), face), face, v);
 #endif
+#endif
+#ifdef WRITE_SMOOTH_NORMAL
+    out_smooth_normal = vec4(n, 0.0);
 #endif
 #ifdef NORMAL_MAP
     n = bend_above_face(mapped_normal(lookup(normal_map, map_at(normal_uv)).xyz, normal_scale, normal, tangent,

@@ -36,6 +36,8 @@ def gbuffer_targets(scene: Scene, size: tuple[int, int] | None = None) -> dict[s
         targets["specular_roughness"] = color
     if any(m.occlusion_map is not None for m in scene.materials):
         targets["occlusion"] = Tex("f1", 1, size=size)
+    if any(m.normal_map is not None for m in scene.materials):
+        targets["smooth_normal"] = color
     return targets
 
 

@@ -33,7 +33,8 @@ def tile_side(size: tuple[int, int]) -> int:
     return side
 
 
-def declare(size: tuple[int, int], grid: tuple[int, int], surfels: TrackedSurfels, has_history: bool) -> Iterator[Pass]:
+def declare(size: tuple[int, int], grid: tuple[int, int], surfels: TrackedSurfels, has_history: bool,
+            normals: str) -> Iterator[Pass]:
     """In each tile of an image of ``size`` with a low-resolution ``grid``, widths and heights, at most one pixel.
 
     Parameters
@@ -49,9 +50,9 @@ def declare(size: tuple[int, int], grid: tuple[int, int], surfels: TrackedSurfel
         first, tested = (frame.index * FRAME_TESTS % side**2, FRAME_TESTS) if follows else (0, side**2)
         return {"ratio": ratio_to(grid, frame), "first": first, "tested": tested}
 
-    yield Pass("missed_pixels", reads=("normal", "depth", "lowres_gbuffer"),
+    yield Pass("missed_pixels", reads=(normals, "depth", "lowres_gbuffer"),
                writes={name: Tex("f4", 4, size=tiles) for name in ("missed_position", "missed_surface")},
-               make=make_fullscreen("missed_pixels.frag", uniforms, {"TILE": side}))
+               make=make_fullscreen("missed_pixels.frag", uniforms, {"TILE": side}, samplers={normals: "normal"}))
     yield Pass("missed_light", reads=("missed_position", "missed_surface", "surfel_indirect"),
                writes={"missed_light": Tex("f4", 4, size=tiles)},
                make=lambda device, bound: (make_on_gpu(device, surfels, tiles) if surfels.caster.shader_rays

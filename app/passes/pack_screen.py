@@ -38,20 +38,22 @@ def tensor_names(contract: ModelContract) -> dict[str, str]:
     return {t: f"{kind}_{t}" for t in contract.inputs}
 
 
-def declare(name: str, contract: ModelContract, size: tuple[int, int], extent: float) -> Pass:
-    """The pass ``name``; ``extent`` is the scene's longest edge in scene units."""
+def declare(name: str, contract: ModelContract, size: tuple[int, int], extent: float,
+            normals: str = "normal") -> Pass:
+    """The pass ``name``; ``extent`` is the scene's longest edge in scene units, ``normals`` are those of the screen."""
     grid = contract.screen_size(size)
     specs = {t: spec for t, spec in contract.inputs.items() if spec.grid in SEEN}
-    names = dict.fromkeys(name for spec in specs.values() for name in _sources(spec))
+    names = dict.fromkeys(name for spec in specs.values() for name in _sources(spec, normals))
     buffers = tensor_names(contract)
     return Pass(name, reads=tuple(n for n in names if not n.endswith("?")),
                 optional=tuple(n.removesuffix("?") for n in names if n.endswith("?")),
                 writes={buffers[t]: Buf(spec.shape(grid)) for t, spec in specs.items()},
-                make=lambda device, bound: make(device, bound, contract, grid, extent))
+                make=lambda device, bound: make(device, bound, contract, grid, extent, normals))
 
 
-def make(device: Device, bound: BoundPass, contract: ModelContract, grid: tuple[int, int], extent: float) -> Execute:
-    packers = [_packer(device, bound, contract, t, grid, extent)
+def make(device: Device, bound: BoundPass, contract: ModelContract, grid: tuple[int, int], extent: float,
+         normals: str) -> Execute:
+    packers = [_packer(device, bound, contract, t, grid, extent, normals)
                for t, spec in contract.inputs.items() if spec.grid in SEEN]
 
     def execute(frame: FrameState, resources: Resources) -> None:
@@ -63,11 +65,12 @@ def make(device: Device, bound: BoundPass, contract: ModelContract, grid: tuple[
 
 
 def _packer(device: Device, bound: BoundPass, contract: ModelContract, tensor: str, grid: tuple[int, int],
-            extent: float) -> Execute:
+            extent: float, normals: str) -> Execute:
     spec = contract.inputs[tensor]
-    sources = [name.removesuffix("?") for name in _sources(spec)]
+    sources = [name.removesuffix("?") for name in _sources(spec, normals)]
     reads = tuple(r for r in bound.reads if r in sources)
-    defines: dict[str, object] = {"HAS_" + r.removeprefix(CUBE_PREFIX).upper(): 1 for r in reads}
+    samplers = {r: "normal" if r == normals else r.removeprefix(CUBE_PREFIX) for r in reads}
+    defines: dict[str, object] = {"HAS_" + sampler.upper(): 1 for sampler in samplers.values()}
     defines["PACK_CHANNELS"] = _stores(spec)
     if spec.face is not None:
         defines |= cube_defines(spec.face, contract.cube_axes == "camera")
@@ -79,7 +82,7 @@ def _packer(device: Device, bound: BoundPass, contract: ModelContract, tensor: s
     groups = (-(-width // GROUP), -(-height // GROUP), *(images or [1]))
 
     def pack(frame: FrameState, resources: Resources) -> None:
-        resources.bind(program, strip=CUBE_PREFIX, reads=reads)
+        resources.bind(program, reads=reads, samplers=samplers)
         resources.buffer(buffer).bind_to_storage_buffer(0)
         span = ratio_to(grid, frame) if spec.grid == SCREEN else (1.0, 1.0)
         program.set(extent=contract.scene_extent / extent, texel_span=span, grid=(width, height))
@@ -88,10 +91,12 @@ def _packer(device: Device, bound: BoundPass, contract: ModelContract, tensor: s
     return pack
 
 
-def _sources(spec: TensorSpec) -> tuple[str, ...]:
-    """The targets that a tensor is made from, as in ``SOURCES``."""
-    prefix = CUBE_PREFIX if spec.grid != SCREEN else ""
-    return tuple(dict.fromkeys(prefix + source for channel in spec.channels for source in SOURCES[channel]))
+def _sources(spec: TensorSpec, normals: str) -> tuple[str, ...]:
+    """The targets that a tensor is made from, as in ``SOURCES``, with these ``normals`` of the screen."""
+    sources = dict.fromkeys(source for channel in spec.channels for source in SOURCES[channel])
+    if spec.grid != SCREEN:
+        return tuple(CUBE_PREFIX + source for source in sources)
+    return tuple(normals if source == "normal" else source for source in sources)
 
 
 def _stores(spec: TensorSpec) -> str:

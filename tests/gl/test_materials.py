@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from app.load import load_scene
-from app.network.selection import SSGI
+from app.network.selection import SSGI, find_model
 from app.renderer import Renderer
 from app.scene import (
     Camera,
@@ -28,7 +28,7 @@ from app.scene import (
     bounds_of,
 )
 from app.settings import Settings
-from tests.gl.scenes import GREY, Images, draw, floor, make_scene, quad
+from tests.gl.scenes import GREY, Images, box, draw, floor, make_scene, quad
 from tests.robustness import valid_files
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
@@ -360,3 +360,28 @@ def test_targets_exist_only_for_what_a_material_has() -> None:
         with Renderer(card(material), settings, SSGI) as renderer:  # type: ignore[arg-type]
             written = [w for p in renderer.plan.passes if p.name.startswith("gbuffer") for w in p.writes]
             assert set(written) == plain | more
+
+
+def test_indirect_light_is_smooth_on_bumps() -> None:
+    """It is that of a floor without bumps, which differ from texel to texel of the grid that it is gathered on."""
+    tilts = np.random.default_rng(3).uniform(-0.5, 0.5, (64, 64, 2))
+    normals = np.dstack([tilts, np.ones((64, 64))])
+    pixels = np.dstack([0.5 + 0.5 * normals / np.linalg.norm(normals, axis=-1, keepdims=True), np.ones((64, 64))])
+    bumps = replace(GREY, normal_map=Texture(pixels.astype(np.float32), is_color=False))
+    panel = RectLight((0.0, 2.8, 0.0), (1.2, 0.0, 0.0), (0.0, 0.0, 1.2), (3.0,) * 3)
+    camera = Camera((0.0, 1.5, 1.9), (0.0, 0.0, 0.2), fov_y_deg=45.0)
+
+    def light(material: Material) -> Images:
+        scene = make_scene([box((-2, -0.01, -2), (4, 3, 4)), floor(1.99, 0.0, material)], [panel], camera)
+        tangents = np.tile(np.float32((1, 0, 0, 1)), (len(scene.meshes[1].positions), 1))
+        scene = replace(scene, meshes=(scene.meshes[0], replace(scene.meshes[1], tangents=tangents)))
+        settings = Settings((256, 192), ("direct", "indirect"), provider="cpu")
+        with Renderer(scene, settings, find_model("final-gather")) as renderer:
+            renderer.render(camera)
+            return renderer.render(camera)
+
+    plain, bumpy = light(GREY), light(bumps)
+    off = np.abs(bumpy["indirect"] - plain["indirect"]).mean() / plain["indirect"].mean()
+    print(f"BUMPS {off:.3f} of the indirect light off")
+    assert np.abs(bumpy["direct"] - plain["direct"]).mean() > 0.03 * plain["direct"].mean()
+    assert off < 0.05
