@@ -53,16 +53,19 @@ layout(location = WRITE_SPECULAR) out vec4 out_specular;
 #define SKY_SHARE 1.0
 #endif
 
-// In front of lamps and a window, the share of all traced light says little about that of the sky.
 #ifdef HAS_SKY_VISIBLE
-#define VISIBLE_SKY textureLod(sky_visible, \
-    gl_FragCoord.xy / (shadow_grid_ratio * SKY_TILE * vec2(textureSize(sky_visible, 0))), 0.0).r
-#define SKY_SPECULAR specular
-#define SKY_LAYERED layered
-#else
-#define VISIBLE_SKY 1.0
-#define SKY_SPECULAR traced_specular
-#define SKY_LAYERED traced_layered
+const float SHARE_NOISE = 0.05;  // of v, which must not let the bounds of a share rise
+
+// Share of the sky's light alone, where v is that of all traced light: that of the tile, as far as v allows for it, since between
+// none and all of the lights' is visible. The more of the light is the sky's, the nearer it is to v.
+vec3 sky_share(vec3 v, vec3 of_lights, vec3 of_sky)
+{
+    vec2 tiles = vec2(textureSize(sky_visible, 0));
+    vec3 share = vec3(textureLod(sky_visible, gl_FragCoord.xy / (shadow_grid_ratio * SKY_TILE * tiles), 0.0).r);
+    vec3 visible = v * (of_lights + of_sky), sky = max(of_sky, 1e-30);
+    vec3 least = visible - (1.0 + SHARE_NOISE) * of_lights, most = (1.0 + SHARE_NOISE) * visible;
+    return clamp(share, clamp(least / sky, 0.0, 1.0), clamp(most / sky, 0.0, 1.0));
+}
 #endif
 
 void main()
@@ -150,18 +153,20 @@ void main()
     for (int m = MAPPED_COUNT; m < (is_surface(d) ? LIGHT_COUNT : MAPPED_COUNT); ++m)
         traced_layered += layered_light(lights[m], p, n, irradiance(lights[m], p, n), layers);
 #endif
+    vec3 of_lights = traced, of_sky = vec3(0.0), sky_glossy = vec3(0.0), sky_layered = vec3(0.0);
 #ifdef HAS_SKY_IRRADIANCE
-    if (is_surface(d)) traced += unshadowed_sky_irradiance(n);
+    if (is_surface(d)) of_sky = unshadowed_sky_irradiance(n);
+    traced += of_sky;
 #endif
 #if defined(HAS_SKY_SPECULAR) && defined(WRITE_SPECULAR)
-    vec3 sky_light = specular_albedo(reflectance.rgb, reflectance.a, dot(n, lobe.v))
-        * unshadowed_sky_specular(dominant_direction(n, p, reflectance.a), reflectance.a);
-    SKY_SPECULAR += is_surface(d) ? SKY_SHARE * VISIBLE_SKY * sky_light : vec3(0.0);
+    if (is_surface(d))
+        sky_glossy = SKY_SHARE * specular_albedo(reflectance.rgb, reflectance.a, dot(n, lobe.v))
+            * unshadowed_sky_specular(dominant_direction(n, p, reflectance.a), reflectance.a);
 #endif
 #if defined(LAYERS) && defined(HAS_SKY_SPECULAR)
-    SKY_LAYERED += is_surface(d) ? VISIBLE_SKY * layered_sky(p, n, layers) : vec3(0.0);
+    if (is_surface(d)) sky_layered = layered_sky(p, n, layers);
 #endif
-    vec3 arriving = traced + traced_specular;
+    vec3 arriving = traced + traced_specular + sky_glossy + sky_layered;
 #ifdef LAYERS
     arriving += traced_layered;
 #endif
@@ -187,10 +192,15 @@ void main()
     vec3 v = vec3(1.0);
 #endif
     v = is_reached ? v : vec3(0.0);
+#ifdef HAS_SKY_VISIBLE
+    vec3 v_sky = is_reached ? sky_share(v, of_lights, of_sky) : vec3(0.0);
+#else
+    vec3 v_sky = v;
+#endif
     diffuse += v * traced;
-    specular += v * traced_specular;
+    specular += v * traced_specular + v_sky * sky_glossy;
 #ifdef LAYERS
-    layered += v * traced_layered;
+    layered += v * traced_layered + v_sky * sky_layered;
 #endif
 #endif
 #ifdef HAS_ENVIRONMENT_DIFFUSE

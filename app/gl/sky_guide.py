@@ -54,12 +54,19 @@ class SkyGuide:
         self._visible = np.zeros((tiles, PARTS**2))  # luminance that has arrived from each part
         self._unshadowed = np.zeros(tiles)           # and that would have if nothing was in the way
         self._samples, self._new_samples = 0.0, 0  # of each receiver, learned from in all and since the last update
+        self._shown, self._shown_samples = np.zeros((2, tiles)), 0.0  # of each tile as above, for visible_share
         self._update()
 
     @property
-    def share(self) -> F32:
-        """Visible share of the environment's light in each tile, shape (h, w); 1 where none is known."""
-        return self._share.reshape(self._shape)
+    def visible_share(self) -> F32:
+        """Visible share of the environment's light in each tile and around, shape (h, w); 0 where there is none."""
+        visible, unshadowed = (_with_neighbours(sums.reshape(self._shape)) for sums in self._shown)
+        return np.minimum(visible / np.maximum(unshadowed, 1e-30), 1).astype(np.float32)
+
+    def keep(self, samples: float) -> None:
+        """Let ``visible_share`` count at most so many samples of each receiver that were learned by until now."""
+        self._shown *= min(samples / max(self._shown_samples, 1e-30), 1.0)
+        self._shown_samples = min(self._shown_samples, samples)
 
     @property
     def guides(self) -> Bools:
@@ -92,9 +99,12 @@ class SkyGuide:
             Luminance of the unshadowed irradiance of each receiver that had a ray.
         """
         at = self._tile.take(receivers) * PARTS**2 + parts
-        found = np.bincount(at, luminance, self._visible.size)
-        self._visible += found.reshape(self._visible.shape)
-        self._unshadowed += np.bincount(self._tile, sky, len(self._unshadowed))
+        found = np.bincount(at, luminance, self._visible.size).reshape(self._visible.shape)
+        sent = np.bincount(self._tile, sky, len(self._unshadowed))
+        self._visible += found
+        self._unshadowed += sent
+        self._shown += found.sum(axis=1), sent
+        self._shown_samples += 1
         self._new_samples += 1
         if self._new_samples >= max(self._samples, FIRST_SAMPLES):
             self._samples += self._new_samples
@@ -105,9 +115,7 @@ class SkyGuide:
         around = _with_neighbours(self._visible.reshape(*self._shape, -1)).reshape(self._visible.shape)
         visible = blur_parts(np.asarray(around, np.float32))
         total = visible.sum(axis=1)
-        unshadowed = _with_neighbours(self._unshadowed.reshape(self._shape)).ravel()
-        share = total / np.maximum(unshadowed, 1e-30)
-        self._share = np.where(unshadowed > 0, np.minimum(share, 1), 1).astype(np.float32)
+        share = total / np.maximum(_with_neighbours(self._unshadowed.reshape(self._shape)).ravel(), 1e-30)
         self._guides = (total > 0) & (share < OPEN)
         table = np.zeros((len(total), PARTS**2 + ENTRIES + 1), np.uint32)
         chosen = np.flatnonzero(self._guides)

@@ -58,7 +58,7 @@ def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] |
                **({"SKY_IS_REFLECTED": 1} if sky_is_reflected else {}),
                **({"HAS_SPECULAR_SURFACES": 1} if has_specular else {})}
 
-    optional = ("environment_diffuse", "environment_specular", "sky_visible") if layer is None else ()
+    optional = ("sky_visible", *(("environment_diffuse", "environment_specular") if layer is None else ()))
     if layer is None and has_normal_maps and shadow_grid is not None:
         reads += ("smooth_normal",)
     return Pass(prefix + "direct", reads=reads, optional=optional, writes=writes,

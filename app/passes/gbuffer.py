@@ -52,6 +52,8 @@ def declare_layers(layers: Iterable[str]) -> Pass:
 
 
 def make(device: Device, bound: BoundPass) -> Execute:
+    assert len(bound.writes) <= MAX_ATTACHMENTS, bound.writes
+
     def execute(frame: FrameState, resources: Resources) -> None:
         target = resources.target(with_depth=True)
         target.clear(depth=0.0)

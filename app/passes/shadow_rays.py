@@ -30,7 +30,9 @@ MAX_SPECULAR_SAMPLES = {MotionKind.NONE: 512.0, MotionKind.CAMERA: 8.0, MotionKi
 SKY_READS = ("sky_irradiance", "sky_strata")
 SUMS, SPECULAR, AVERAGED = ("shadow_visible", "shadow_unshadowed"), "shadow_specular", "_averaged"
 EXACT = "shadow_exact_now"  # what is known of the unshadowed light below a sky
-SKY = "sky_visible"         # share of the sky's light, coarse; where lights have a share of their own in shadow_ratio
+SKY = "sky_visible"         # visible share of the sky's light in tiles, where shadow_ratio is also that of lights
+# Of a tile's history, which does not follow what moves.
+MAX_TILE_SAMPLES = {MotionKind.NONE: 1024.0, MotionKind.CAMERA: 8.0, MotionKind.OBJECTS: 2.0}
 
 
 def grid(size: tuple[int, int]) -> tuple[int, int]:
@@ -59,9 +61,9 @@ def declare(lights: LightSet, has_specular: bool, has_sky: bool, scene: Callable
     now = {f"{name}_now": tex for name, tex in sums.items()} if has_history else dict(sums)
     if has_history and has_sky:
         now[EXACT] = Tex("f4", 4, size=receivers)
-    coarse = {SKY: Tex("f4", 1, size=tiles(receivers))} if has_sky and lights.has_traced and has_specular else {}
+    of_sky = {SKY: Tex("f4", 1, size=tiles(receivers))} if has_sky and lights.has_traced and has_specular else {}
     surfaces = "albedo", "normal", "depth", *(("specular_roughness",) if defines else ())
-    yield Pass("shadow_rays", reads=(*surfaces, *(SKY_READS if has_sky else ())), writes={**now, **coarse},
+    yield Pass("shadow_rays", reads=(*surfaces, *(SKY_READS if has_sky else ())), writes={**now, **of_sky},
                make=lambda device, bound: _make_rays(device, bound, {**lights.defines, **defines}, scene(), receivers,
                                                      has_history))
     if has_history:
@@ -135,7 +137,7 @@ def _make_rays(device: Device, bound: BoundPass, defines: Mapping[str, object], 
             for name, values in zip(sums, traced, strict=True):
                 resources[name].write(values.tobytes())
         if guide is not None and SKY in bound.writes:
-            resources[SKY].write(guide.share.tobytes())
+            resources[SKY].write(guide.visible_share.tobytes())
         resources.set_current(key)
 
     return execute
@@ -149,6 +151,7 @@ def _prepare(guide: SkyGuide, rays: ShadowRays, frame: FrameState, samples: rang
         return range(max(samples.start, FIRST_SAMPLES), samples.stop)
     if frame.motion is not MotionKind.NONE:
         guide.fade()
+    guide.keep(MAX_TILE_SAMPLES[frame.motion])
     return samples
 
 

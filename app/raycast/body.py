@@ -29,7 +29,7 @@ class SurfaceInteraction:
     normal : ndarray, float32, shape (N, 3)
         Unit shading normal in the body's space, on the side of the ray's origin.
     albedo : ndarray, float32, shape (N, 3)
-        Share of the light that arrives at ``MEAN_COSINE`` which goes back, by diffuse and specular reflection.
+        Reflected share of light, by diffuse and specular reflection; the latter for a cosine of ``MEAN_COSINE``.
     emission : ndarray, float32, shape (N, 3)
         In W/(sr m²), also of light proxies.
     """

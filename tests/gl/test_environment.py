@@ -15,7 +15,7 @@ from app.renderer import Renderer
 from app.scene import Camera, Environment, Material, RectLight, Scene
 from app.settings import Settings
 from tests.gl.closed_forms import polygon_irradiance
-from tests.gl.scenes import F32, F64, box, cellar, draw, floor, make_scene, quad, slide, window_irradiance
+from tests.gl.scenes import F32, F64, Part, box, cellar, draw, floor, make_scene, quad, slide, window_irradiance
 from tests.unit.test_environment import compass
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
@@ -113,6 +113,36 @@ def test_a_lamp_does_not_show_the_highlights_of_a_hidden_sky() -> None:
     alone, with_lamp = highlights(room.environment), highlights(room.environment, lamp) - highlights(None, lamp)
     print(f"HIGHLIGHTS of the sky {alone:.4f} alone, {with_lamp:.4f} beside a lamp")
     assert abs(with_lamp - alone) < 0.3 * alone
+
+
+def test_highlights_of_the_sky_come_with_its_light() -> None:
+    """A shutter that opens after a while at rest, in a room with a dim lamp."""
+    rough = Material(albedo=(0.5,) * 3, specular=(0.5,) * 3, roughness=0.9)
+    room = cellar(2.0)
+    walls = [Part(mesh.positions.reshape(-1, 3, 3), rough) for mesh in room.meshes]
+    opens = slide((0, 1, 1.01, 9), [(0, 0, 0), (0, 0, 0), (0, 40, 0), (0, 40, 0)])
+    shutter = quad((0.9, 0.9, -0.05), (2.2, 0, 0), (0, 2.2, 0), motion=opens)
+    lamp = RectLight((2.0, 3.95, 2.0), (1.2, 0.0, 0.0), (0.0, 0.0, 1.2), (0.05,) * 3)
+    scene = replace(make_scene([*walls, shutter], [lamp]), environment=room.environment)
+    camera = Camera((2.0, 1.5, 3.9), (2.0, 0.0, 1.0), fov_y_deg=40.0)
+
+    def highlights(*times: float) -> float:
+        with Renderer(scene, Settings((128, 96), ("specular",), taa=True)) as renderer:
+            return [float(renderer.render(camera, time)["specular"].mean()) for time in times][-1]
+
+    closed, opened, late = highlights(*[0.5] * 30), highlights(*[2.0] * 4), highlights(*[0.5] * 30, *[2.0] * 4)
+    print(f"SHUTTER closed {closed:.4f}, open {opened:.4f}, four frames after it opened {late:.4f}")
+    assert closed < 0.2 * opened
+    assert abs(late - opened) < 0.1 * opened
+
+
+def test_a_dim_lamp_leaves_the_shadows_of_the_skys_highlights() -> None:
+    rough = Material(albedo=(0.5,) * 3, specular=(0.5,) * 3, roughness=0.8)
+    parts = floor(3.0, 0.0, rough), box((-0.4, 0.05, -0.4), (0.8, 0.4, 0.8), rough)
+    dim = RectLight((0.0, 3.0, 0.0), (2.0, 0.0, 0.0), (0.0, 0.0, 2.0), (1e-3,) * 3)
+    alone, beside = (draw(replace(under(EVEN_SKY, *parts), lights=lights), SIZE, ("specular",))["specular"]
+                     for lights in ((), (dim,)))
+    assert np.abs(beside - alone).mean() < 0.01 * alone.mean()
 
 
 def test_the_light_of_a_shaft_stays_as_it_was() -> None:
