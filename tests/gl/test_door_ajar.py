@@ -27,7 +27,8 @@ def test_the_dark_room_has_its_light(degrees: float, room: int) -> None:
     made = generated("door_ajar", room, {"angle_deg": degrees})
     scene = with_found_emitters(made.scene)
     camera = scene.cameras[scene.default_camera].at(0.0)
-    expected = trace_reference(Still(scene, camera, SIZE), 64).layers["final"].mean()
+    paths = 512 if degrees < 6 else 64  # 64 are 4 % off where little light comes through
+    expected = trace_reference(Still(scene, camera, SIZE), paths).layers["final"].mean()
     found = draw(scene, SIZE, ("final",), camera, find_model("ember"))["final"].mean()
     assert found == pytest.approx(expected, rel=0.15)
 

@@ -351,7 +351,7 @@ def test_all_maps_and_layers_of_a_file_go_together(mode: str, tmp_path: Path) ->
 def test_targets_exist_only_for_what_a_material_has() -> None:
     plain = {"albedo", "normal", "depth"}
     for material, more in ((GREY, set()), (replace(GREY, occlusion_map=constant(0.5)), {"occlusion"}),
-                           (replace(GREY, normal_map=normal_map((0, 0, 1))), set()),
+                           (replace(GREY, normal_map=normal_map((0, 0, 1))), {"smooth_normal"}),
                            (replace(GREY, is_unlit=True), {"emission"}),
                            (replace(GREY, metallic=0.5), {"specular_roughness"}),
                            (replace(GREY, clearcoat=Clearcoat(1, 0.5)), {"specular_roughness", "clearcoat"}),
