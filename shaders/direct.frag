@@ -193,7 +193,7 @@ void main()
 #endif
     v = is_reached ? v : vec3(0.0);
 #ifdef HAS_SKY_VISIBLE
-    vec3 v_sky = is_reached ? sky_share(v, of_lights, of_sky) : vec3(0.0);
+    vec3 v_sky = sky_share(v, of_lights, of_sky);
 #else
     vec3 v_sky = v;
 #endif

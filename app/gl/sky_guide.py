@@ -50,11 +50,11 @@ class SkyGuide:
 
     def forget(self) -> None:
         """Spread rays over all light again."""
-        tiles = math.prod(self._shape)
-        self._visible = np.zeros((tiles, PARTS**2))  # luminance that has arrived from each part
-        self._unshadowed = np.zeros(tiles)           # and that would have if nothing was in the way
+        count = math.prod(self._shape)
+        self._visible = np.zeros((count, PARTS**2))  # luminance that has arrived from each part
+        self._unshadowed = np.zeros(count)           # and that would have if nothing was in the way
         self._samples, self._new_samples = 0.0, 0  # of each receiver, learned from in all and since the last update
-        self._shown, self._shown_samples = np.zeros((2, tiles)), 0.0  # of each tile as above, for visible_share
+        self._shown, self._shown_samples = np.zeros((2, count)), 0.0  # of each tile as above, for visible_share
         self._update()
 
     @property

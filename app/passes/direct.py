@@ -52,15 +52,14 @@ def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] |
     surface = (prefix + name for name in (
         "albedo", "normal", "depth", *(("specular_roughness",) if has_specular else ()), *layers))
     reads = (*surface, *lights.shadow_maps, *(("shadow_ratio", "shadow_gbuffer") if shadow_grid is not None else ()),
-             *(("sky_irradiance",) if has_sky else ()), *(("sky_specular",) if has_sky and has_specular else ()))
+             *(("sky_irradiance",) if has_sky else ()), *(("sky_specular",) if has_sky and has_specular else ()),
+             *(("smooth_normal",) if layer is None and has_normal_maps and shadow_grid is not None else ()))
     defines = {**lights.defines, "SKY_TILE": f"{TILE}.0", **({"NORMAL_MAPS": 1} if has_normal_maps else {}),
                **{f"HAS_{name.upper()}": 1 for name in layers}, **({"WIDE_SHADOW_RATIO": 1} if prefix else {}),
                **({"SKY_IS_REFLECTED": 1} if sky_is_reflected else {}),
                **({"HAS_SPECULAR_SURFACES": 1} if has_specular else {})}
 
     optional = ("sky_visible", *(("environment_diffuse", "environment_specular") if layer is None else ()))
-    if layer is None and has_normal_maps and shadow_grid is not None:
-        reads += ("smooth_normal",)
     return Pass(prefix + "direct", reads=reads, optional=optional, writes=writes,
                 make=lambda device, bound: _make(device, bound, defines, shadow_grid, bool(layers), layer))
 

@@ -41,6 +41,8 @@ def declare(size: tuple[int, int], grid: tuple[int, int], surfels: TrackedSurfel
     ----------
     has_history : bool
         Whether pixels keep light of earlier frames, so that not all of them have to be tested in each frame.
+    normals : str
+        Those of the image, as ``lowres_gbuffer`` has them.
     """
     side = tile_side(size)
     tiles = _tiles(size, side)
