@@ -88,7 +88,8 @@ MAX_LAYERS = 4  # of blended and transmissive surfaces; farther ones of a pixel 
 LAYER_PASSES = (*(f"peel{k}_{name}" for k in range(MAX_LAYERS) for name in ("gbuffer", "direct", "blend")),
                 "front_motion")
 CUBE_PASSES = ("cube_gbuffer", "cube_shadow_rays", "cube_direct", "cube_background")
-GATHER_PASSES = ("surfel_pack_globals", "surfel_indirect", "gather_rays", "gather_history")
+GRADIENT_PASSES = ("gradient_filter_near", "gradient_filter_far")
+GATHER_PASSES = ("surfel_pack_globals", "surfel_indirect", "gather_rays", "gather_history", *GRADIENT_PASSES)
 NETWORK_PASSES = (*CUBE_PASSES, "pack_surfels", *GATHER_PASSES, "pack_globals", "pack_screen", "network")
 REFLECTED_RAY_PASSES = ("reflection_gbuffer", "reflection_march", "reflection_rays", "reflection_resolve",
                         "reflection_history", "reflection_filter_far", "reflection_filter_near", "reflection_detail")
@@ -403,8 +404,10 @@ def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:
                                          inputs.smooth_normals)
     else:
         yield from _absent("the model gives no light of surfels", *MISSED_PASSES)
+    has_gradient = inputs.models.surfels is not None and inputs.has_normal_maps
     yield upsample.declare("upsample", grid, "indirect_filled", "lowres_gbuffer", "indirect", has_history=settings.taa,
-                           missed_tile=missed_tile, normals=inputs.smooth_normals)
+                           missed_tile=missed_tile, normals=inputs.smooth_normals,
+                           gradient="light_gradient" if has_gradient else None)
 
 
 def _reflections(inputs: FrameInputs) -> Iterator[Step]:
@@ -470,7 +473,10 @@ def _gathered_light(inputs: FrameInputs, source: Network, grid: Size) -> Iterato
     yield pack_surfels.declare(inputs.surfels, contract, tensors, inputs.scene.longest_edge)
     yield _pack_globals("surfel_pack_globals", contract, tensors, inputs.scene.environment, None)
     yield surfel_indirect.declare(source, tensors, inputs.surfels)
-    yield from final_gather.declare(inputs.surfels, inputs.lights, grid, settings.taa, inputs.traces_on_gpu)
+    yield from final_gather.declare(inputs.surfels, inputs.lights, grid, settings.taa, inputs.traces_on_gpu,
+                                    inputs.has_normal_maps)
+    if not inputs.has_normal_maps:
+        yield from _absent("no material has a normal map", *GRADIENT_PASSES)
     if not settings.taa:
         yield Absent("gather_history", NO_TAA)
 

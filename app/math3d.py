@@ -166,6 +166,7 @@ def boxes_in_frustum(boxes: F64, planes: F64) -> Bools:
 # Increments per axis of Roberts' R2 sequence ("The Unreasonable Effectiveness of Quasirandom Sequences").
 R2 = (0.7548776662, 0.569840291)
 GOLDEN_RATIO = (math.sqrt(5) - 1) / 2  # the same in one dimension
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear Rec. 709
 
 
 def halton(index: int, base: int) -> float:

@@ -27,6 +27,12 @@ uniform bool history_valid;
 const float LEAST_FOUND = 0.1;  // so that light which is out of date fades
 #endif
 
+#ifdef HAS_LIGHT_GRADIENT
+uniform sampler2D bumpy_normal;
+uniform sampler2D light_gradient;  // of light by the tilt of bumps, over the light; low-resolution, world space
+const float MAX_BRIGHTENED = 3.0;  // by bumps that face the light
+#endif
+
 #ifdef HAS_MISSED_LIGHT
 #include "missed_pixels.glsl"
 
@@ -82,6 +88,19 @@ vec3 with_history(vec3 light, float shown, float found, float d, BilateralReceiv
 }
 #endif
 
+#ifdef HAS_LIGHT_GRADIENT
+// Light on a bump over that on the smooth surface with normal n: half of what is below its horizon is seen no more, and the
+// surface hides the rest; to first order, light from one side counts more on bumps that face it.
+float on_bump(vec3 n)
+{
+    ivec2 texel = ivec2(gl_FragCoord.xy);
+    vec3 bump = sanitize_normal(texelFetch(bumpy_normal, texel, 0).xyz);
+    vec3 gradient = textureLod(light_gradient, gl_FragCoord.xy / vec2(textureSize(depth, 0)), 0.0).rgb;
+    float cosine = dot(bump, n), seen = 0.5 + 0.5 * cosine + dot(bump - cosine * n, gradient);
+    return clamp(is_finite(seen) ? seen : 1.0, 0.0, MAX_BRIGHTENED);
+}
+#endif
+
 void write(vec3 light, float d)
 {
 #ifdef HAS_INDIRECT_PREV
@@ -102,7 +121,11 @@ void main()
     vec2 along = along_normal(t.low, ratio, r);
     vec4 sum = interpolate_taps(tap(t.low, along.x + along.y, 1.0, r), t.closeness);
     bool is_seen = is_surface(d), stands = t.is_inside && shows_plane_of_quad(r) && sum.a >= SHOWN;
-    write(is_seen ? sanitize_radiance(sum.rgb / sum.a) : vec3(0.0), d);
+    vec3 light = is_seen ? sanitize_radiance(sum.rgb / sum.a) : vec3(0.0);
+#ifdef HAS_LIGHT_GRADIENT
+    light = min(light * on_bump(r.normal), HALF_MAX);
+#endif
+    write(light, d);
     gl_FragDepth = quad_all(stands) || !quad_any(is_seen) ? 1.0 : 0.0;
 }
 #else
@@ -127,6 +150,9 @@ void main()
 #endif
     // NaN in the light of any tap ends as 0 here.
     vec3 light = is_surface(d) && sum.a > 0.0 ? sanitize_radiance(sum.rgb / sum.a) : vec3(0.0);
+#ifdef HAS_LIGHT_GRADIENT
+    light = min(light * on_bump(r.normal), HALF_MAX);
+#endif
 #ifdef HAS_INDIRECT_PREV
     if (is_surface(d) && shown < 1.0) light = with_history(light, shown, found, d, r);
 #endif

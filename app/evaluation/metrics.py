@@ -15,9 +15,9 @@ from app.arrays import F32, F64, Bools, Floats
 from app.errors import MetricError
 from app.extras import extra_module
 from app.io.image import srgb_encode
+from app.math3d import LUMINANCE
 
 EXTRA = "evaluation"
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # Rec. 709
 MIN_LUMINANCE = 1e-12      # W/(sr m²); darker references count as black
 SSIM_SIGMA, SSIM_RADIUS = 1.5, 5
 FLIP_STOPS = (-2.0, 2.0)   # exposures of HDR-FLIP, in stops around ``exposure_of``; equal ends would give 0

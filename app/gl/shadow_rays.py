@@ -12,7 +12,8 @@ from app.gl.context import Device
 from app.gl.frame_state import FrameState
 from app.gl.shader import Program
 from app.gl.sky_guide import DEFINES as GUIDE_DEFINES
-from app.gl.sky_guide import LUMINANCE, OPEN, SkyGuide
+from app.gl.sky_guide import OPEN, SkyGuide
+from app.math3d import LUMINANCE
 
 PASSES_PROXIES, MEETS_ALL, TO_SKY = 1.0, 2.0, 3.0  # kinds of rays in shadow_rays.frag, the last one from there on
 ALWAYS_EXACT = 1e6  # a share of visible light that none reaches
@@ -118,7 +119,8 @@ class ShadowRays:
                 sky_of_all += sky
                 hits = np.flatnonzero(seen[:, 0] * (kind >= TO_SKY))
                 self._guide.learn(hits, (kind.take(hits) - TO_SKY).astype(np.int64),
-                                  light.take(hits, axis=0)[:, :3] @ LUMINANCE, sky[:, 3] * (light[:, 3] == 0))
+                                  light.take(hits, axis=0)[:, :3] @ LUMINANCE.astype(np.float32),
+                                  sky[:, 3] * (light[:, 3] == 0))
                 if self._has_lights:
                     of_lights += light * ((kind >= 0) & (kind < TO_SKY))[:, None]
             if self._has_specular:

@@ -23,7 +23,6 @@ MIN_SHARE = 0.02     # of the sky's light that a tile is taken to see, in the ch
 DECAY = 0.9          # of what was learned, per frame, while the camera or something moves
 TEXTURE_UNIT = 13    # of the guide, beyond those of what passes read
 DEFINES = {"GUIDE_TILE": TILE, "GUIDE_PARTS": PARTS, "GUIDE_ENTRIES": ENTRIES}
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
 def tiles(size: tuple[int, int]) -> tuple[int, int]:

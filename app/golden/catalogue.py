@@ -29,6 +29,7 @@ MATERIALS_STAGES = ("gbuffer", "gbuffer_layers", "direct", "composite")
 GLASS_STAGES = ("shadow", "peel0_gbuffer", "peel0_direct", "peel1_gbuffer", "peel1_blend", "peel0_blend",
                 "front_motion")
 PARALLEL_STAGES = "gbuffer", "background", "shadow_filter_far", "direct", "pack_screen", "upsample", "taa"
+BUMPS_STAGES = "gather_history", "gradient_filter_near", "gradient_filter_far", "upsample"
 PARALLEL_GLASS_STAGES = "position", "ssgi", "ssgi_filter_near", "accumulate", "upsample", "peel0_direct", "peel0_blend"
 LABELS = "instance", "material", "flow"
 REFLECTION_STAGES = ("reflection_march", "reflection_rays", "reflection_resolve", "reflection_history",
@@ -96,8 +97,11 @@ def catalogue() -> dict[str, Case]:
     # Tensors as they are shared with onnxruntime on a GPU; their network has a case of its own already.
     mapped = replace(_single("mapped", scenes.room(), radiosity), size=(96, 72), stages=("network",),
                      open_exchange=MappedExchange)
-    # Rays that shaders trace; the networks are those of cases with rays on the CPU.
+    # Light on bumps, and rays that shaders trace; the networks are those of cases above.
+    bumps = replace(_settled("bumps", scenes.materials(), find_model("final-gather")), size=(64, 48),
+                    stages=BUMPS_STAGES)
     on_gpu = [
+        replace(bumps, name="bumps_on_gpu", rays="gpu", stages=("gather_rays",)),
         replace(_settled("gathered_on_gpu", scenes.room(), find_model("final-gather")), size=(64, 48), rays="gpu",
                 stages=("shadow_rays", "gather_rays", "missed_light")),
         replace(_settled("reflected_on_gpu", scenes.materials(), SSGI), size=(64, 48), reflections=True, rays="gpu",
@@ -107,7 +111,7 @@ def catalogue() -> dict[str, Case]:
     ]
     used = {case.model for case in cases}
     others = [NetworkCase(_alone(name, file), file) for name, file in bundled_models().items() if file not in used]
-    every = (*with_networks(cases), mapped, *on_gpu, *others, CopyCase())
+    every = (*with_networks(cases), mapped, bumps, *on_gpu, *others, CopyCase())
     by_name = {case.name: case for case in every}
     assert len(by_name) == len(every), "two cases have the same name"
     return by_name

@@ -10,8 +10,8 @@ import numpy as np
 from app.arrays import F32, F64, Bytes, Floats
 from app.io.color_management import display_view, find_view
 from app.io.image import srgb_encode, to_8bit
+from app.math3d import LUMINANCE
 
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # Rec. 709
 MIDDLE_GREY = 0.18
 AGX_INSET = np.array([[0.842479062253094, 0.0784335999999992, 0.0792237451477643],
                       [0.0423282422610123, 0.878468636469772, 0.0791661274605434],

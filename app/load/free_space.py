@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from app.arrays import F64, Bools
 from app.load.geometry import face_vectors
+from app.math3d import unit_rows
 from app.scene import Instance, Mesh, bounds_of, swept_bounds_of
 
 _VOXELS = 64                # along the longest edge of the scene's box
@@ -20,6 +21,10 @@ _MIN_BACK_COSINE = 0.3      # between ray and normal, for a hit from behind
 _MIN_ENCLOSURE = 0.78       # of a free point that is enclosed by walls,
 _MIN_ROOM_SHARE = 0.3       # and share of such points in a room
 _MIN_ROOM_ENCLOSURE = 0.55  # of the points that belong to the room
+_MIN_BACK_SHARE = 0.05      # of what is seen from outside a room: walls are often modelled from the inside only
+_MIN_BUILDING = 8.0         # longest edge in scene units from which on closed walls may be those of a building
+_OUTSIDE = 0.75             # distance of eyes outside the scene, in diagonals of its box
+_LOOKS = 32                 # of each of them
 
 
 def _fibonacci_sphere(count: int) -> F64:
@@ -121,8 +126,20 @@ class FreeSpace:
 
     @cached_property
     def is_room(self) -> bool:
-        """Whether the scene is to be viewed from the inside."""
-        return len(self.enclosure) > 0 and float((self.enclosure >= _MIN_ENCLOSURE).mean()) >= _MIN_ROOM_SHARE
+        """Whether the scene is to be viewed from the inside: it encloses space, and is not a hollow object."""
+        if not len(self.enclosure) or float((self.enclosure >= _MIN_ENCLOSURE).mean()) < _MIN_ROOM_SHARE:
+            return False
+        size = self.bounds[1] - self.bounds[0]
+        return float(size.max()) >= _MIN_BUILDING or self._back_share() >= _MIN_BACK_SHARE
+
+    def _back_share(self) -> float:
+        """Share of back faces in what is seen of the scene from outside."""
+        size = self.bounds[1] - self.bounds[0]
+        eyes = np.repeat(self.bounds.mean(axis=0) + _OUTSIDE * float(np.linalg.norm(size)) * RAYS, _LOOKS, axis=0)
+        targets = self.bounds[0] + np.random.default_rng(0).random(eyes.shape) * size
+        distance, back = self.cast(eyes, unit_rows(targets - eyes))
+        seen = np.isfinite(distance)
+        return float(back[seen].mean()) if seen.any() else 0.0
 
     @property
     def room_points(self) -> F64:

@@ -1,13 +1,15 @@
 """Cleaning of meshes: finite corners, triangles with an area, and normals that are unit length or zero."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.arrays import F64, Bools, Ints
+from app.math3d import unit_rows
 
 _MIN_NORMAL_LENGTH = 1e-6
+_FLAT_COSINE = 1 - 1e-6  # between the normals of triangles in one plane
 _MAX_COORDINATE = float(np.finfo(np.float32).max)  # larger float64 values would become infinite on the GPU
 
 
@@ -98,6 +100,73 @@ def smooth_normals(positions: F64, triangles: NDArray[np.integer]) -> F64:
     corners = triangles.ravel()
     sums = [np.bincount(corners, np.repeat(faces[:, axis], 3), len(positions)) for axis in range(3)]
     return np.stack(sums, axis=1)
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def with_creases(mesh: RawMesh, max_angle: float) -> RawMesh:
+    """The mesh with smooth normals, but for edges at which triangles meet at more than ``max_angle`` in radians.
+
+    A vertex on such an edge becomes one for each side. Where all of the mesh is flat, it stays without normals.
+    """
+    facing = unit_rows(np.nan_to_num(face_vectors(mesh.positions, mesh.triangles)))
+    place = number_rows(mesh.positions)
+    a, b = _neighbours(place[mesh.triangles])
+    cosine = np.einsum("ec,ec->e", facing[a], facing[b])
+    is_smooth = cosine >= np.cos(max_angle)
+    if not (is_smooth & (cosine < _FLAT_COSINE)).any():
+        return mesh
+    part = _components(len(facing), a[is_smooth], b[is_smooth])
+    corners, side = mesh.triangles.ravel(), np.repeat(part, 3)
+    sides, vertex = np.unique(place[corners] * len(facing) + side, return_inverse=True)
+    weighted = np.repeat(facing, 3, axis=0) * _corner_angles(mesh.positions, mesh.triangles)[:, None]
+    normals = np.stack([np.bincount(vertex, weighted[:, axis], len(sides)) for axis in range(3)], axis=1)
+    rows, first, renumber = np.unique(corners * len(facing) + side, return_index=True, return_inverse=True)
+    return replace(take_vertices(mesh, rows // len(facing), renumber.reshape(-1, 3)), normals=normals[vertex[first]])
+
+
+def take_vertices(mesh: RawMesh, rows: Ints, triangles: Ints) -> RawMesh:
+    """The mesh whose vertices are those of ``rows``."""
+    arrays = {f.name: getattr(mesh, f.name) for f in fields(mesh) if f.name != "triangles"}
+    taken = {name: values[rows] for name, values in arrays.items() if values is not None}
+    return replace(mesh, triangles=triangles, **taken)
+
+
+def number_rows(values: F64) -> Ints:
+    """A number for each row that equal rows share, below the number of rows, shape (N,)."""
+    rows = np.ascontiguousarray(values + 0.0)  # -0 becomes 0
+    opaque = rows.view(np.dtype((np.void, rows.dtype.itemsize * rows.shape[1]))).ravel()
+    return np.unique(opaque, return_inverse=True)[1].reshape(-1)
+
+
+def _corner_angles(positions: F64, triangles: Ints) -> F64:
+    """The angle at each corner in radians, shape (3T,)."""
+    here = np.nan_to_num(positions[triangles])
+    to_next, to_last = (unit_rows((np.roll(here, shift, axis=1) - here).reshape(-1, 3)) for shift in (-1, 1))
+    return np.asarray(np.arccos(np.clip(np.einsum("nc,nc->n", to_next, to_last), -1.0, 1.0)))
+
+
+def _neighbours(corners: Ints) -> tuple[Ints, Ints]:
+    """Pairs of triangles that share an edge, by the numbers of their corners, shape (T, 3)."""
+    edges = np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    key = edges[:, 0] * (int(corners.max(initial=0)) + 1) + edges[:, 1]
+    order = np.argsort(key, kind="stable")
+    is_shared = key[order[1:]] == key[order[:-1]]
+    return order[:-1][is_shared] // 3, order[1:][is_shared] // 3
+
+
+def _components(count: int, a: Ints, b: Ints) -> Ints:
+    """A number for each of ``count`` things, the same for those that pairs (a, b) join, directly or through others."""
+    number = np.arange(count)
+    while True:
+        least = np.minimum(number[a], number[b])
+        joined = number.copy()
+        np.minimum.at(joined, number[a], least)
+        np.minimum.at(joined, number[b], least)
+        while (joined[joined] != joined).any():
+            joined = joined[joined]
+        if (joined == number).all():
+            return number
+        number = joined[number]
 
 
 def add_alpha(colors: F64 | None) -> F64 | None:

@@ -1,5 +1,9 @@
-"""MTL files -> ``Material``. Colours are linear, textures sRGB-encoded; bump and reflection maps are ignored."""
+"""MTL files -> ``Material``, with the keys for physically based materials that Blender writes (Pr, Pm, norm …).
 
+Colours are linear, colour textures sRGB-encoded. Height maps and maps of highlights are ignored.
+"""
+
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +15,17 @@ from app.load.scene_builder import SceneBuilder, color
 from app.scene import Material, Texture
 
 _GLASS_MODELS = {4, 6, 7, 9}  # of ``illum``
-_MIN_OPAQUE_ALPHA = 0.5
+_MIRROR_MODELS = range(3, 10)  # which reflect their surroundings as well
+_HIGHLIGHT_F0 = 0.08           # of Ks 1 in the others, so that 0.5, Blender's for a plain plastic, gives 0.04
+_PLASTIC_F0 = 0.04             # where the keys for physically based materials stand without Ks
+_NORMAL_MAP_BLUE = 0.25        # by which a map of normals is bluer than red and green; one of heights is grey
+_IGNORED = "disp", "map_ka", "map_ks", "map_ns", "map_ps", "refl"
 _OPTION_WORDS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-bm": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1, "-mm": 2,
                  "-texres": 1, "-type": 1}
 _OPTION_VECTORS = ("-o", "-s", "-t")
 
 Values = dict[str, list[str]]
+
 
 def read_mtl(folder: Path, names: str, builder: SceneBuilder) -> dict[str, Material]:
     """Materials by name from the MTL file, or files, of one ``mtllib`` line."""
@@ -69,25 +78,53 @@ class _MaterialBuilder:
         if emission_map is not None and (emission is None or max(emission) == 0):
             emission = (1.0, 1.0, 1.0)
         alpha = _opacity(values)
+        if alpha == 0.0:  # what is not there at all would not be in the file; some exporters invert the number
+            self._builder.notice(f"material {name!r} would be invisible (d 0), so it is drawn opaque")
+            alpha = 1.0
         if mask is not None:
             albedo_map = _merge_mask(albedo_map, mask)
         masked = mask is not None or (albedo_map is not None and albedo_map.pixels[..., 3].min() < 128)
-        is_glass = _number(values.get("illum"), 0.0) in _GLASS_MODELS or alpha < 1.0
-        if is_glass and alpha >= _MIN_OPAQUE_ALPHA:
+        model = _number(values.get("illum"), 0.0)
+        if model in _GLASS_MODELS and alpha == 1.0:
             self._builder.notice(f"material {name!r} is transparent but is drawn opaque")
+        normal_map = self._normal_map(name, values)
+        if any(key in values for key in _IGNORED):
+            self._builder.notice(f"maps of heights, highlights and reflections ({', '.join(_IGNORED)}) are ignored")
         exponent = max(_number(values.get("ns"), 0.0), 0.0)
+        shine, metal = (self._texture(name, values.get(k)) for k in ("map_pr", "map_pm"))
+        is_physical = any(key in values for key in ("pr", "pm", "map_pr", "map_pm"))
+        f0 = (_PLASTIC_F0,) * 3 if is_physical else (0.0,) * 3
+        if specular is not None:
+            f0 = _scaled(specular, 1.0 if model in _MIRROR_MODELS else _HIGHLIGHT_F0)
+        phong = (2.0 / (exponent + 2.0)) ** 0.25
         return Material(
             name=name,
             albedo=_clamp(albedo),
             albedo_map=albedo_map,
             alpha=alpha,
-            alpha_cutoff=0.5 if masked or alpha < _MIN_OPAQUE_ALPHA else None,
+            alpha_cutoff=0.5 if masked else None,
+            is_blended=alpha < 1.0 and not masked,
             emission=emission or (0.0, 0.0, 0.0),
             emission_map=emission_map,
-            roughness=(2.0 / (exponent + 2.0)) ** 0.25,
-            specular=_clamp(specular or (0.0, 0.0, 0.0)),
+            roughness=min(max(_number(values.get("pr"), 1.0 if shine is not None else phong), 0.0), 1.0),
+            metallic=min(max(_number(values.get("pm"), 1.0 if metal is not None else 0.0), 0.0), 1.0),
+            metallic_roughness_map=_pack(shine, metal),
+            normal_map=normal_map,
+            specular=_clamp(f0),
             double_sided=False,
         )
+
+    def _normal_map(self, material: str, values: Values) -> Texture | None:
+        """The map of normals; those of ``bump`` may be one too, but are heights by the format's definition."""
+        for key in ("norm", "map_bump", "bump"):
+            texture = self._texture(material, values.get(key))
+            if texture is None:
+                continue
+            red, green, blue = texture.pixels[..., :3].mean(axis=(0, 1), dtype=np.float64) / 255
+            if key == "norm" or blue - (red + green) / 2 > _NORMAL_MAP_BLUE:
+                return replace(texture, is_color=False)
+            self._builder.notice("maps of heights (bump) are ignored")
+        return None
 
     def _texture(self, material: str, words: list[str] | None) -> Texture | None:
         if words is None:
@@ -135,6 +172,24 @@ def _merge_mask(colors: Texture | None, mask: Texture) -> Texture:
     height, width = pixels.shape[:2]
     pixels[..., 3] = np.asarray(Image.fromarray(alpha).resize((width, height), Image.Resampling.BILINEAR))
     return Texture(pixels, colors.transform, colors.repeat)
+
+
+def _pack(roughness: Texture | None, metal: Texture | None) -> Texture | None:
+    """Grey images of roughness and metal in the green and the blue channel of one."""
+    given = roughness if roughness is not None else metal
+    if given is None:
+        return None
+    height, width = given.pixels.shape[:2]
+    pixels = np.full((height, width, 4), 255, np.uint8)
+    for channel, texture in ((1, roughness), (2, metal)):
+        if texture is not None:
+            image = Image.fromarray(np.asarray(texture.pixels[..., 0], np.uint8))
+            pixels[..., channel] = np.asarray(image.resize((width, height), Image.Resampling.BILINEAR))
+    return Texture(pixels, given.transform, given.repeat, is_color=False)
+
+
+def _scaled(values: tuple[float, float, float], factor: float) -> tuple[float, float, float]:
+    return values[0] * factor, values[1] * factor, values[2] * factor
 
 
 def _opacity(values: dict[str, list[str]]) -> float:

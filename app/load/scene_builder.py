@@ -93,7 +93,7 @@ class SceneBuilder:
         """
         m = self.materials[material]
         if m.alpha_cutoff is not None and m.alpha < m.alpha_cutoff and m.albedo_map is None:
-            self.notice(f"material {m.name!r} is more than half transparent, so its surfaces are omitted")
+            self.notice(f"material {m.name!r} is below its alpha cutoff, so its surfaces are omitted")
             return None
         self._count(raw)
         if len(raw.triangles) and int(raw.triangles.max()) >= len(raw.positions):

@@ -4,12 +4,12 @@ Mikkelsen 2008, "Simulation of Wrinkled Surfaces Revisited" (MikkTSpace), withou
 vertex touch each other at an edge.
 """
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 
 from app.arrays import F64, Ints
-from app.load.geometry import RawMesh, face_vectors
+from app.load.geometry import RawMesh, face_vectors, number_rows, take_vertices
 from app.scene import Material
 
 
@@ -20,7 +20,7 @@ def add_tangents(mesh: RawMesh, uvs: F64) -> RawMesh:
     """
     if mesh.normals is None:
         corners = mesh.triangles.ravel()
-        mesh, uvs = _take_vertices(mesh, corners, np.arange(len(corners)).reshape(-1, 3)), uvs[corners]
+        mesh, uvs = take_vertices(mesh, corners, np.arange(len(corners)).reshape(-1, 3)), uvs[corners]
         mesh = replace(mesh, normals=np.repeat(face_vectors(mesh.positions, mesh.triangles), 3, axis=0))
     assert mesh.normals is not None
     normals = _unit(mesh.normals)
@@ -31,11 +31,11 @@ def add_tangents(mesh: RawMesh, uvs: F64) -> RawMesh:
     weight = _corner_angles(mesh.positions, mesh.triangles, at)
     projected = _unit(_project(np.repeat(along_u, 3, axis=0), at)) * weight[:, None]
     # Vertices that differ in no attribute of the tangent space share theirs.
-    same = _number_rows(np.concatenate([mesh.positions, normals, uvs], axis=1))[corners] * 2 + side
+    same = number_rows(np.concatenate([mesh.positions, normals, uvs], axis=1))[corners] * 2 + side
     sums = np.stack([np.bincount(same, projected[:, axis], 2 * len(normals)) for axis in range(3)], axis=1)
 
     vertices, first, renumber = np.unique(corners * 2 + side, return_index=True, return_inverse=True)
-    mesh = _take_vertices(mesh, vertices // 2, renumber.reshape(-1, 3))
+    mesh = take_vertices(mesh, vertices // 2, renumber.reshape(-1, 3))
     return replace(mesh, tangents=np.column_stack([_unit(sums[same[first]]), 1.0 - 2.0 * (vertices % 2)]))
 
 
@@ -48,13 +48,6 @@ def with_tangents(raw: RawMesh, material: Material) -> RawMesh:
     if raw.tangents is not None and raw.normals is not None:
         return raw
     return add_tangents(raw, uvs @ texture.transform[:2, :2].T)
-
-
-def _take_vertices(mesh: RawMesh, rows: Ints, triangles: Ints) -> RawMesh:
-    """The mesh whose vertices are those of ``rows``."""
-    arrays = {f.name: getattr(mesh, f.name) for f in fields(mesh) if f.name != "triangles"}
-    taken = {name: values[rows] for name, values in arrays.items() if values is not None}
-    return replace(mesh, triangles=triangles, **taken)
 
 
 def _directions(positions: F64, uvs: F64, triangles: Ints) -> tuple[F64, Ints]:
@@ -84,10 +77,3 @@ def _unit(vectors: F64) -> F64:
     """Unit vectors; zero for what has no direction."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.nan_to_num(vectors / np.where(length > 0, length, 1.0), posinf=0.0, neginf=0.0)
-
-
-def _number_rows(values: F64) -> Ints:
-    """A number for each row that equal rows share, below the number of rows, shape (N,)."""
-    rows = np.ascontiguousarray(values + 0.0)  # -0 becomes 0
-    opaque = rows.view(np.dtype((np.void, rows.dtype.itemsize * rows.shape[1]))).ravel()
-    return np.unique(opaque, return_inverse=True)[1].reshape(-1)

@@ -19,15 +19,16 @@ from app.gl.lights import LightSet
 from app.gl.pool import Resources
 from app.graph import BoundPass, Buf, Pass, Resource, Tex
 from app.math3d import put_rows, unit_rows
-from app.passes import final_gather_gpu
+from app.passes import final_gather_gpu, surface_filter
 from app.passes.gather_turns import is_turn, max_rays, turns_of
-from app.surfels.final_gather import LightAt, gather, sequence
+from app.surfels.final_gather import LightAt, gather, rotation_gradient, sequence
 from app.surfels.tracked import TrackedSurfels
 
 STILL_FRAMES = 4.0  # whose cleaned light is averaged at rest, since the first ones were cleaned from few rays
 INTERPOLATED_FROM = 4  # surfels, where the light without rays matters little
 LIT_AT_ONCE = 128, 128  # ends of rays that direct light is drawn at together, as a grid
 MEANS = "gathered_light", "gathered_surfels"  # light and number of rays; surfels' light and distance of rays
+GRADIENT = "gathered_gradient"  # of light by the tilt of bumps, see rotation_gradient
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +52,8 @@ class Receivers:
     traced: Ints
 
 
-def declare(surfels: TrackedSurfels, lights: LightSet, grid: tuple[int, int], has_history: bool,
-            on_gpu: bool) -> Iterator[Pass]:
+def declare(surfels: TrackedSurfels, lights: LightSet, grid: tuple[int, int], has_history: bool, on_gpu: bool,
+            has_bumps: bool) -> Iterator[Pass]:
     """The passes over a ``grid`` of width and height.
 
     Parameters
@@ -61,8 +62,11 @@ def declare(surfels: TrackedSurfels, lights: LightSet, grid: tuple[int, int], ha
         Whether frames are accumulated.
     on_gpu : bool
         Whether the GPU traces the rays.
+    has_bumps : bool
+        Whether to find ``light_gradient`` too: how light changes as bumps tilt, over the light.
     """
-    means: dict[str, Resource] = {name: Tex("f4", 4, size=grid) for name in MEANS}
+    names = (*MEANS, GRADIENT) if has_bumps else MEANS
+    means: dict[str, Resource] = {name: Tex("f4", 4, size=grid) for name in names}
     now = {f"{name}_now": tex for name, tex in means.items()} if has_history else means
     if on_gpu:
         yield final_gather_gpu.declare(surfels, lights, shown(has_history), now, grid, has_history)
@@ -74,6 +78,10 @@ def declare(surfels: TrackedSurfels, lights: LightSet, grid: tuple[int, int], ha
                    reads=(*now, "lowres_gbuffer", "motion", *(f"{name}@prev" for name in means), "lowres_gbuffer@prev"),
                    writes=means, make=make_fullscreen("gather_history.frag", lambda frame: {
                        **_history_uniforms(frame, grid), "max_rays": max_rays(frame, math.prod(grid))}))
+    if has_bumps:
+        near = GRADIENT + "_averaged"
+        yield surface_filter.declare("gradient_filter_near", GRADIENT, near, grid, 1, divided=False)
+        yield surface_filter.declare("gradient_filter_far", near, "light_gradient", grid, 3, divided=True)
 
 
 def _history_uniforms(frame: FrameState, grid: tuple[int, int]) -> dict[str, object]:
@@ -127,13 +135,16 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
         traced = receivers.traced
         numbers = sequence(grid, receivers.texel.take(traced), chosen.start, len(chosen), frame.noise_phase)
         interpolated = lookup.interpolate(indirect, position, receivers.normal, INTERPOLATED_FROM)
-        rays = gather(caster, light_at, float(world.median_radius), origin.take(traced, axis=0),
-                      receivers.normal.take(traced, axis=0), numbers)
+        facing = receivers.normal.take(traced, axis=0)
+        rays = gather(caster, light_at, float(world.median_radius), origin.take(traced, axis=0), facing, numbers)
         light, distance = np.zeros((len(position), 4), np.float32), np.ones((len(position), 1), np.float32)
         put_rows(light[:, :3], traced, np.einsum("nkc->nc", rays.light) / np.float32(len(chosen)))
         light[traced, 3] = len(chosen)
         distance[traced, 0] = np.einsum("nk->n", rays.distance) / np.float32(len(chosen))
-        for name, *columns in ((MEANS[0], light), (MEANS[1], interpolated, distance)):
+        gradient = np.zeros((len(position), 4), np.float32)
+        if GRADIENT + suffix in bound.writes:
+            put_rows(gradient, traced, rotation_gradient(rays, facing))
+        for name, *columns in ((MEANS[0], light), (MEANS[1], interpolated, distance), (GRADIENT, gradient)):
             if name + suffix in bound.writes:
                 texels = np.zeros((math.prod(grid), 4), np.float32)
                 put_rows(texels, receivers.texel, np.concatenate(columns, axis=1))

@@ -40,8 +40,9 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
     ends = grid[0], 2 * grid[1]
     defines = {**lights.defines, **read_defines(bound)}
     direct = DirectLight(device, lights, defines, ends, surfels.caster, on_gpu=True)
-    trace, resolve = (device.program(shader, defines=lights.defines)
-                      for shader in ("gather_trace.comp", "gather_resolve.comp"))
+    trace = device.program("gather_trace.comp", defines=lights.defines)
+    bumps = {"HAS_BUMPS": 1} if len(names) > 2 else {}
+    resolve = device.program("gather_resolve.comp", defines={**lights.defines, **bumps})
     buffer = SurfelBuffer(device, surfels)
     albedo, emission = (device.ctx.texture(ends, 4, dtype="f4") for _ in range(2))
     position, normal = direct.points

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from app.gl.fullscreen import make_fullscreen, ratio_to
 from app.graph import Pass, Tex
 from app.math3d import R2
+from app.passes import surface_filter
 
 SCALE = 0.5  # of the grid, relative to the output
 
@@ -32,11 +33,5 @@ def declare(grid: Size, accumulated: bool, target: str) -> Iterator[Pass]:
                make=make_fullscreen("ssgi.frag", lambda frame: {
                    "ratio": ratio_to(grid, frame), "noise_phase": frame.noise_phase,
                    "noise_offset": tuple(step * frame.index % 1.0 if accumulated else 0.0 for step in R2)}))
-    yield _filter("ssgi_filter_near", "ssgi_walks", "ssgi_gathered", grid, 1)
-    yield _filter("ssgi_filter_far", "ssgi_gathered", target, grid, 3)
-
-
-def _filter(name: str, source: str, target: str, grid: Size, spacing: int) -> Pass:
-    return Pass(name, reads=(source, "lowres_gbuffer"), writes={target: Tex("f2", 4, size=grid)},
-                make=make_fullscreen("ssgi_filter.frag", lambda frame: {
-                    "ratio": ratio_to(grid, frame), "spacing": spacing}, {"WALKS": source}))
+    yield surface_filter.declare("ssgi_filter_near", "ssgi_walks", "ssgi_gathered", grid, 1, divided=False)
+    yield surface_filter.declare("ssgi_filter_far", "ssgi_gathered", target, grid, 3, divided=True)

@@ -13,7 +13,7 @@ MAX_FRAMES = MAX_HISTORY[MotionKind.CAMERA]
 
 
 def declare(name: str, grid: tuple[int, int], light: str, surface: str, target: str, has_history: bool = False,
-            missed_tile: int | None = None, normals: str = "normal") -> Pass:
+            missed_tile: int | None = None, normals: str = "normal", gradient: str | None = None) -> Pass:
     """From a low-resolution ``grid`` of width and height: ``light`` on the G-buffer ``surface`` becomes ``target``.
 
     Parameters
@@ -24,6 +24,8 @@ def declare(name: str, grid: tuple[int, int], light: str, surface: str, target: 
         Side in pixels of the tiles of the image in which one of these pixels may have light of its own.
     normals : str
         Those of the image; ``surface`` has them too.
+    gradient : str, optional
+        On the grid: how light changes as bumps tilt, over the light.
     """
     def uniforms(frame: FrameState) -> dict[str, object]:
         ratio: dict[str, object] = {"ratio": ratio_to(grid, frame)}
@@ -34,6 +36,8 @@ def declare(name: str, grid: tuple[int, int], light: str, surface: str, target: 
 
     samplers = {light: "light_filled", surface: "lowres_gbuffer", normals: "normal",
                 **({normals + "@prev": "normal_prev"} if has_history else {})}
+    if gradient is not None:
+        samplers |= {gradient: "light_gradient", "normal": "bumpy_normal"}
     reads = (*(HISTORY_READS if has_history else ()), *(MISSED_READS if missed_tile else ()))
     return Pass(name, reads=(*samplers, "depth", *reads), writes={target: Tex("f2", 4)},
                 make=make_fullscreen("upsample.frag", uniforms, {"TILE": missed_tile} if missed_tile else {},

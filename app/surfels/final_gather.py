@@ -11,11 +11,12 @@ from itertools import permutations
 import numpy as np
 
 from app.arrays import F32, F64, Ints
-from app.math3d import R2, put_rows
+from app.math3d import LUMINANCE, R2, put_rows
 from app.raycast.caster import Caster, Hits
 from app.surfels.random_walks import sample_cosine_hemisphere
 
 SPREAD_BITS = 20            # of the points that sequences start at: blocks of up to 2^10 by 2^10 texels
+LEAST_COSINE = 0.1           # of rays in gradients, so that none outweighs all others
 SHUFFLE = 0x9E3779B97F4A7C15  # multiplied by an index, its middle bits are as good as random
 
 
@@ -29,10 +30,13 @@ class GatheredRays:
         W/(sr m²); its mean over the rays is indirect radiance / albedo.
     distance : ndarray, float32, shape (N, K)
         Of the rays' ends, relative to how far they reach, and at most 1.
+    direction : ndarray, float32, shape (N, K, 3)
+        Of the rays.
     """
 
     light: F32
     distance: F32
+    direction: F32
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +86,32 @@ def gather(caster: Caster, light_at: LightAt, reach: float, origin: F32, normal:
     _add_rows(irradiance, near, from_further)
     light = hits.traced_emission
     _add_rows(light, met, ends.albedo * irradiance[:len(met)])
-    return GatheredRays(light.reshape(count, rays, 3), distance.reshape(count, rays))
+    shape = count, rays, 3
+    return GatheredRays(light.reshape(shape), distance.reshape(shape[:2]), directions.reshape(shape))
+
+
+def rotation_gradient(rays: GatheredRays, normal: F32) -> F32:
+    """How luminance changes as a surface tilts: the sum over its rays of luminance times the tangent of their angle.
+
+    Ward and Heckbert 1992, "Irradiance Gradients", section 3.1.
+
+    Parameters
+    ----------
+    normal : ndarray, float32, shape (N, 3)
+
+    Returns
+    -------
+    ndarray, float32, shape (N, 4)
+        Mean over the rays: the gradient by the part of the tilted unit normal along the surface, and luminance.
+    """
+    luminance = rays.light @ LUMINANCE.astype(np.float32)
+    cosine = np.einsum("nkc,nc->nk", rays.direction, normal)
+    weight = luminance / np.maximum(cosine, LEAST_COSINE)
+    total = np.empty((len(normal), 4), np.float32)
+    along_normal = np.einsum("nk,nk->n", weight, cosine)[:, None] * normal
+    total[:, :3] = np.einsum("nk,nkc->nc", weight, rays.direction) - along_normal
+    total[:, 3] = np.einsum("nk->n", luminance)
+    return total / np.float32(luminance.shape[1])
 
 
 def _add_rows(target: F32, rows: Ints, values: F32) -> None:

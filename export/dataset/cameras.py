@@ -6,8 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from app.arrays import F64
-from app.evaluation.metrics import LUMINANCE
-from app.math3d import View
+from app.math3d import LUMINANCE, View
 from app.scene import Camera
 from export.dataset.scenes.generated_scene import GeneratedScene, Rng
 from export.reference.path_tracer import PathTracer, Samples

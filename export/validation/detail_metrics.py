@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from app.arrays import F32, F64, Bools
-from app.evaluation.metrics import LUMINANCE
+from app.math3d import LUMINANCE
 
 TEXEL = 16               # pixels
 EDGE_RADIUS = 4          # pixels around an edge that count as being at it

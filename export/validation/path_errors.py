@@ -8,10 +8,10 @@ import numpy as np
 
 from app.arrays import F32
 from app.evaluation.configurations import Configuration
-from app.evaluation.metrics import LUMINANCE
 from app.evaluation.reference import cache_folder
 from app.extras import extra_module
 from app.io.atomic_files import replace_file
+from app.math3d import LUMINANCE
 from app.renderer import Renderer
 from app.settings import Settings
 from export.validation.camera_paths import CameraPathCase

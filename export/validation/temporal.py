@@ -13,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 
 from app.arrays import F32, Bools
-from app.evaluation.metrics import LUMINANCE
+from app.math3d import LUMINANCE
 from export.training.losses.loss_inputs import warp
 
 

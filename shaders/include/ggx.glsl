@@ -1,5 +1,5 @@
-// GGX specular light of analytic lights. Spheres act through the point nearest to the mirrored ray (Karis 2013, "Real
-// Shading in Unreal Engine 4"), with alpha widened to conserve energy.
+// GGX specular light of analytic lights. Spheres, and discs of parallel light, act through the point nearest to the mirrored
+// ray (Karis 2013, "Real Shading in Unreal Engine 4"), with alpha widened to conserve energy.
 #include "lights.glsl"
 #include "ggx_lobe.glsl"
 #include "ltc.glsl"
@@ -45,32 +45,28 @@ vec3 ggx_specular(Light light, vec3 p, vec3 n, Lobe lobe)
 {
     if (max(max(lobe.f0.r, lobe.f0.g), lobe.f0.b) <= 0.0) return vec3(0.0);
     int kind = int(light.color.w);
-    vec3 l = light.position.xyz;
     vec3 arriving = light.color.rgb;  // irradiance on a facing surface
-    float widened = lobe.alpha, most = 1e30;  // most: share of it that may be reflected
-    if (kind != DIRECTIONAL) {
-        vec3 to_light = light.position.xyz - p;
 #ifdef HAS_RECT_LIGHT
-        if (kind == RECT) {
-            float share = min(rect_specular(light, p, n, lobe.rect), lobe.albedo);
-            return arriving * rect_reflectance(lobe, lobe.rect) * share;
-        }
-#endif
-        float size = light.position.w;
-        if (size > 0.0) {
-            vec3 mirrored = reflect(-lobe.v, n);
-            vec3 miss = dot(to_light, mirrored) * mirrored - to_light;
-            to_light += miss * min(size / max(length(miss), 1e-6), 1.0);
-        }
-        float square = max(dot(to_light, to_light), 1e-12);
-        l = to_light * inversesqrt(square);
-        arriving /= square;
-        widened = clamp(lobe.alpha + 0.5 * size * inversesqrt(square), lobe.alpha, 1.0);
-        if (size > 0.0) most = lobe.albedo * square / (PI * size * size);  // as of the sphere's radiance from everywhere
-#ifdef HAS_SPOT_LIGHT
-        if (kind == SPOT) arriving *= spot_falloff(light, normalize(light.position.xyz - p));
-#endif
+    if (kind == RECT) {
+        float share = min(rect_specular(light, p, n, lobe.rect), lobe.albedo);
+        return arriving * rect_reflectance(lobe, lobe.rect) * share;
     }
+#endif
+    vec3 to_light = light.position.xyz - (kind == DIRECTIONAL ? vec3(0.0) : p);
+    float size = light.position.w, most = 1e30;  // most: share of arriving light that may be reflected
+    if (size > 0.0) {
+        vec3 mirrored = reflect(-lobe.v, n);
+        vec3 miss = dot(to_light, mirrored) * mirrored - to_light;
+        to_light += miss * min(size / max(length(miss), 1e-6), 1.0);
+    }
+    float square = max(dot(to_light, to_light), 1e-12);
+    vec3 l = to_light * inversesqrt(square);
+    float widened = clamp(lobe.alpha + 0.5 * size * inversesqrt(square), lobe.alpha, 1.0);
+    if (size > 0.0) most = lobe.albedo * square / (PI * size * size);  // as of the light's radiance from everywhere
+    if (kind != DIRECTIONAL) arriving /= square;
+#ifdef HAS_SPOT_LIGHT
+    if (kind == SPOT) arriving *= spot_falloff(light, normalize(light.position.xyz - p));
+#endif
     float n_l = dot(n, l), n_v = max(dot(n, lobe.v), 1e-3);
     if (n_l <= 0.0) return vec3(0.0);
     vec3 h = normalize(l + lobe.v);

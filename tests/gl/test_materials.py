@@ -362,8 +362,17 @@ def test_targets_exist_only_for_what_a_material_has() -> None:
             assert set(written) == plain | more
 
 
-def test_indirect_light_is_smooth_on_bumps() -> None:
-    """It is that of a floor without bumps, which differ from texel to texel of the grid that it is gathered on."""
+def with_tangents(scene: Scene) -> Scene:
+    """The scene with its last mesh, a floor, ready for a normal map: tangents along x."""
+    *others, last = scene.meshes
+    axes = {name: np.tile(np.array(axis, np.float32), (len(last.positions), 1))
+            for name, axis in (("normals", (0, 1, 0)), ("tangents", (1, 0, 0, 1)))}
+    return replace(scene, meshes=(*others, replace(last, **axes)))
+
+
+def test_indirect_light_has_no_blotches_on_bumps() -> None:
+    """On the mean over blocks it is that of a floor without bumps times one factor, since bumps all over see a little
+    less. They differ from texel to texel of the grid that light is gathered on."""
     tilts = np.random.default_rng(3).uniform(-1.0, 1.0, (256, 256, 2))
     normals = np.dstack([tilts, np.ones((256, 256))])
     pixels = np.dstack([0.5 + 0.5 * normals / np.linalg.norm(normals, axis=-1, keepdims=True), np.ones((256, 256))])
@@ -372,17 +381,37 @@ def test_indirect_light_is_smooth_on_bumps() -> None:
     camera = Camera((0.0, 1.5, 1.9), (0.0, 0.0, 0.2), fov_y_deg=45.0)
 
     def light(material: Material) -> Images:
-        scene = make_scene([box((-2, -0.01, -2), (4, 3, 4)), floor(1.99, 0.0, material)], [panel], camera)
-        axes = {name: np.tile(np.array(axis, np.float32), (len(scene.meshes[1].positions), 1))
-                for name, axis in (("normals", (0, 1, 0)), ("tangents", (1, 0, 0, 1)))}
-        scene = replace(scene, meshes=(scene.meshes[0], replace(scene.meshes[1], **axes)))
+        parts = [box((-2, -0.01, -2), (4, 3, 4)), floor(1.99, 0.0, material)]
+        scene = with_tangents(make_scene(parts, [panel], camera))
         settings = Settings((256, 192), ("direct", "indirect"), provider="cpu")
         with Renderer(scene, settings, find_model("final-gather")) as renderer:
             renderer.render(camera)
             return renderer.render(camera)
 
     plain, bumpy = light(GREY), light(bumps)
-    off = np.abs(bumpy["indirect"] - plain["indirect"]).mean() / plain["indirect"].mean()
-    print(f"BUMPS {off:.3f} of the indirect light off")
+    ratio = (bumpy["indirect"] / plain["indirect"]).reshape(12, 16, 16, 16, 3).mean(axis=(1, 3, 4))
+    print(f"BUMPS {ratio.mean():.3f} of the light, blocks {ratio.std():.3f} apart")
     assert np.abs(bumpy["direct"] - plain["direct"]).mean() > 0.03 * plain["direct"].mean()
-    assert off < 0.01
+    assert 0.8 < ratio.mean() < 1.0 and ratio.std() < 0.02
+
+
+@pytest.mark.parametrize(("tilt", "expected"), [
+    ((1, 0, 3), 3 / 10**0.5 + 1 / 10**0.5), ((-1, 0, 3), 3 / 10**0.5 - 1 / 10**0.5), ((0, 1, 3), 3 / 10**0.5)],
+    ids=["towards", "away", "aside"])
+def test_indirect_light_counts_more_on_bumps_that_face_it(tilt: tuple[float, float, float], expected: float) -> None:
+    """Half of what a floor's middle sees is a lit wall, the rest is black: its light on a tilted normal n over that on
+    the floor's is n · (floor's normal + direction to the wall)."""
+    sun = DirectionalLight((1.0, 0.0, 0.0), (3.0,) * 3)
+    camera = Camera((0.7, 0.5, 0.0), (0.95, 0.0, 0.0), fov_y_deg=10.0)
+    wall = quad((1, -0.001, 300), (0, 0, -600), (0, 300, 0), GREY)
+
+    def light(*normal: float) -> F64:
+        bumps = replace(GREY, normal_map=normal_map((normal[0], normal[1], normal[2])))
+        scene = with_tangents(make_scene([wall, floor(1, 0, bumps)], [sun], camera))
+        with Renderer(scene, Settings((64, 48), ("indirect",), provider="cpu"), find_model("final-gather")) as renderer:
+            frames = [renderer.render(camera)["indirect"] for _ in range(12)]
+        return np.mean(frames[-4:])
+
+    found = light(*tilt) / light(0, 0, 1)
+    print(f"BUMP {found:.3f} of the light, expected {expected:.3f}")
+    assert found == pytest.approx(expected, abs=0.08)

@@ -16,7 +16,15 @@ from app.passes.gather_turns import RAYS as BUDGET
 from app.passes.gather_turns import is_turn
 from app.raycast.caster import Caster
 from app.scene import Camera, Material, Scene
-from app.surfels.final_gather import SPREAD_BITS, GatheredRays, LightAt, gather, sequence, spread_evenly
+from app.surfels.final_gather import (
+    SPREAD_BITS,
+    GatheredRays,
+    LightAt,
+    gather,
+    rotation_gradient,
+    sequence,
+    spread_evenly,
+)
 from app.surfels.lookup import SurfelLookup
 from app.surfels.world import WorldSurfels
 from tests.gl.scenes import GREY, Part, Point, box, floor, make_scene, quad
@@ -37,13 +45,13 @@ HALF_EACH = LightAt(constant(1.0), constant(1.0))
 
 
 def gather_at(parts: list[Part], point: Point, normal: Point = UP, reach: float = 0.5,
-              light_at: LightAt = HALF_EACH) -> GatheredRays:
+              light_at: LightAt = HALF_EACH, rays: int = RAYS) -> GatheredRays:
     """What rays from one point find."""
     scene: Scene = make_scene(parts)
     caster = Caster(scene)
     facing = np.array([normal], np.float32)
     origin = (np.array([point]) - caster.origin).astype(np.float32) + caster.ray_epsilon * facing
-    return gather(caster, light_at, reach, origin, facing, sequence((1, 1), np.zeros(1, np.int64), 0, RAYS, 0.0))
+    return gather(caster, light_at, reach, origin, facing, sequence((1, 1), np.zeros(1, np.int64), 0, rays, 0.0))
 
 
 @pytest.mark.parametrize(("point", "normal"), [((2.0, 0.0, 2.0), UP), ((0.0, 0.01, 0.01), (1.0, 0.0, 0.0))],
@@ -66,6 +74,15 @@ def test_rays_that_end_nowhere_find_nothing() -> None:
     """A wall that fills half of the hemisphere's cosine-weighted directions, and the sky."""
     found = gather_at([floor(2.0), quad((-50, 0, -0.001), (100, 0, 0), (0, 1000, 0))], (0.0, 0.0, 0.0), reach=1e-3)
     np.testing.assert_allclose(found.light.mean(axis=1), 0.5, atol=0.02)
+
+
+def test_light_from_one_side_counts_more_on_what_tilts_to_it() -> None:
+    """A wall fills the half of the hemisphere in which z < 0, and shines: its irradiance on a normal n is that on
+    (0, 1, -1) / 2 · n."""
+    shining = Material(albedo=(0.0,) * 3, emission=(1.0,) * 3)
+    wall = replace(quad((-50, 0, -0.001), (100, 0, 0), (0, 1000, 0)), material=shining)
+    rays = gather_at([floor(2.0), wall], (0.0, 0.0, 0.0), reach=1e-3, rays=4096)
+    np.testing.assert_allclose(rotation_gradient(rays, np.array([UP], np.float32)), [(0.0, 0.0, -0.5, 0.5)], atol=0.04)
 
 
 def test_light_of_emissive_surfaces_counts_unless_they_are_analytic_lights() -> None:

@@ -95,6 +95,16 @@ def test_rays_measure_free_distance(room):
     assert not back.any() and space.is_room
 
 
+@pytest.mark.parametrize(("size", "is_room"), [(0.2, False), (2.0, False), (20.0, True)], ids=["cup", "crate", "hall"])
+def test_a_hollow_object_is_no_room_unless_it_is_as_large_as_a_building(tmp_path, size, is_room):
+    """Walls with two sides; a room of one-sided walls shows their backs to who looks at it from outside."""
+    inside = trimesh.creation.box((0.8 * size, 0.8 * size, 0.8 * size))
+    inside.invert()
+    scene = save(tmp_path, trimesh.util.concatenate([trimesh.creation.box((size, size, size)), inside]))
+    assert FreeSpace(scene.meshes, scene.instances).is_room == is_room
+    assert isinstance(scene.lights[0], PointLight if is_room else DirectionalLight)
+
+
 def test_the_embedded_box():
     scene = embedded_scene()
     assert scene.lighting == "lamp" and scene.default_camera == "main" and not scene.notices

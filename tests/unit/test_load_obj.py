@@ -33,21 +33,48 @@ def test_colours_keep_their_float_values(tmp_path):
     assert not material.double_sided
 
 
+PLANE = QUAD + "usemtl a\nf 1 2 3 4\n"
+
+
 def test_roughness_comes_from_the_exponent_and_black_has_no_specular_lobe(tmp_path):
-    obj = QUAD + "usemtl a\nf 1 2 3 4\n"
-    smooth, _ = only_material(write_obj(tmp_path, obj, "newmtl a\nKs 0.5 0.5 0.5\nNs 30\n"))
-    assert smooth.specular == (0.5, 0.5, 0.5)
+    smooth, _ = only_material(write_obj(tmp_path, PLANE, "newmtl a\nKs 0.5 0.5 0.5\nNs 30\n"))
     assert smooth.roughness == pytest.approx(0.5)
-    dull, _ = only_material(write_obj(tmp_path, obj, "newmtl a\nKs 0 0 0\nNs 30\n"))
+    dull, _ = only_material(write_obj(tmp_path, PLANE, "newmtl a\nKs 0 0 0\nNs 30\n"))
     assert not dull.has_specular
 
 
-def test_d_takes_precedence_over_tr(tmp_path):
-    obj = QUAD + "usemtl a\nf 1 2 3 4\n"
-    solid, scene = only_material(write_obj(tmp_path, obj, "newmtl a\nTr 1.0\nd 1.0\n"))
-    assert solid.alpha_cutoff is None and not any("transparent" in n for n in scene.notices)
-    with pytest.raises(SceneError, match="more than half transparent"):
-        load_scene(write_obj(tmp_path, obj, "newmtl a\nTr 0.9\n"))
+@pytest.mark.parametrize(("model", "expected"), [
+    ("", 0.04), ("illum 2\n", 0.04), ("illum 3\n", 0.5), ("illum 5\n", 0.5)])
+def test_highlights_are_those_of_a_plastic_where_no_mirror_image_is_asked_for(tmp_path, model, expected):
+    """Blender writes Ks 0.5 for a plain plastic; illum 2 has highlights only, 3 and up reflect the surroundings."""
+    material, _ = only_material(write_obj(tmp_path, PLANE, f"newmtl a\nKd 0.8 0 0\nKs 0.5 0.5 0.5\n{model}"))
+    assert material.specular == pytest.approx((expected,) * 3)
+
+
+def test_keys_of_physically_based_materials(tmp_path):
+    for name, pixels in (("n.png", np.tile(np.uint8([128, 128, 255]), (4, 4, 1))), ("r.png", np.full((4, 4), 100)),
+                         ("m.png", np.full((2, 2), 200)), ("h.png", np.full((4, 4), 90))):
+        (tmp_path / name).write_bytes(png(pixels))
+    obj = QUAD + "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nusemtl a\nf 1/1 2/2 3/3 4/4\n"
+    plain, _ = only_material(write_obj(tmp_path, obj, "newmtl a\nPr 0.3\nPm 0.7\n"))
+    assert (plain.roughness, plain.metallic, plain.specular) == (0.3, 0.7, (0.04,) * 3)
+    mapped, scene = only_material(write_obj(
+        tmp_path, obj, "newmtl a\nmap_Pr r.png\nmap_Pm m.png\nmap_Bump -bm 1.0 n.png\n"))
+    assert (mapped.roughness, mapped.metallic) == (1.0, 1.0)
+    np.testing.assert_array_equal(mapped.metallic_roughness_map.pixels[0, 0, 1:3], [100, 200])
+    assert not mapped.metallic_roughness_map.is_color and not mapped.normal_map.is_color
+    assert scene.meshes[0].tangents is not None and not any("ignored" in n for n in scene.notices)
+    bumpy, scene = only_material(write_obj(tmp_path, obj, "newmtl a\nmap_Bump h.png\n"))
+    assert bumpy.normal_map is None and any("heights" in n for n in scene.notices)
+
+
+def test_opacity_is_the_coverage_of_a_blended_surface_and_d_takes_precedence_over_tr(tmp_path):
+    solid, scene = only_material(write_obj(tmp_path, PLANE, "newmtl a\nTr 1.0\nd 1.0\n"))
+    assert not solid.is_blended and not any("transparent" in n for n in scene.notices)
+    glass, _ = only_material(write_obj(tmp_path, PLANE, "newmtl a\nTr 0.75\n"))
+    assert glass.is_blended and glass.alpha == 0.25 and glass.alpha_cutoff is None
+    inverted, scene = only_material(write_obj(tmp_path, PLANE, "newmtl a\nd 0.000000\nillum 6\n"))
+    assert not inverted.is_blended and any("invisible" in n for n in scene.notices)
 
 
 def test_texture_of_a_black_material_is_not_black(tmp_path):
@@ -98,6 +125,46 @@ def test_objects_and_materials_stay_apart(tmp_path):
     assert pairs == {("one", "a"), ("one", "b"), ("two", "b")}
 
 
+def test_colours_of_vertices_are_encoded_as_in_scans(tmp_path):
+    colored = "".join(f"v {x} {y} 0 0.5 1 0\n" for x, y in ((0, 0), (1, 0), (1, 1)))
+    scene = load_scene(write_obj(tmp_path, colored + "f 1 2 3\n"))
+    np.testing.assert_allclose(scene.meshes[0].colors, np.tile([0.2140, 1, 0, 1], (3, 1)), atol=1e-4)
+
+
+def ridge(height):
+    """Two squares that meet at an edge along y."""
+    return "".join(f"v {x} {y} {height * (x == 1)}\n" for x in (0, 1, 2) for y in (0, 1))
+
+
+@pytest.mark.parametrize(("height", "groups", "normals"), [
+    (0.2, "", 1), (1.0, "", 2), (1.0, "s 1\n", 1), (0.2, "s off\n", 0), (0.2, "s 0\n", 0)],
+    ids=["smooth", "sharp", "group", "off", "zero"])
+def test_surfaces_without_normals_are_smooth_where_no_edge_is_sharp(tmp_path, height, groups, normals):
+    """Squares at 23 degrees share a normal at their edge, those at 90 do not, unless a smoothing group joins them."""
+    scene = load_scene(write_obj(tmp_path, ridge(height) + groups + "f 1 3 4 2\nf 3 5 6 4\n"))
+    mesh, = scene.meshes
+    at_edge = mesh.normals[mesh.triangles][np.isclose(world(scene, scene.instances[0])[..., 0], 1)]
+    if normals == 1:
+        np.testing.assert_allclose(at_edge, np.tile([0, 0, 1], (len(at_edge), 1)), atol=1e-6)
+    else:
+        assert not mesh.normals.any(), "all is flat"
+
+
+@pytest.mark.parametrize("corners", [
+    [(0, 0), (1, 0), (0.2, 0.2), (0, 1)], [(0.2, 0.2), (0, 1), (0, 0), (1, 0)],
+    [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)],
+    [(0, 0), (3, 0), (3, 3), (0, 3), (0, 0), (1, 1), (1, 2), (2, 2), (2, 1), (1, 1)]],
+    ids=["dart", "turned dart", "L", "frame with a hole"])
+def test_concave_polygons_cover_no_more_than_they_are(tmp_path, corners):
+    points = "".join(f"v {x} {y} 0\n" for x, y in corners)
+    scene = load_scene(write_obj(tmp_path, points + "f " + " ".join(map(str, range(1, len(corners) + 1))) + "\n"))
+    places = world(scene, scene.instances[0])
+    signed = np.cross(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])[:, 2] / 2
+    x, y = np.array(corners, float).T
+    assert (signed > 0).all()
+    assert signed.sum() == pytest.approx(0.5 * (x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
+
+
 def test_missing_normals_are_zero_so_that_face_normals_are_used(tmp_path):
     scene = load_scene(write_obj(tmp_path, QUAD + "f 1 2 3 4\n"))
     assert not scene.meshes[0].normals.any()
@@ -113,6 +180,12 @@ def test_broken_normals_and_vertices_are_dropped(tmp_path, broken):
     lengths = np.linalg.norm(scene.meshes[0].normals, axis=1)
     np.testing.assert_allclose(np.sort(lengths), [0, 1, 1])
     assert any("2 triangles" in n for n in scene.notices)
+
+
+@pytest.mark.filterwarnings("error")
+def test_polygons_with_broken_corners_are_dropped(tmp_path):
+    obj = QUAD + "v nan 0 0\nv 1e300 1 1\nv 0 -1e200 3\nf 1 2 3 4\nf 1 2 5 3\nf 1 6 2 7\nf 1 1 1 1\n"
+    assert load_scene(write_obj(tmp_path, obj)).triangles == 2
 
 
 def test_geometry_far_from_the_origin_keeps_its_precision(tmp_path):
