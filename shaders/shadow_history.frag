@@ -7,10 +7,6 @@ uniform sampler2D shadow_unshadowed_now;  // rgb: mean irradiance of all samples
 uniform sampler2D shadow_visible_prev;
 uniform sampler2D shadow_unshadowed_prev;   // a: share of the samples for which what is known was taken
 uniform float max_samples;  // of history
-#ifdef HAS_SHADOW_EXACT_NOW
-uniform sampler2D shadow_exact_now;       // rgb: what is known of shadow_unshadowed_now, a: 1 where rays were guided, else 0
-uniform float open_share;                 // of the unshadowed light: where more than it is visible, samples give a better ratio
-#endif
 #ifdef HAS_SHADOW_SPECULAR_NOW
 uniform sampler2D shadow_specular_now;    // r: mean luminance of the rectangles that specular rays reach, g: of all of them,
                                           // a: number of these rays
@@ -62,13 +58,6 @@ void main()
     float weight = max(old.weight, 1e-6);
     vec3 visible_before = old.visible.rgb / weight;
     vec4 unshadowed_before = old.unshadowed / weight;
-#ifdef HAS_SHADOW_EXACT_NOW
-    // Chosen by what earlier frames have found, since a choice by the samples themselves would be biased.
-    vec4 exact = texelFetch(shadow_exact_now, low, 0);
-    vec3 seen = keep ? visible_before : visible_now.rgb, sent = keep ? unshadowed_before.rgb : exact.rgb;
-    bool is_dim = dot(seen, vec3(1.0)) <= open_share * dot(sent, vec3(1.0));
-    if (is_dim && healthy_now && exact.a > 0.0 && is_finite(dot(exact, vec4(1.0)))) unshadowed_now = exact;
-#endif
     // Samples, fewer where few texels agree.
     float before = keep ? min(old.visible.a, max(max_samples - visible_now.a, 0.0)) : 0.0, samples = before + visible_now.a;
     float share = visible_now.a / max(samples, 1e-6);

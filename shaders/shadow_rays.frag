@@ -64,18 +64,16 @@ uniform float sky_distance;  // length of a ray towards the environment, scene u
 
 #ifdef RAYS_HERE
 layout(location = 0) out vec4 out_visible;     // rgb: mean irradiance of the samples that reach their light, a: samples
-layout(location = 1) out vec4 out_unshadowed;  // rgb: mean irradiance of all samples
+layout(location = 1) out vec4 out_unshadowed;  // rgb: mean irradiance of all samples, the sky's exact one if they are guided
 #ifdef SPECULAR_RAYS
 layout(location = 2) out vec4 out_specular;    // r: mean luminance of the rectangles that specular rays reach, g: of all, a: rays
 #endif
 #ifdef WRITE_LESSONS
-// rgb: unshadowed, with the sky's exact irradiance, a: 1 where rays were guided. Then the sky's luminance for the first sample as
-// its bits, and for each sample: whether it is one of diffuse light, 1 plus the part of the sky that it has arrived in, or 0, and
-// half the bits of its luminance over that of the sky.
-layout(location = WRITE_LESSONS) out vec4 out_exact;
-layout(location = WRITE_LESSONS + 1) out uvec4 out_lessons_0;
-layout(location = WRITE_LESSONS + 2) out uvec4 out_lessons_1;
-layout(location = WRITE_LESSONS + 3) out uvec4 out_lessons_2;
+// The sky's luminance for the first sample as its bits, and for each sample: whether it is one of diffuse light, 1 plus the part
+// of the sky that it has arrived in, or 0, and half the bits of its luminance over that of the sky.
+layout(location = WRITE_LESSONS) out uvec4 out_lessons_0;
+layout(location = WRITE_LESSONS + 1) out uvec4 out_lessons_1;
+layout(location = WRITE_LESSONS + 2) out uvec4 out_lessons_2;
 #endif
 #else
 layout(location = 0) out vec4 out_origin;  // relative space
@@ -375,7 +373,7 @@ void main()
 #endif
 #ifdef WRITE_LESSONS
     bool guided = texelFetch(sky_guide, ivec2(PART_COUNT, guide_row(texel)), 0).r != 0u;
-    out_exact = vec4(sky.rgb + of_lights / max(samples, 1.0), guided ? 1.0 : 0.0);
+    if (guided) out_unshadowed = vec4(sky.rgb + of_lights / max(samples, 1.0), 0.0);
     out_lessons_0 = uvec4(floatBitsToUint(first_sky), lessons[0], lessons[1], lessons[2]);
     out_lessons_1 = uvec4(lessons[3], lessons[4], lessons[5], lessons[6]);
     out_lessons_2 = uvec4(lessons[7], 0u, 0u, 0u);

@@ -12,11 +12,10 @@ from app.gl.context import Device
 from app.gl.frame_state import FrameState
 from app.gl.shader import Program
 from app.gl.sky_guide import DEFINES as GUIDE_DEFINES
-from app.gl.sky_guide import OPEN, SkyGuide
+from app.gl.sky_guide import SkyGuide
 from app.math3d import LUMINANCE
 
 PASSES_PROXIES, MEETS_ALL, TO_SKY = 1.0, 2.0, 3.0  # kinds of rays in shadow_rays.frag, the last one from there on
-ALWAYS_EXACT = 1e6  # a share of visible light that none reaches
 RAY_EPSILON = 1e-4  # of the scene's longest edge, by which rays start off their surface
 
 
@@ -84,13 +83,11 @@ class ShadowRays:
         -------
         visible, unshadowed : ndarray, float32, shape (h, w, 4)
             Mean irradiance of the samples of diffuse light with and without occlusion, bottom row first. The last
-            channel is the number of these samples, and of ``unshadowed`` 0.
+            channel is the number of these samples, and of ``unshadowed`` 0. Where the guide guides rays, which then say
+            little of what is hidden, ``unshadowed`` has the environment's exact irradiance instead of theirs.
         specular : ndarray, float32, shape (h, w, 4)
             With ``SPECULAR_RAYS`` only: mean luminance of the rectangles that specular rays reach, and of all that they
             are traced to; 0; how many they are.
-        exact : ndarray, float32, shape (h, w, 4)
-            With a guide only: ``unshadowed`` with the environment's exact irradiance instead of that of its samples; 1
-            where the rays were guided, else 0.
         """
         visible, unshadowed = np.zeros((2, self._size[0] * self._size[1], 4), np.float32)
         of_lights, specular_rays = np.zeros_like(visible), np.zeros(len(visible), np.float32)
@@ -126,15 +123,13 @@ class ShadowRays:
             if self._has_specular:
                 specular_rays += light[:, 3] > 0
         means = [_mean(total, len(samples) - specular_rays) for total in (visible, unshadowed)]
+        if self._guide is not None:
+            mean_of_lights = of_lights / np.maximum(len(samples) - specular_rays, 1)[:, None]
+            np.copyto(means[1], sky_of_all / len(samples) + mean_of_lights, where=self._guide.guides[:, None])
         means[1][:, 3] = 0.0
         if self._has_specular:
             none = np.zeros_like(specular_rays)
             means.append(_mean(np.stack([visible[:, 3], unshadowed[:, 3], none, none], axis=1), specular_rays))
-        if self._guide is not None:
-            mean_of_lights = of_lights / np.maximum(len(samples) - specular_rays, 1)[:, None]
-            exact = np.asarray(sky_of_all / len(samples) + mean_of_lights, np.float32)
-            exact[:, 3] = self._guide.guides
-            means.append(exact)
         return tuple(mean.reshape(self._size[1], self._size[0], 4) for mean in means)
 
     def _read(self, target: int) -> F32:
@@ -147,24 +142,6 @@ def set_frame(program: Program, frame: FrameState, scene: RayScene) -> None:
     program.set(noise_phase=frame.noise_phase, ray_epsilon=RAY_EPSILON * scene.extent,
                 sky_distance=SKY_DISTANCE * scene.extent)
     frame.lights.bind_emission_points(program)
-
-
-def exact_below(defines: Mapping[str, object]) -> float:
-    """Visible share of the unshadowed light from which on guided samples are used as they are; see ``take_exact``.
-
-    Light with and without occlusion is alike there if the sky is all that rays go to. Beside traced lights the sky has
-    few of the samples, as many as its visible share is worth, and only some of them say how much of it is hidden.
-    """
-    return ALWAYS_EXACT if "HAS_TRACED_LIGHT" in defines else OPEN
-
-
-def take_exact(visible: F32, unshadowed: F32, exact: F32, open_share: float) -> None:
-    """Put into ``unshadowed`` what is known of it where little is visible: guided rays say little of what is not.
-
-    As ``trace`` gives them; for many samples, since a choice that depends on few would be biased.
-    """
-    is_dim = visible[..., :3].sum(axis=-1) <= open_share * exact[..., :3].sum(axis=-1)
-    np.copyto(unshadowed, exact, where=(is_dim & (exact[..., 3] > 0))[..., None])
 
 
 def _mean(total: F32, samples: F32) -> F32:

@@ -16,7 +16,7 @@ from app.gl.fullscreen import CUBE_PREFIX, cube_defines, make_fullscreen, ratio_
 from app.gl.lights import LightSet
 from app.gl.pool import Resources
 from app.gl.ray_budget import RayBudget
-from app.gl.shadow_rays import RayScene, ShadowRays, exact_below, share_of, specular_defines, take_exact
+from app.gl.shadow_rays import RayScene, ShadowRays, share_of, specular_defines
 from app.gl.shadow_rays_gpu import MAX_LESSONS, GpuShadowRays
 from app.gl.sky_guide import FIRST_SAMPLES, SkyGuide, tiles
 from app.graph import BoundPass, Pass, Resource, Tex
@@ -29,7 +29,6 @@ MAX_SAMPLES = {MotionKind.NONE: 1024.0, MotionKind.CAMERA: 64.0, MotionKind.OBJE
 MAX_SPECULAR_SAMPLES = {MotionKind.NONE: 512.0, MotionKind.CAMERA: 8.0, MotionKind.OBJECTS: 6.0}
 SKY_READS = ("sky_irradiance", "sky_strata")
 SUMS, SPECULAR, AVERAGED = ("shadow_visible", "shadow_unshadowed"), "shadow_specular", "_averaged"
-EXACT = "shadow_exact_now"  # what is known of the unshadowed light below a sky
 SKY = "sky_visible"         # visible share of the sky's light in tiles, where shadow_ratio is also that of lights
 # Of a tile's history, which does not follow what moves.
 MAX_TILE_SAMPLES = {MotionKind.NONE: 1024.0, MotionKind.CAMERA: 8.0, MotionKind.OBJECTS: 2.0}
@@ -59,8 +58,6 @@ def declare(lights: LightSet, has_specular: bool, has_sky: bool, scene: Callable
     if defines:
         sums[SPECULAR] = Tex("f4", 4, size=receivers)
     now = {f"{name}_now": tex for name, tex in sums.items()} if has_history else dict(sums)
-    if has_history and has_sky:
-        now[EXACT] = Tex("f4", 4, size=receivers)
     of_sky = {SKY: Tex("f4", 1, size=tiles(receivers))} if has_sky and lights.has_traced and has_specular else {}
     surfaces = "albedo", "normal", "depth", *(("specular_roughness",) if defines else ())
     yield Pass("shadow_rays", reads=(*surfaces, *(SKY_READS if has_sky else ())), writes={**now, **of_sky},
@@ -72,7 +69,6 @@ def declare(lights: LightSet, has_specular: bool, has_sky: bool, scene: Callable
                    writes=sums, make=make_fullscreen("shadow_history.frag", lambda frame: {
                        "ratio": ratio_to(receivers, frame), "max_samples": MAX_SAMPLES[frame.motion],
                        **({"max_specular_samples": MAX_SPECULAR_SAMPLES[frame.motion]} if defines else {}),
-                       **({"open_share": exact_below(lights.defines)} if has_sky else {}),
                        "history_valid": frame.history_valid and not frame.relit},
                        samplers={"shadow_gbuffer": "lowres_gbuffer", "shadow_gbuffer@prev": "lowres_gbuffer_prev"}))
     averaged = {name + AVERAGED: tex for name, tex in sums.items()}
@@ -130,11 +126,7 @@ def _make_rays(device: Device, bound: BoundPass, defines: Mapping[str, object], 
             gpu_rays.program.set(ratio=ratio_to(size, frame))
             gpu_rays.draw(frame, samples, [resources[name] for name in sums])
         else:
-            traced = rays.trace(frame, samples)
-            if guide is not None and not has_history:
-                take_exact(traced[0], traced[1], traced[-1], exact_below(defines))
-                traced = traced[:-1]
-            for name, values in zip(sums, traced, strict=True):
+            for name, values in zip(sums, rays.trace(frame, samples), strict=True):
                 resources[name].write(values.tobytes())
         if guide is not None and SKY in bound.writes:
             resources[SKY].write(guide.visible_share.tobytes())
