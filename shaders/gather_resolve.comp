@@ -21,8 +21,9 @@ const float LEAST_COSINE = 0.1;  // as in app/surfels/final_gather.py
 // What a ray of that light adds (Ward and Heckbert 1992, "Irradiance Gradients", section 3.1).
 vec4 rotation_gradient(vec3 light, vec3 to_end, vec3 n)
 {
-    float brightness = luminance(light), cosine = dot(normalize(to_end), n);
-    return brightness * vec4((normalize(to_end) - cosine * n) / max(cosine, LEAST_COSINE), 1.0);
+    vec3 along = to_end * inversesqrt(max(dot(to_end, to_end), 1e-30));
+    float cosine = dot(along, n);
+    return luminance(light) * vec4((along - cosine * n) / max(cosine, LEAST_COSINE), 1.0);
 }
 #endif
 

@@ -60,6 +60,6 @@ void main()
 #ifdef DIVIDED
     out_mean = vec4(sum.a > 0.0 ? clamp(sum.rgb / sum.a, -HALF_MAX, HALF_MAX) : vec3(0.0), 1.0);
 #else
-    out_mean = total > 0.0 ? vec4(clamp(sum.rgb / total, -HALF_MAX, HALF_MAX), max(sum.a / total, 0.0)) : vec4(0.0);
+    out_mean = total > 0.0 ? clamp(sum / total, vec4(vec3(-HALF_MAX), 0.0), vec4(HALF_MAX)) : vec4(0.0);
 #endif
 }

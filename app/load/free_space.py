@@ -22,9 +22,12 @@ _MIN_ENCLOSURE = 0.78       # of a free point that is enclosed by walls,
 _MIN_ROOM_SHARE = 0.3       # and share of such points in a room
 _MIN_ROOM_ENCLOSURE = 0.55  # of the points that belong to the room
 _MIN_BACK_SHARE = 0.05      # of what is seen from outside a room: walls are often modelled from the inside only
-_MIN_BUILDING = 8.0         # longest edge in scene units from which on closed walls may be those of a building
+_MIN_BUILDING = 8.0         # longest edge in scene units from which on closed walls are those of a building,
+_MIN_CABIN = 2.0            # and from which on they are if there is something inside:
+_MIN_CONTENTS = 0.01        # share of what is seen from inside that is farther from what is seen from outside
+_SHELL = 8                  # than so many voxels
 _OUTSIDE = 0.75             # distance of eyes outside the scene, in diagonals of its box
-_LOOKS = 32                 # of each of them
+_LOOKS = 1024               # of each of them
 
 
 def _fibonacci_sphere(count: int) -> F64:
@@ -129,17 +132,34 @@ class FreeSpace:
         """Whether the scene is to be viewed from the inside: it encloses space, and is not a hollow object."""
         if not len(self.enclosure) or float((self.enclosure >= _MIN_ENCLOSURE).mean()) < _MIN_ROOM_SHARE:
             return False
-        size = self.bounds[1] - self.bounds[0]
-        return float(size.max()) >= _MIN_BUILDING or self._back_share() >= _MIN_BACK_SHARE
+        longest = float((self.bounds[1] - self.bounds[0]).max())
+        if longest >= _MIN_BUILDING:
+            return True
+        outside, back_share = self._seen_from_outside()
+        return back_share >= _MIN_BACK_SHARE or (longest >= _MIN_CABIN and self._contents(outside) >= _MIN_CONTENTS)
 
-    def _back_share(self) -> float:
-        """Share of back faces in what is seen of the scene from outside."""
+    def _seen_from_outside(self) -> tuple[Bools, float]:
+        """The voxels that are seen, of the grid's shape, and the share of surfaces that are seen from behind."""
         size = self.bounds[1] - self.bounds[0]
         eyes = np.repeat(self.bounds.mean(axis=0) + _OUTSIDE * float(np.linalg.norm(size)) * RAYS, _LOOKS, axis=0)
-        targets = self.bounds[0] + np.random.default_rng(0).random(eyes.shape) * size
-        distance, back = self.cast(eyes, unit_rows(targets - eyes))
-        seen = np.isfinite(distance)
-        return float(back[seen].mean()) if seen.any() else 0.0
+        directions = unit_rows(self.bounds[0] + np.random.default_rng(0).random(eyes.shape) * size - eyes)
+        distance, back = self.cast(eyes, directions)
+        seen, voxels = np.isfinite(distance), np.zeros(self._shape, bool)
+        voxels.ravel()[self._cell((eyes + directions * distance[:, None])[seen])] = True
+        return voxels, float(back[seen].mean()) if seen.any() else 0.0
+
+    def _contents(self, outside: Bools) -> float:
+        """The share of what is seen from inside that is no part of the shell that is seen from ``outside``."""
+        shell = outside
+        for axis in range(3):
+            padded = np.pad(shell, [(_SHELL, _SHELL) if i == axis else (0, 0) for i in range(3)])
+            windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * _SHELL + 1, axis=axis)
+            shell = np.asarray(windows.any(axis=-1))
+        points = self.room_points
+        distance, _ = self.around(points)
+        hit = np.isfinite(distance)
+        ends = points[:, None] + RAYS * np.where(hit, distance, 0.0)[..., None]
+        return float((~shell.ravel()[self._cell(ends[hit])]).mean()) if hit.any() else 0.0
 
     @property
     def room_points(self) -> F64:

@@ -1,5 +1,6 @@
 """Cleaning of meshes: finite corners, triangles with an area, and normals that are unit length or zero."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from app.math3d import unit_rows
 
 _MIN_NORMAL_LENGTH = 1e-6
 _FLAT_COSINE = 1 - 1e-6  # between the normals of triangles in one plane
+_FOLDED_COSINE = -0.99   # of triangles back to back, which have no normal in common
 _MAX_COORDINATE = float(np.finfo(np.float32).max)  # larger float64 values would become infinite on the GPU
 
 
@@ -103,25 +105,60 @@ def smooth_normals(positions: F64, triangles: NDArray[np.integer]) -> F64:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def with_creases(mesh: RawMesh, max_angle: float) -> RawMesh:
-    """The mesh with smooth normals, but for edges at which triangles meet at more than ``max_angle`` in radians.
+def with_creases(meshes: Sequence[RawMesh], groups: Sequence[Ints | None], max_angle: float) -> list[RawMesh]:
+    """Meshes with smooth normals across all of them, but for sharp edges.
 
-    A vertex on such an edge becomes one for each side. Where all of the mesh is flat, it stays without normals.
+    A vertex on such an edge becomes one for each side. A mesh that is flat everywhere stays without normals.
+
+    Parameters
+    ----------
+    groups : sequence of ndarray of int, shape (T,), or None
+        The smoothing group of each triangle: edges are smooth within a group and sharp elsewhere, and all edges of 0
+        are sharp. None: edges at which triangles meet at more than ``max_angle``, in radians, are sharp.
     """
-    facing = unit_rows(np.nan_to_num(face_vectors(mesh.positions, mesh.triangles)))
-    place = number_rows(mesh.positions)
-    a, b = _neighbours(place[mesh.triangles])
+    if not meshes:
+        return []
+    whole, starts = join_meshes([RawMesh(m.positions, m.triangles) for m in meshes]), _starts(meshes)
+    facing = unit_rows(np.nan_to_num(face_vectors(whole.positions, whole.triangles)))
+    group = np.concatenate([np.full(len(m.triangles), -1) if g is None else g
+                            for m, g in zip(meshes, groups, strict=True)])
+    place = number_rows(whole.positions)
+    a, b = _neighbours(place[whole.triangles])
     cosine = np.einsum("ec,ec->e", facing[a], facing[b])
-    is_smooth = cosine >= np.cos(max_angle)
-    if not (is_smooth & (cosine < _FLAT_COSINE)).any():
-        return mesh
+    least = np.where(group[a] < 0, np.cos(max_angle), _FOLDED_COSINE)
+    is_smooth = (group[a] == group[b]) & (group[a] != 0) & (cosine >= least)
     part = _components(len(facing), a[is_smooth], b[is_smooth])
-    corners, side = mesh.triangles.ravel(), np.repeat(part, 3)
+    bends = np.zeros(len(facing), bool)
+    bends[part[a[is_smooth & (cosine < _FLAT_COSINE)]]] = True
+    corners, side = whole.triangles.ravel(), np.repeat(part, 3)
     sides, vertex = np.unique(place[corners] * len(facing) + side, return_inverse=True)
-    weighted = np.repeat(facing, 3, axis=0) * _corner_angles(mesh.positions, mesh.triangles)[:, None]
+    weighted = np.repeat(facing, 3, axis=0) * _corner_angles(whole.positions, whole.triangles)[:, None]
     normals = np.stack([np.bincount(vertex, weighted[:, axis], len(sides)) for axis in range(3)], axis=1)
-    rows, first, renumber = np.unique(corners * len(facing) + side, return_index=True, return_inverse=True)
-    return replace(take_vertices(mesh, rows // len(facing), renumber.reshape(-1, 3)), normals=normals[vertex[first]])
+    result = []
+    for mesh, first, after in zip(meshes, starts, (*starts[1:], len(facing)), strict=True):
+        if not bends[part[first:after]].any():
+            result.append(mesh)
+            continue
+        chosen = slice(3 * first, 3 * after)
+        key = mesh.triangles.ravel() * len(facing) + side[chosen]
+        rows, example, renumber = np.unique(key, return_index=True, return_inverse=True)
+        split = take_vertices(mesh, rows // len(facing), renumber.reshape(-1, 3))
+        result.append(replace(split, normals=normals[vertex[chosen][example]]))
+    return result
+
+
+def join_meshes(meshes: Sequence[RawMesh]) -> RawMesh:
+    """One mesh of all triangles; attributes that not all of them have are lost."""
+    offsets = np.cumsum([0, *(len(m.positions) for m in meshes)])
+    triangles = np.concatenate([m.triangles + start for m, start in zip(meshes, offsets, strict=False)])
+    columns = {f.name: [getattr(m, f.name) for m in meshes] for f in fields(RawMesh) if f.name != "triangles"}
+    return RawMesh(triangles=triangles, **{name: np.concatenate(values) for name, values in columns.items()
+                                           if all(value is not None for value in values)})
+
+
+def _starts(meshes: Sequence[RawMesh]) -> list[int]:
+    """The number of the first triangle of each mesh among those of all."""
+    return [0, *np.cumsum([len(m.triangles) for m in meshes[:-1]]).tolist()]
 
 
 def take_vertices(mesh: RawMesh, rows: Ints, triangles: Ints) -> RawMesh:

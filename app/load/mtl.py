@@ -10,12 +10,13 @@ import numpy as np
 from PIL import Image
 
 from app.arrays import F64, Bytes
+from app.errors import SceneError
 from app.load.images import read_image
 from app.load.scene_builder import SceneBuilder, color
 from app.scene import Material, Texture
 
 _GLASS_MODELS = {4, 6, 7, 9}  # of ``illum``
-_MIRROR_MODELS = range(3, 10)  # which reflect their surroundings as well
+_MIRROR_MODELS = {3, 5, 8}     # which reflect their surroundings as well; so do glasses without a ``d``
 _HIGHLIGHT_F0 = 0.08           # of Ks 1 in the others, so that 0.5, Blender's for a plain plastic, gives 0.04
 _PLASTIC_F0 = 0.04             # where the keys for physically based materials stand without Ks
 _NORMAL_MAP_BLUE = 0.25        # by which a map of normals is bluer than red and green; one of heights is grey
@@ -23,6 +24,8 @@ _IGNORED = "disp", "map_ka", "map_ks", "map_ns", "map_ps", "refl"
 _OPTION_WORDS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-bm": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1, "-mm": 2,
                  "-texres": 1, "-type": 1}
 _OPTION_VECTORS = ("-o", "-s", "-t")
+
+_CHANNELS = {"r": 0, "g": 1, "b": 2, "m": 3}
 
 Values = dict[str, list[str]]
 
@@ -87,22 +90,23 @@ class _MaterialBuilder:
         model = _number(values.get("illum"), 0.0)
         if model in _GLASS_MODELS and alpha == 1.0:
             self._builder.notice(f"material {name!r} is transparent but is drawn opaque")
-        normal_map = self._normal_map(name, values)
+        normal_map, strength = self._normal_map(name, values)
         if any(key in values for key in _IGNORED):
             self._builder.notice(f"maps of heights, highlights and reflections ({', '.join(_IGNORED)}) are ignored")
         exponent = max(_number(values.get("ns"), 0.0), 0.0)
-        shine, metal = (self._texture(name, values.get(k)) for k in ("map_pr", "map_pm"))
+        shine, metal = (_channel(self._detail(name, values.get(k)), values.get(k)) for k in ("map_pr", "map_pm"))
         is_physical = any(key in values for key in ("pr", "pm", "map_pr", "map_pm"))
         f0 = (_PLASTIC_F0,) * 3 if is_physical else (0.0,) * 3
         if specular is not None:
-            f0 = _scaled(specular, 1.0 if model in _MIRROR_MODELS else _HIGHLIGHT_F0)
+            is_mirror = model in _MIRROR_MODELS or (model in _GLASS_MODELS and alpha == 1.0)
+            f0 = _scaled(specular, 1.0 if is_mirror else _HIGHLIGHT_F0)
         phong = (2.0 / (exponent + 2.0)) ** 0.25
         return Material(
             name=name,
             albedo=_clamp(albedo),
             albedo_map=albedo_map,
             alpha=alpha,
-            alpha_cutoff=0.5 if masked else None,
+            alpha_cutoff=0.5 * alpha if masked else None,
             is_blended=alpha < 1.0 and not masked,
             emission=emission or (0.0, 0.0, 0.0),
             emission_map=emission_map,
@@ -110,21 +114,30 @@ class _MaterialBuilder:
             metallic=min(max(_number(values.get("pm"), 1.0 if metal is not None else 0.0), 0.0), 1.0),
             metallic_roughness_map=_pack(shine, metal),
             normal_map=normal_map,
+            normal_scale=strength,
             specular=_clamp(f0),
             double_sided=False,
         )
 
-    def _normal_map(self, material: str, values: Values) -> Texture | None:
-        """The map of normals; those of ``bump`` may be one too, but are heights by the format's definition."""
+    def _normal_map(self, material: str, values: Values) -> tuple[Texture | None, float]:
+        """The map of normals and its strength; that of ``bump`` may be one too, but is of heights by the standard."""
         for key in ("norm", "map_bump", "bump"):
-            texture = self._texture(material, values.get(key))
+            texture = self._detail(material, values.get(key))
             if texture is None:
                 continue
             red, green, blue = texture.pixels[..., :3].mean(axis=(0, 1), dtype=np.float64) / 255
-            if key == "norm" or blue - (red + green) / 2 > _NORMAL_MAP_BLUE:
-                return replace(texture, is_color=False)
+            if blue - (red + green) / 2 > _NORMAL_MAP_BLUE:
+                return replace(texture, is_color=False), _number(_option(values[key], "-bm"), 1.0)
             self._builder.notice("maps of heights (bump) are ignored")
-        return None
+        return None, 1.0
+
+    def _detail(self, material: str, words: list[str] | None) -> Texture | None:
+        """A texture that the material can do without, if it can't be read."""
+        try:
+            return self._texture(material, words)
+        except SceneError as error:
+            self._builder.notice(f"material {material!r} is drawn without a texture: {error}")
+            return None
 
     def _texture(self, material: str, words: list[str] | None) -> Texture | None:
         if words is None:
@@ -176,7 +189,7 @@ def _merge_mask(colors: Texture | None, mask: Texture) -> Texture:
 
 def _pack(roughness: Texture | None, metal: Texture | None) -> Texture | None:
     """Grey images of roughness and metal in the green and the blue channel of one."""
-    given = roughness if roughness is not None else metal
+    given = max((t for t in (roughness, metal) if t is not None), key=lambda t: t.pixels.size, default=None)
     if given is None:
         return None
     height, width = given.pixels.shape[:2]
@@ -186,6 +199,23 @@ def _pack(roughness: Texture | None, metal: Texture | None) -> Texture | None:
             image = Image.fromarray(np.asarray(texture.pixels[..., 0], np.uint8))
             pixels[..., channel] = np.asarray(image.resize((width, height), Image.Resampling.BILINEAR))
     return Texture(pixels, given.transform, given.repeat, is_color=False)
+
+
+def _channel(texture: Texture | None, words: list[str] | None) -> Texture | None:
+    """A grey image of the channel that ``-imfchan`` names; by default of all three, which are alike in grey images."""
+    if texture is None or words is None:
+        return None
+    channel = _CHANNELS.get((_option(words, "-imfchan") or [""])[-1].lower())
+    pixels = texture.pixels[..., :3]
+    grey = pixels.mean(axis=-1).round() if channel is None else texture.pixels[..., channel]
+    return replace(texture, pixels=np.repeat(np.asarray(grey, np.uint8)[..., None], 4, axis=-1))
+
+
+def _option(words: list[str], name: str) -> list[str] | None:
+    """The word after an option of a ``map_`` line."""
+    lower = [word.lower() for word in words]
+    at = lower.index(name) + 1 if name in lower else len(words)
+    return words[at:at + 1] or None
 
 
 def _scaled(values: tuple[float, float, float], factor: float) -> tuple[float, float, float]:

@@ -1,13 +1,15 @@
 """Wavefront OBJ files -> ``SceneBuilder``, through trimesh.
 
-trimesh skips lines whose keyword is followed by a tab, counts relative indices from the end of the file and quantises
-colours, so the text is normalised first and the materials are read in ``mtl.py``.
+trimesh skips lines whose keyword is followed by a tab, counts relative indices from the end of the file, cuts polygons
+into fans where their lengths differ, ignores smoothing groups and quantises colours. So the text is normalised and
+sorted first, and the materials are read in ``mtl.py``.
 """
 
 import io
 import math
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +19,15 @@ from trimesh.exchange.obj import load_obj
 
 from app.arrays import F64, Ints
 from app.io.image import srgb_decode
-from app.load.geometry import RawMesh, add_alpha, face_vectors, with_creases
+from app.load.geometry import RawMesh, add_alpha, face_vectors, join_meshes, with_creases
 from app.load.mtl import read_mtl
 from app.load.scene_builder import SceneBuilder
 from app.scene import Material
 
 _MAX_OBJECTS = 64  # names; a file with more is one object
 _CREASE_DEG = 40.0  # between triangles, from which on edges are sharp where the file gives neither normals nor groups
-_FLAT_GROUPS = "off", "0"
+_FLAT_GROUPS = "", "off", "null"  # smoothing groups that are none; 0 is written without its zeros here
+_VERTEX_KEYS = frozenset(("v", "vt", "vn"))
 
 
 def read_obj(path: Path, builder: SceneBuilder) -> None:
@@ -38,34 +41,95 @@ def read_obj(path: Path, builder: SceneBuilder) -> None:
         materials |= read_mtl(path.parent, name, builder)
     if re.search(r"^[lp] ", text, re.MULTILINE):
         builder.notice("points and lines are omitted")
-    has_normals = re.search(r"^vn ", text, re.MULTILINE) is not None
-    has_groups = not has_normals and re.search(r"^s ", text, re.MULTILINE) is not None
-    text, parts = _number_parts(text, path.stem, has_groups)
     if re.search(r"^f (.* )?0+[/ \n]", text, re.MULTILINE):
         raise ValueError("a face has the vertex 0, but the first one has the number 1")
     if re.search(r"^f .*-\d", text, re.MULTILINE):
         text = "\n".join(_make_absolute(text))
+    parts = [mesh for mesh in _read_parts(text, path.stem) if len(mesh.raw.triangles)]
 
+    bare = [part for part in parts if part.raw.normals is None]
+    smooth = with_creases([part.raw for part in bare], [part.groups for part in bare], math.radians(_CREASE_DEG))
+    raw_of = dict(zip(map(id, bare), smooth, strict=True))
     indices: dict[str, int] = {}
-    # With this MTL file, trimesh keeps the numbers of the parts as material names.
-    numbers = "\n".join(f"newmtl {i}" for i in range(len(parts)))
+    for part in parts:
+        if part.material not in indices:
+            indices[part.material] = len(builder.materials)
+            builder.materials.append(materials.get(part.material) or _default_material(part.material, builder))
+        mesh = builder.add_mesh(part.name, raw_of.get(id(part), part.raw), indices[part.material])
+        if mesh is not None:
+            builder.add_instance(part.name, mesh, np.eye(4))
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """The triangles of one object and material, and the smoothing group of each, or None if the file has none."""
+
+    name: str
+    material: str
+    raw: RawMesh
+    groups: Ints | None
+
+
+@dataclass(eq=False)
+class _Faces:
+    """Lines of polygons with as many corners each, and their smoothing groups."""
+
+    lines: list[str] = field(default_factory=list)
+    groups: list[int] = field(default_factory=list)
+
+
+def _read_parts(text: str, stem: str) -> Iterator[_Part]:
+    """What trimesh reads of each object and material, cut into triangles."""
+    has_groups = re.search(r"^s ", text, re.MULTILINE) is not None
+    vertices, faces = _sort_faces(text, stem)
+    body = "".join(f"usemtl {i}\n" + "\n".join(f.lines) + "\n" for i, f in enumerate(faces.values()))
+    # With this MTL file, trimesh keeps the numbers of what is sorted as material names.
+    numbers = "\n".join(f"newmtl {i}" for i in range(len(faces)))
     try:
-        content = load_obj(io.StringIO(text), resolver={"parts": numbers})
+        content = load_obj(io.StringIO(f"mtllib parts\n{vertices}\n{body}"), resolver={"parts": numbers})
     except IndexError as error:
         raise ValueError("a face has a vertex, normal or uv that the file does not list") from error
     except ValueError as error:
         raise ValueError("a line of numbers can't be read") from error
+    keys, lists = list(faces), list(faces.values())
+    pieces: dict[tuple[str, str], list[tuple[RawMesh, Ints]]] = {}
     for geometry in content.get("geometry", {}).values():
-        name, material, group = parts[int(geometry["visual"].material.name)]
-        if material not in indices:
-            indices[material] = len(builder.materials)
-            builder.materials.append(materials.get(material) or _default_material(material, builder))
+        number = int(geometry["visual"].material.name)
         raw = _triangulate(geometry)
-        if raw.normals is None and group not in _FLAT_GROUPS:
-            raw = with_creases(raw, math.pi if group else math.radians(_CREASE_DEG))
-        mesh = builder.add_mesh(name, raw, indices[material])
-        if mesh is not None:
-            builder.add_instance(name, mesh, np.eye(4))
+        per_face = len(raw.triangles) // max(len(lists[number].groups), 1)
+        groups = np.repeat(np.array(lists[number].groups, np.int64), per_face)
+        pieces.setdefault(keys[number][:2], []).append((raw, groups))
+    for (name, material), same in pieces.items():
+        has_normals = [raw.normals is not None for raw, _ in same]
+        for wanted in (True, False):
+            chosen = [piece for piece, has in zip(same, has_normals, strict=True) if has == wanted]
+            if chosen:
+                groups = np.concatenate([groups for _, groups in chosen])
+                yield _Part(name, material, join_meshes([raw for raw, _ in chosen]), groups if has_groups else None)
+
+
+def _sort_faces(text: str, stem: str) -> tuple[str, dict[tuple[str, str, int], _Faces]]:
+    """Lines of vertices, and those of faces by object, material and number of corners."""
+    named = len(set(re.findall(r"^[og] (.+)$", text, re.MULTILINE))) <= _MAX_OBJECTS
+    faces: dict[tuple[str, str, int], _Faces] = {}
+    numbers: dict[str, int] = {}
+    vertices, name, material, group = [], stem, "", 0
+    for line in text.split("\n"):
+        key, _, rest = line.partition(" ")
+        if key == "f":
+            chosen = faces.setdefault((name, material, rest.count(" ") + 1), _Faces())
+            chosen.lines.append(line)
+            chosen.groups.append(group)
+        elif key in _VERTEX_KEYS:
+            vertices.append(line)
+        elif key == "usemtl":
+            material = rest
+        elif key in ("o", "g") and named and rest:
+            name = rest
+        elif key == "s":
+            word = rest.lower().lstrip("0")
+            group = 0 if word in _FLAT_GROUPS else numbers.setdefault(word, len(numbers) + 1)
+    return "\n".join(vertices), faces
 
 
 def _normalize(text: str) -> str:
@@ -74,31 +138,6 @@ def _normalize(text: str) -> str:
     text = re.sub(r"[ \t\r\f\v]+", " ", text)
     text = re.sub(r"^ | $", "", text, flags=re.MULTILINE)
     return re.sub(r"^#.*\n", "", text + "\n", flags=re.MULTILINE)
-
-
-def _number_parts(text: str, stem: str, has_groups: bool) -> tuple[str, list[tuple[str, str, str]]]:
-    """Replace lines of objects, materials and smoothing groups, if the file ``has_groups``, by the number of a part.
-
-    Also return the object, material and smoothing group of each part.
-    """
-    named = len(set(re.findall(r"^[og] (.+)$", text, re.MULTILINE))) <= _MAX_OBJECTS
-    parts: dict[tuple[str, str, str], int] = {}
-    current = [stem, "", "off" if has_groups else ""]
-
-    def number(match: re.Match[str]) -> str:
-        key, value = match[1], match[2]
-        if key == "usemtl":
-            current[1] = value
-        elif key == "s":
-            current[2] = value if has_groups else ""
-        elif named:
-            current[0] = value
-        return f"usemtl {parts.setdefault((current[0], current[1], current[2]), len(parts))}"
-
-    start = f"usemtl {parts.setdefault((stem, '', current[2]), 0)}\n"
-    body = re.sub(r"^(o|g|usemtl|s) (.+)$", number, re.sub(r"^mtllib .*$", "", text, flags=re.MULTILINE),
-                  flags=re.MULTILINE)
-    return f"mtllib parts\n{start}{body}", list(parts)
 
 
 def _make_absolute(text: str) -> Iterator[str]:

@@ -16,7 +16,7 @@ from app.raycast.caster import Caster, Hits
 from app.surfels.random_walks import sample_cosine_hemisphere
 
 SPREAD_BITS = 20            # of the points that sequences start at: blocks of up to 2^10 by 2^10 texels
-LEAST_COSINE = 0.1           # of rays in gradients, so that none outweighs all others
+LEAST_COSINE = 0.1          # of rays in gradients, so that none outweighs all others
 SHUFFLE = 0x9E3779B97F4A7C15  # multiplied by an index, its middle bits are as good as random
 
 
@@ -91,7 +91,7 @@ def gather(caster: Caster, light_at: LightAt, reach: float, origin: F32, normal:
 
 
 def rotation_gradient(rays: GatheredRays, normal: F32) -> F32:
-    """How luminance changes as a surface tilts: the sum over its rays of luminance times the tangent of their angle.
+    """How luminance changes as a surface tilts: the mean over its rays of luminance times the tangent of their angle.
 
     Ward and Heckbert 1992, "Irradiance Gradients", section 3.1.
 

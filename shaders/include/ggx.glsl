@@ -1,9 +1,12 @@
 // GGX specular light of analytic lights. Spheres, and discs of parallel light, act through the point nearest to the mirrored
-// ray (Karis 2013, "Real Shading in Unreal Engine 4"), with alpha widened to conserve energy.
+// ray (Karis 2013, "Real Shading in Unreal Engine 4"), with alpha widened to conserve energy. Discs count as smaller by the lobe's
+// half width, since a highlight fades from inside their edge on, and act through their centre if the lobe is wider.
 #include "lights.glsl"
 #include "ggx_lobe.glsl"
 #include "ltc.glsl"
 #include "specular_albedo.glsl"
+
+const float HALF_WIDTH = 0.64;  // of a lobe in alphas: the half vector's tangent at which it has half of its radiance
 
 // The specular lobe of a texel, the same for all of its lights.
 struct Lobe {
@@ -54,15 +57,17 @@ vec3 ggx_specular(Light light, vec3 p, vec3 n, Lobe lobe)
 #endif
     vec3 to_light = light.position.xyz - (kind == DIRECTIONAL ? vec3(0.0) : p);
     float size = light.position.w, most = 1e30;  // most: share of arriving light that may be reflected
+    float reach = kind == DIRECTIONAL ? max(size - HALF_WIDTH * lobe.alpha, 0.0) : size;
     if (size > 0.0) {
         vec3 mirrored = reflect(-lobe.v, n);
         vec3 miss = dot(to_light, mirrored) * mirrored - to_light;
-        to_light += miss * min(size / max(length(miss), 1e-6), 1.0);
+        to_light += miss * min(reach / max(length(miss), 1e-6), 1.0);
     }
     float square = max(dot(to_light, to_light), 1e-12);
     vec3 l = to_light * inversesqrt(square);
-    float widened = clamp(lobe.alpha + 0.5 * size * inversesqrt(square), lobe.alpha, 1.0);
-    if (size > 0.0) most = lobe.albedo * square / (PI * size * size);  // as of the light's radiance from everywhere
+    float widened = clamp(lobe.alpha + 0.5 * reach * inversesqrt(square), lobe.alpha, 1.0);
+    float far = kind == DIRECTIONAL ? 1.0 + size * size : square;  // its squared distance, where its radius is size
+    if (size > 0.0) most = lobe.albedo * far / (PI * size * size);  // as of the light's radiance from everywhere
     if (kind != DIRECTIONAL) arriving /= square;
 #ifdef HAS_SPOT_LIGHT
     if (kind == SPOT) arriving *= spot_falloff(light, normalize(light.position.xyz - p));

@@ -415,3 +415,35 @@ def test_indirect_light_counts_more_on_bumps_that_face_it(tilt: tuple[float, flo
     found = light(*tilt) / light(0, 0, 1)
     print(f"BUMP {found:.3f} of the light, expected {expected:.3f}")
     assert found == pytest.approx(expected, abs=0.08)
+
+
+def specular_of(lights: list[Light], roughness: float) -> F64:
+    """What a metal floor reflects, of the picture's lower half."""
+    metal = replace(METAL, roughness=roughness)
+    camera = Camera((0.0, 1.0, 2.0), (0.0, 0.0, 0.0), fov_y_deg=60.0)
+    scene = make_scene([floor(50.0, 0.0, metal)], lights, camera)
+    return np.asarray(draw(scene, (96, 72), ("specular",))["specular"][24:, :, 0])
+
+
+@pytest.mark.parametrize(("roughness", "radius", "mean", "peak"), [
+    (0.1, 3.0, 0.35, 0.1), (0.3, 3.0, 0.05, 0.25), (0.6, 3.0, 0.02, 0.05), (0.6, 15.0, 0.05, 0.3),
+    (1.0, 15.0, 0.05, 0.05), (0.6, 60.0, 0.6, 0.4)])
+def test_highlights_of_discs_are_those_of_many_small_lights(
+        roughness: float, radius: float, mean: float, peak: float) -> None:
+    """The mean and the brightest are those of suns all over the disc, within what one point and a wider lobe can do."""
+    axis = np.array((0.0, -0.5, 0.8)) / np.hypot(0.5, 0.8)
+    side, up = np.array((1.0, 0.0, 0.0)), np.cross(axis, (1.0, 0.0, 0.0))
+    count, suns = 48, []
+    for i in range(count):
+        sine = np.sin(np.radians(radius)) * np.sqrt((i + 0.5) / count)
+        across = sine * (np.cos(2.4 * i) * side + np.sin(2.4 * i) * up)
+        way = across + np.sqrt(1 - sine**2) * axis
+        # Of a disc of one radiance, as much as it sends to what faces its centre.
+        suns.append(DirectionalLight((float(way[0]), float(way[1]), float(way[2])),
+                                     (1.0 / count / np.sqrt(1 - sine**2),) * 3))
+    expected = specular_of([*suns], roughness)
+    middle = DirectionalLight((0.0, float(axis[1]), float(axis[2])), (1.0,) * 3, angular_radius_deg=radius)
+    disc = specular_of([middle], roughness)
+    found = disc.mean() / expected.mean(), disc.max() / expected.max()
+    print(f"DISC {roughness} {radius}: mean {found[0]:.2f} brightest {found[1]:.2f}")
+    assert abs(found[0] - 1) < mean and abs(found[1] - 1) < peak

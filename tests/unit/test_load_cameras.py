@@ -95,12 +95,18 @@ def test_rays_measure_free_distance(room):
     assert not back.any() and space.is_room
 
 
-@pytest.mark.parametrize(("size", "is_room"), [(0.2, False), (2.0, False), (20.0, True)], ids=["cup", "crate", "hall"])
-def test_a_hollow_object_is_no_room_unless_it_is_as_large_as_a_building(tmp_path, size, is_room):
+@pytest.mark.parametrize(("size", "is_furnished", "is_room"), [
+    (0.2, False, False), (0.2, True, False), (5.0, False, False), (5.0, True, True), (20.0, False, True)],
+    ids=["cup", "music box", "crate", "cabin", "hall"])
+def test_a_hollow_object_is_no_room_unless_it_is_furnished_or_large(tmp_path, size, is_furnished, is_room):
     """Walls with two sides; a room of one-sided walls shows their backs to who looks at it from outside."""
-    inside = trimesh.creation.box((0.8 * size, 0.8 * size, 0.8 * size))
+    inside = trimesh.creation.box((0.9 * size, 0.6 * size, 0.9 * size))
     inside.invert()
-    scene = save(tmp_path, trimesh.util.concatenate([trimesh.creation.box((size, size, size)), inside]))
+    parts = [trimesh.creation.box((size, 0.7 * size, size)), inside]
+    if is_furnished:
+        table = trimesh.creation.box((0.3 * size, 0.02 * size, 0.2 * size))
+        parts.append(table.apply_translation((0.05 * size, -0.12 * size, 0.1 * size)))
+    scene = save(tmp_path, trimesh.util.concatenate(parts))
     assert FreeSpace(scene.meshes, scene.instances).is_room == is_room
     assert isinstance(scene.lights[0], PointLight if is_room else DirectionalLight)
 

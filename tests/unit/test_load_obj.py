@@ -68,6 +68,39 @@ def test_keys_of_physically_based_materials(tmp_path):
     assert bumpy.normal_map is None and any("heights" in n for n in scene.notices)
 
 
+def test_options_of_maps(tmp_path):
+    (tmp_path / "n.png").write_bytes(png(np.tile(np.uint8([128, 128, 255]), (4, 4, 1))))
+    (tmp_path / "orm.png").write_bytes(png(np.tile(np.uint8([255, 100, 200]), (2, 2, 1))))
+    (tmp_path / "small.png").write_bytes(png(np.full((1, 1), 50)))
+    bumps, _ = only_material(write_obj(tmp_path, PLANE, "newmtl a\nmap_bump -bm 0.2 n.png\n"))
+    assert bumps.normal_scale == 0.2
+    packed, _ = only_material(write_obj(
+        tmp_path, PLANE, "newmtl a\nmap_Pr -imfchan g orm.png\nmap_Pm -imfchan b orm.png\n"))
+    np.testing.assert_array_equal(packed.metallic_roughness_map.pixels[0, 0, 1:3], [100, 200])
+    sizes, _ = only_material(write_obj(tmp_path, PLANE, "newmtl a\nmap_Pr small.png\nmap_Pm -imfchan b orm.png\n"))
+    np.testing.assert_array_equal(sizes.metallic_roughness_map.pixels[..., 1:3], np.tile([50, 200], (2, 2, 1)))
+
+
+@pytest.mark.parametrize("key", ["norm", "map_bump", "map_Pr", "map_Pm"])
+def test_maps_that_can_be_done_without_are_a_notice_if_they_are_broken(tmp_path, key):
+    (tmp_path / "h.exr").write_bytes(b"no image")
+    material, scene = only_material(write_obj(tmp_path, PLANE, f"newmtl a\n{key} h.exr\n"))
+    assert material.normal_map is None and any("h.exr" in n for n in scene.notices)
+
+
+@pytest.mark.parametrize(("keys", "f0"), [("illum 9\nd 0.5\n", 0.04), ("illum 6\nd 1.0\n", 0.5)])
+def test_blended_plastics_are_no_mirrors(tmp_path, keys, f0):
+    """Blender writes illum 9 for all that is blended."""
+    material, _ = only_material(write_obj(tmp_path, PLANE, f"newmtl a\nKd 0.8 0 0\nKs 0.5 0.5 0.5\n{keys}"))
+    assert material.specular == pytest.approx((f0,) * 3)
+
+
+def test_a_mask_stays_visible_where_the_material_is_half_transparent(tmp_path):
+    (tmp_path / "mask.png").write_bytes(png(np.array([[0, 255]])))
+    material, _ = only_material(write_obj(tmp_path, PLANE, "newmtl a\nd 0.4\nmap_d mask.png\n"))
+    assert material.alpha * 1.0 >= material.alpha_cutoff > 0
+
+
 def test_opacity_is_the_coverage_of_a_blended_surface_and_d_takes_precedence_over_tr(tmp_path):
     solid, scene = only_material(write_obj(tmp_path, PLANE, "newmtl a\nTr 1.0\nd 1.0\n"))
     assert not solid.is_blended and not any("transparent" in n for n in scene.notices)
@@ -148,6 +181,32 @@ def test_surfaces_without_normals_are_smooth_where_no_edge_is_sharp(tmp_path, he
         np.testing.assert_allclose(at_edge, np.tile([0, 0, 1], (len(at_edge), 1)), atol=1e-6)
     else:
         assert not mesh.normals.any(), "all is flat"
+
+
+@pytest.mark.parametrize("group", ["", "s 1\n"], ids=["by angle", "group"])
+def test_surfaces_are_smooth_across_materials_and_polygons_of_different_lengths(tmp_path, group):
+    obj = ridge(0.2) + group + "usemtl a\nf 1 3 4 2\nusemtl b\nf 3 5 6\nf 3 6 4\n"
+    scene = load_scene(write_obj(tmp_path, obj, "newmtl a\nKd 1 0 0\nnewmtl b\nKd 0 1 0\n"))
+    assert len(scene.meshes) == 2
+    for instance in scene.instances:
+        mesh = scene.meshes[instance.mesh]
+        at_edge = mesh.normals[mesh.triangles][np.isclose(world(scene, instance)[..., 0], 1)]
+        np.testing.assert_allclose(at_edge, np.tile([0, 0, 1], (len(at_edge), 1)), atol=1e-6)
+
+
+def test_faces_back_to_back_stay_flat_and_groups_are_not_objects(tmp_path):
+    both = load_scene(write_obj(tmp_path, QUAD + "s 1\nf 1 2 3 4\nf 4 3 2 1\n"))
+    assert not both.meshes[0].normals.any() and both.triangles == 4
+    many = "".join(f"s {i + 1}\nf 1 2 3\n" for i in range(5000))
+    assert len(load_scene(write_obj(tmp_path, QUAD + many)).meshes) == 1
+
+
+def test_concave_polygons_beside_triangles(tmp_path):
+    obj = "v 0 0 0\nv 2 0 0\nv 2 1 0\nv 1 1 0\nv 1 2 0\nv 0 2 0\nf 2 3 4 5 6 1\nf 1 2 3\n"
+    scene = load_scene(write_obj(tmp_path, obj))
+    places = world(scene, scene.instances[0])
+    areas = np.cross(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])[:, 2] / 2
+    assert len(scene.meshes) == 1 and areas.sum() == pytest.approx(3 + 1)
 
 
 @pytest.mark.parametrize("corners", [
