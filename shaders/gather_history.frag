@@ -3,7 +3,6 @@
 #include "lowres_history.glsl"
 
 const float MAX_FLASH = 64.0;  // history counts if it is at most this many times brighter than what is there now
-
 const float FIRST_RAYS = 1.0;  // that the light between the surfels counts as, where a surface comes into view
 
 uniform sampler2D gathered_light_now;     // rgb: mean over rays, a: rays

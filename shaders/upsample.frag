@@ -43,12 +43,15 @@ const float REACH = 1.5 * float(TILE);  // pixels
 
 layout(location = 0) out vec4 out_light;
 
-// rgb: weighted light, a: weight of one low-resolution texel.
-vec4 tap(ivec2 low, float along, float closeness, BilateralReceiver r)
+// rgb: weighted light, a: weight of one low-resolution texel, whose weighted gradient is added.
+vec4 tap(ivec2 low, float along, float closeness, BilateralReceiver r, inout vec3 gradient)
 {
     vec4 surface = texelFetch(lowres_gbuffer, low, 0);
-    float alike = surface.a > 0.0 ? similarity(surface, along, r) : SKY;
-    return vec4(texelFetch(light_filled, low, 0).rgb, 1.0) * (closeness * alike);
+    float weight = closeness * (surface.a > 0.0 ? similarity(surface, along, r) : SKY);
+#ifdef HAS_LIGHT_GRADIENT
+    gradient += texelFetch(light_gradient, low, 0).rgb * weight;
+#endif
+    return vec4(texelFetch(light_filled, low, 0).rgb, 1.0) * weight;
 }
 
 #ifdef HAS_MISSED_LIGHT
@@ -91,11 +94,9 @@ vec3 with_history(vec3 light, float shown, float found, float d, BilateralReceiv
 #ifdef HAS_LIGHT_GRADIENT
 // Light on a bump over that on the smooth surface with normal n: half of what is below its horizon is seen no more, and the
 // surface hides the rest; to first order, light from one side counts more on bumps that face it.
-float on_bump(vec3 n)
+float on_bump(vec3 n, vec3 gradient)
 {
-    ivec2 texel = ivec2(gl_FragCoord.xy);
-    vec3 bump = sanitize_normal(texelFetch(bumpy_normal, texel, 0).xyz);
-    vec3 gradient = textureLod(light_gradient, gl_FragCoord.xy / vec2(textureSize(depth, 0)), 0.0).rgb;
+    vec3 bump = sanitize_normal(texelFetch(bumpy_normal, ivec2(gl_FragCoord.xy), 0).xyz);
     float cosine = dot(bump, n), seen = 0.5 + 0.5 * cosine + dot(bump - cosine * n, gradient);
     return clamp(is_finite(seen) ? seen : 1.0, 0.0, MAX_BRIGHTENED);
 }
@@ -119,11 +120,13 @@ void main()
     BilateralReceiver r = bilateral_receiver(gl_FragCoord.xy, texelFetch(normal, texel, 0).xyz, d);
     QuadTap t = quad_tap(textureSize(lowres_gbuffer, 0), ratio);
     vec2 along = along_normal(t.low, ratio, r);
-    vec4 sum = interpolate_taps(tap(t.low, along.x + along.y, 1.0, r), t.closeness);
+    vec3 own_gradient = vec3(0.0);
+    vec4 sum = interpolate_taps(tap(t.low, along.x + along.y, 1.0, r, own_gradient), t.closeness);
     bool is_seen = is_surface(d), stands = t.is_inside && shows_plane_of_quad(r) && sum.a >= SHOWN;
     vec3 light = is_seen ? sanitize_radiance(sum.rgb / sum.a) : vec3(0.0);
 #ifdef HAS_LIGHT_GRADIENT
-    light = min(light * on_bump(r.normal), HALF_MAX);
+    vec3 gradient = interpolate_taps(vec4(own_gradient, 0.0), t.closeness).rgb / sum.a;
+    light = min(light * on_bump(r.normal, gradient), HALF_MAX);
 #endif
     write(light, d);
     gl_FragDepth = quad_all(stands) || !quad_any(is_seen) ? 1.0 : 0.0;
@@ -136,10 +139,12 @@ void main()
     BilateralReceiver r = bilateral_receiver(gl_FragCoord.xy, sanitize_normal(texelFetch(normal, texel, 0).xyz), d);
     Around t = texels_around(gl_FragCoord.xy, textureSize(lowres_gbuffer, 0), ratio, r);
     vec2 f = t.f, g = 1.0 - f;
-    vec4 sum = tap(t.low, t.along_low.x + t.along_low.y, g.x * g.y, r)
-        + tap(ivec2(t.high.x, t.low.y), t.along_high.x + t.along_low.y, f.x * g.y, r)
-        + tap(ivec2(t.low.x, t.high.y), t.along_low.x + t.along_high.y, g.x * f.y, r)
-        + tap(t.high, t.along_high.x + t.along_high.y, f.x * f.y, r);
+    vec3 gradient = vec3(0.0);
+    vec4 sum = tap(t.low, t.along_low.x + t.along_low.y, g.x * g.y, r, gradient);
+    sum += tap(ivec2(t.high.x, t.low.y), t.along_high.x + t.along_low.y, f.x * g.y, r, gradient);
+    sum += tap(ivec2(t.low.x, t.high.y), t.along_low.x + t.along_high.y, g.x * f.y, r, gradient);
+    sum += tap(t.high, t.along_high.x + t.along_high.y, f.x * f.y, r, gradient);
+    gradient /= max(sum.a, 1e-30);
     float shown = min(sum.a / SHOWN, 1.0), found = 1.0;
 #ifdef HAS_MISSED_LIGHT
     if (is_surface(d) && shown < 1.0) {
@@ -151,7 +156,7 @@ void main()
     // NaN in the light of any tap ends as 0 here.
     vec3 light = is_surface(d) && sum.a > 0.0 ? sanitize_radiance(sum.rgb / sum.a) : vec3(0.0);
 #ifdef HAS_LIGHT_GRADIENT
-    light = min(light * on_bump(r.normal), HALF_MAX);
+    light = min(light * on_bump(r.normal, gradient), HALF_MAX);
 #endif
 #ifdef HAS_INDIRECT_PREV
     if (is_surface(d) && shown < 1.0) light = with_history(light, shown, found, d, r);

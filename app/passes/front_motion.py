@@ -17,6 +17,8 @@ def declare(nearest: PeeledLayer) -> Pass:
         draw = make_fullscreen("front_motion.frag", strip=prefix, samplers={name: "opaque_" + name for name in opaque},
                                layer=nearest)(device, bound)
 
+        assert bound.writes == ("front_motion", "front_depth"), "what is copied below is in this order"
+
         def execute(frame: FrameState, resources: Resources) -> None:
             source = device.ctx.framebuffer([resources[name] for name in opaque])
             device.ctx.copy_framebuffer(resources.target(), source)
