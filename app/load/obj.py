@@ -117,9 +117,11 @@ def _sort_faces(text: str, stem: str) -> tuple[str, dict[tuple[str, str, int], _
     for line in text.split("\n"):
         key, _, rest = line.partition(" ")
         if key == "f":
-            chosen = faces.setdefault((name, material, rest.count(" ") + 1), _Faces())
-            chosen.lines.append(line)
-            chosen.groups.append(group)
+            corners = rest.count(" ") + 1
+            if corners >= 3:
+                chosen = faces.setdefault((name, material, corners), _Faces())
+                chosen.lines.append(line)
+                chosen.groups.append(group)
         elif key in _VERTEX_KEYS:
             vertices.append(line)
         elif key == "usemtl":
