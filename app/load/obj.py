@@ -45,17 +45,17 @@ def read_obj(path: Path, builder: SceneBuilder) -> None:
         raise ValueError("a face has the vertex 0, but the first one has the number 1")
     if re.search(r"^f .*-\d", text, re.MULTILINE):
         text = "\n".join(_make_absolute(text))
-    parts = [mesh for mesh in _read_parts(text, path.stem) if len(mesh.raw.triangles)]
-
+    parts = [part for part in _read_parts(text, path.stem) if len(part.raw.triangles)]
     bare = [part for part in parts if part.raw.normals is None]
-    smooth = with_creases([part.raw for part in bare], [part.groups for part in bare], math.radians(_CREASE_DEG))
-    raw_of = dict(zip(map(id, bare), smooth, strict=True))
+    smooth = iter(with_creases([part.raw for part in bare], [part.groups for part in bare],
+                               math.radians(_CREASE_DEG)))
     indices: dict[str, int] = {}
     for part in parts:
         if part.material not in indices:
             indices[part.material] = len(builder.materials)
             builder.materials.append(materials.get(part.material) or _default_material(part.material, builder))
-        mesh = builder.add_mesh(part.name, raw_of.get(id(part), part.raw), indices[part.material])
+        raw = next(smooth) if part.raw.normals is None else part.raw
+        mesh = builder.add_mesh(part.name, raw, indices[part.material])
         if mesh is not None:
             builder.add_instance(part.name, mesh, np.eye(4))
 
@@ -92,20 +92,19 @@ def _read_parts(text: str, stem: str) -> Iterator[_Part]:
     except ValueError as error:
         raise ValueError("a line of numbers can't be read") from error
     keys, lists = list(faces), list(faces.values())
-    pieces: dict[tuple[str, str], list[tuple[RawMesh, Ints]]] = {}
+    pieces: dict[tuple[str, str, bool, bool], list[tuple[RawMesh, Ints]]] = {}
     for geometry in content.get("geometry", {}).values():
         number = int(geometry["visual"].material.name)
         raw = _triangulate(geometry)
-        per_face = len(raw.triangles) // max(len(lists[number].groups), 1)
-        groups = np.repeat(np.array(lists[number].groups, np.int64), per_face)
-        pieces.setdefault(keys[number][:2], []).append((raw, groups))
-    for (name, material), same in pieces.items():
-        has_normals = [raw.normals is not None for raw, _ in same]
-        for wanted in (True, False):
-            chosen = [piece for piece, has in zip(same, has_normals, strict=True) if has == wanted]
-            if chosen:
-                groups = np.concatenate([groups for _, groups in chosen])
-                yield _Part(name, material, join_meshes([raw for raw, _ in chosen]), groups if has_groups else None)
+        name, material, corners = keys[number]
+        groups = np.repeat(np.array(lists[number].groups, np.int64), corners - 2)
+        if len(groups) != len(raw.triangles):  # trimesh has left something out
+            groups = np.zeros(len(raw.triangles), np.int64)
+        has = raw.normals is not None, raw.uvs is not None
+        pieces.setdefault((name, material, *has), []).append((raw, groups))
+    for (name, material, *_), same in pieces.items():
+        groups = np.concatenate([groups for _, groups in same])
+        yield _Part(name, material, join_meshes([raw for raw, _ in same]), groups if has_groups else None)
 
 
 def _sort_faces(text: str, stem: str) -> tuple[str, dict[tuple[str, str, int], _Faces]]:

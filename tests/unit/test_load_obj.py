@@ -201,6 +201,12 @@ def test_faces_back_to_back_stay_flat_and_groups_are_not_objects(tmp_path):
     assert len(load_scene(write_obj(tmp_path, QUAD + many)).meshes) == 1
 
 
+def test_faces_with_and_without_texture_coordinates_keep_what_they_have(tmp_path):
+    obj = QUAD + "vt 0 0\nvt 1 0\nvt 1 1\nvn 0 0 1\nf 1/1 2/2 3/3\nf 1 2 3 4\nf 1/1/1 2/2/1 3/3/1\n"
+    scene = load_scene(write_obj(tmp_path, obj))
+    assert scene.triangles == 4 and any(m.uvs is not None for m in scene.meshes)
+
+
 def test_concave_polygons_beside_triangles(tmp_path):
     obj = "v 0 0 0\nv 2 0 0\nv 2 1 0\nv 1 1 0\nv 1 2 0\nv 0 2 0\nf 2 3 4 5 6 1\nf 1 2 3\n"
     scene = load_scene(write_obj(tmp_path, obj))
