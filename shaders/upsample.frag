@@ -47,7 +47,8 @@ layout(location = 0) out vec4 out_light;
 vec4 tap(ivec2 low, float along, float closeness, BilateralReceiver r, inout vec3 gradient)
 {
     vec4 surface = texelFetch(lowres_gbuffer, low, 0);
-    float weight = closeness * (surface.a > 0.0 ? similarity(surface, along, r) : SKY);
+    float alike = surface.a > 0.0 ? similarity(surface, along, r) : SKY;
+    float weight = closeness * alike;
 #ifdef HAS_LIGHT_GRADIENT
     gradient += texelFetch(light_gradient, low, 0).rgb * weight;
 #endif
