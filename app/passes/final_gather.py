@@ -141,10 +141,12 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
         put_rows(light[:, :3], traced, np.einsum("nkc->nc", rays.light) / np.float32(len(chosen)))
         light[traced, 3] = len(chosen)
         distance[traced, 0] = np.einsum("nk->n", rays.distance) / np.float32(len(chosen))
-        gradient = np.zeros((len(position), 4), np.float32)
+        found = {MEANS[0]: (light,), MEANS[1]: (interpolated, distance)}
         if GRADIENT + suffix in bound.writes:
+            gradient = np.zeros((len(position), 4), np.float32)
             put_rows(gradient, traced, rotation_gradient(rays, facing))
-        for name, *columns in ((MEANS[0], light), (MEANS[1], interpolated, distance), (GRADIENT, gradient)):
+            found[GRADIENT] = (gradient,)
+        for name, columns in found.items():
             if name + suffix in bound.writes:
                 texels = np.zeros((math.prod(grid), 4), np.float32)
                 put_rows(texels, receivers.texel, np.concatenate(columns, axis=1))
