@@ -17,6 +17,7 @@ from app.specular_albedo import MEAN_COSINE, specular_albedo
 
 # Those that rays see, beside that of transmission.
 _MAPS = ("albedo_map", "emission_map", "metallic_roughness_map", "specular_map")
+MIN_OPACITY = 1e-3  # of what rays meet, so that nothing divides by 0
 MAX_PASSED = 16  # surfaces with holes, culled backs and light proxies that a ray can pass
 
 
@@ -97,7 +98,8 @@ class Body:
         self.center, self.radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
         self.alpha_tested = np.array([m.alpha_cutoff is not None or m.is_see_through for m in self.materials], bool)
         self.one_sided = np.array([m.is_one_sided for m in self.materials], bool)
-        self._varies = np.array([bool(m.maps) or m.emits for m in self.materials], bool)
+        self._varies = np.array([bool(m.maps) or m.emits or m.transmission is not None for m in self.materials],
+                                bool)
         self._has_specular = np.array([m.has_specular and not m.is_unlit for m in self.materials], bool)
         self._albedo = _columns([(0.0,) * 3 if m.is_unlit else m.albedo for m in self.materials], 3)
         self._specular = _columns([m.specular for m in self.materials], 3)
@@ -246,10 +248,15 @@ class Body:
         if self.colors is not None:
             share *= self._interpolate(self.colors, triangle, uv)[:, :3]
         share *= self._textured(m.albedo_map, at, m.alpha_cutoff is not None)
-        share *= self._textured(m.transmission.factor_map, at)[:, :1]
-        share *= 1 - m.metallic * self._textured(m.metallic_roughness_map, at)[:, 2:]
+        share *= self._transmitting(m, at)
         mean: F32 = (share.clip(0, 1) ** (0.5 if m.is_volume else 1.0)).mean(axis=1)
         return mean
+
+    def _transmitting(self, m: Material, at: Sequence[F32]) -> F32:
+        """Share of a material's transmission that its maps leave, shape (N, 1)."""
+        assert m.transmission is not None
+        share = self._textured(m.transmission.factor_map, at)[:, :1]
+        return np.asarray(share * (1 - m.metallic * self._textured(m.metallic_roughness_map, at)[:, 2:]))
 
     def is_light_proxy(self, triangle: Ints) -> Bools:
         """Whether each triangle stands for an analytic light, shape (N,)."""
@@ -268,6 +275,7 @@ class Body:
         emission = np.zeros_like(albedo)
         specular = self._specular.take(material, axis=0)
         roughness, metallic = self._roughness_metallic.take(material, axis=0).T[..., None]
+        opacity = np.ones((len(triangle), 1), np.float32)
         varying = np.flatnonzero(self._varies[material])
         everywhere = [self._interpolate(uvs, triangle, uv) for uvs in self.uvs] if len(varying) else []
         for index, rows in self._by_material(varying, triangle):
@@ -281,6 +289,9 @@ class Body:
                 maps = self._textured(m.metallic_roughness_map, at)
                 roughness[rows] *= maps[:, 1:2]
                 metallic[rows] *= maps[:, 2:]
+            if m.transmission is not None:
+                albedo[rows] *= 1 - m.transmission.factor * self._transmitting(m, at)
+                opacity[rows, 0] -= self._passing(m, triangle[rows], uv[rows])
             if m.emits:
                 emits = m.double_sided | self._is_front(triangle[rows], directions[rows])[:, None]
                 emitted = np.array(m.emission, np.float32) * self._textured(m.emission_map, at)
@@ -289,6 +300,7 @@ class Body:
         of_shiny = (values.take(shiny, axis=0) for values in (albedo.clip(0, 1), specular, roughness, metallic))
         base, dielectric, roughness, metallic = of_shiny
         put_rows(albedo, shiny, _reflectance(base, dielectric, roughness, metallic))
+        albedo /= np.maximum(opacity, MIN_OPACITY)  # only those rays meet a see-through surface that don't pass
         return SurfaceInteraction(normal.astype(np.float32), np.clip(albedo, 0.0, 1.0), np.maximum(emission, 0.0))
 
     def _is_front(self, triangle: Ints, directions: F32) -> Bools:

@@ -8,7 +8,7 @@ et al. 2017, "Kernel-Predicting Convolutional Networks for Denoising Monte Carlo
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -16,26 +16,22 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from app.network.contract import ModelContract, TensorSpec
+from export.models.edge_avoiding import AROUND, MIN_DEPTH, filter_light, surfaces_of
+from export.models.local_mean import keep_local_mean
 from export.models.network import EXTENT, NEGATIVE_SLOPE, Network, sanitize
 
 CHANNELS = ("gathered.rgb", "gathered.count", "gathered.distance", "interpolated.rgb", "normal.view.xyz",
             "position.view.xyz")
 WIDTHS = (16, 32, 32)    # channels at half, quarter and eighth size
-AROUND = (-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1), (1, -1), (-1, 1)  # taps beside the middle one
 TAPS = 1 + len(AROUND)
 FEATURES = 12  # light and the number of its rays, the distance of their ends, interpolated light, normal, depth
 CORNERS = 4  # texels of 2×2
 STEPS = 8, 4, 2, 1  # texels between the taps of each kernel; no longer than the smallest grid
 OUTPUTS = len(STEPS) * TAPS + 1  # logits of all taps, and of the share of interpolated light
-# A prior that the logits are added to: minus
-NORMAL_WEIGHT = 16.0   # times 1 - the cosine between the normals,
-PLANE_SIGMA = 0.02     # and the squared distance from the texel's plane, in units of this share of the depth,
 MAX_LOGIT = 12.0
-MIN_EXPONENT, MAX_EXPONENT = -40.0, 30.0  # of the middle tap, so that kernels have a finite sum above 0
 MIN_COUNT = 1e-3       # of rays, so that its logarithm is finite
 MIN_WEIGHT = 1e-30     # so that nothing divides by 0
 MAX_COUNT = 32.0       # of rays, that features tell apart; training has no more
-MIN_DEPTH = 1e-3       # in the unit of EXTENT
 INTERPOLATED_BIAS = -2.0  # logit of the share of interpolated light before training
 
 
@@ -113,7 +109,8 @@ class FinalGather(Network):
         depth = -texels.position[:, 2:]
         features = torch.cat([texels.gathered.log1p(), texels.rays / 6, texels.distance, texels.interpolated.log1p(),
                               texels.normal, depth.clamp(min=MIN_DEPTH).log2() / 4], 1) * surface
-        return self._light(self.body(fold(features), fold(surface)), texels) * surface
+        light = self._light(self.body(fold(features), fold(surface)), texels) * surface
+        return keep_local_mean(light, texels.gathered, texels.count, texels.normal, texels.position)
 
     def _read(self, screen: Tensor) -> Texels:
         gathered, count, distance, interpolated, normal, position = torch.split(screen, [3, 1, 1, 3, 3, 3], dim=1)
@@ -164,86 +161,6 @@ class UNet(nn.Module):
             x = torch.cat([functional.interpolate(x, scale_factor=2.0), skip], 1)
             x = functional.leaky_relu(convolution(x), NEGATIVE_SLOPE)
         return x
-
-
-@dataclass(frozen=True)
-class Surfaces:
-    """What the prior compares, each of shape (B, C, h, w).
-
-    Attributes
-    ----------
-    normal, position : Tensor
-        Unit normals, or 0 in the sky, and positions.
-    axis : Tensor
-        Normals in units of the tolerated distance from a texel's plane.
-    plane : Tensor
-        Where the texel's own plane is, in that unit.
-    """
-
-    normal: Tensor
-    position: Tensor
-    axis: Tensor
-    plane: Tensor
-
-    def priors(self, step: int) -> Iterator[Tensor]:
-        """What is added to the logits of the texels ``step`` away, in the order of ``AROUND``."""
-        for cosine, position in zip(self._cosines(step), _around(self.position, step, AROUND), strict=True):
-            yield cosine - (_dot(self.axis, position) - self.plane).square()
-
-    def _cosines(self, step: int) -> Iterator[Tensor]:
-        """Cosines between normals minus 1, times ``NORMAL_WEIGHT``; for opposite sides the same ones, moved."""
-        sides = AROUND[::2]
-        for (right, down), normal in zip(sides, _around(self.normal, step, sides), strict=True):
-            cosine = _dot(self.normal, normal, NORMAL_WEIGHT, -NORMAL_WEIGHT)
-            yield cosine
-            yield _shifted(cosine, -step * right, -step * down, value=-NORMAL_WEIGHT)
-
-
-def surfaces_of(normal: Tensor, position: Tensor) -> Surfaces:
-    """For unit normals, or 0 in the sky, and positions of shape (B, 3, h, w)."""
-    axis = normal / (PLANE_SIGMA * (-position[:, 2:]).clamp(min=MIN_DEPTH))
-    return Surfaces(normal, position, axis, _dot(axis, position))
-
-
-def filter_light(lit: Tensor, surfaces: Surfaces, middle: Tensor, around: Sequence[Tensor], step: int) -> Tensor:
-    """Weighted mean of ``lit`` of the texels ``step`` away from each one.
-
-    Tap by tap, since tensors of all taps would not stay in the CPU's cache.
-
-    Parameters
-    ----------
-    lit : Tensor, shape (B, 4, h, w)
-        Light times how much each texel counts, and how much it counts, relative to others.
-    middle : Tensor, shape (B, 1, h, w)
-        Logit of each texel itself.
-    around : sequence of Tensor, shape (B, 1, h, w)
-        Logits of those ``AROUND``, which are added to the prior.
-    """
-    total = middle.clamp(MIN_EXPONENT, MAX_EXPONENT).exp()
-    sums = lit * total
-    for logit, prior, light in zip(around, surfaces.priors(step), _around(lit, step, AROUND), strict=True):
-        kernel = (logit + prior).exp()
-        total = total + kernel
-        sums = sums + light * kernel
-    return sums / total
-
-
-def _dot(a: Tensor, b: Tensor, factor: float = 1.0, offset: float = 0.0) -> Tensor:
-    """Scalar products of vectors of shape (B, 3, h, w), times a factor, plus an offset."""
-    # In onnxruntime fastest as a convolution, in three dimensions, since it rearranges the channels for one in two.
-    weight, bias = a.new_full((1, 3, 1, 1, 1), factor), a.new_full((1,), offset)
-    return functional.conv3d((a * b).unsqueeze(2), weight, bias).squeeze(2)
-
-
-def _around(x: Tensor, step: int, sides: Sequence[tuple[int, int]]) -> Iterator[Tensor]:
-    """The texels ``step`` to these sides of each one; 0 beyond the image."""
-    padded = functional.pad(x, (step,) * 4)
-    return (_shifted(padded, step * right, step * down, -step) for right, down in sides)
-
-
-def _shifted(x: Tensor, right: int, down: int, margin: int = 0, value: float = 0.0) -> Tensor:
-    """The texels to the right and below of each one, without a margin of ``x``; ``value`` beyond ``x``."""
-    return functional.pad(x, (margin - right, margin + right, margin - down, margin + down), value=value)
 
 
 def fold(x: Tensor) -> Tensor:

@@ -20,6 +20,7 @@ from app.surfels.final_gather import sequence
 from export.dataset.gathered_frames import GatheredFrame, make_frames, read_frames
 from export.models.final_gather import FinalGather
 from export.models.gather_cleaners import CLEANERS
+from export.models.local_mean import keep_local_mean
 from export.onnx.export import export_cleaner
 from export.onnx.gather_cli import train as train_command
 from export.training.final_gather import CROP, make_example, relative_error, train
@@ -66,6 +67,39 @@ def test_few_rays_lose_most_of_their_noise(network: Network) -> None:
     screen = wall(noise, 1.0)
     screen[5:8] = 1.0
     assert clean(network, screen).std() < 0.15 * noise.std()
+
+
+def test_rare_bright_rays_keep_their_light(network: Network) -> None:
+    """As of the housing of a tube: one texel of 50 has met it, which is half of all light."""
+    rng = np.random.default_rng(8)
+    met = rng.random(SIZE[::-1]) < 0.02
+    light = np.where(met, 25.0, 0.5) * np.ones((3, 1, 1))
+    screen = wall(light.astype(np.float32), 16.0)
+    screen[5:8] = 0.6
+    assert clean(network, screen).mean() > 0.8 * light.mean()  # by its kernels alone 0.58
+    mirrored = light.copy()
+    mirrored[:, :, SIZE[0] // 2:] = 0.5  # where no ray has met it, no light is added
+    cleaned = clean(network, wall(mirrored.astype(np.float32), 16.0))
+    assert cleaned[:, :, 3 * SIZE[0] // 4:].mean() < 0.7
+
+
+def test_a_single_bright_ray_is_taken_for_noise(network: Network) -> None:
+    screen = wall(np.full((3, *SIZE[::-1]), 0.5, np.float32), 1.0)
+    screen[:3, 16, 24] = 200.0
+    assert clean(network, screen)[:, 8:24, 16:32].mean() < 0.65  # with all of its light it would be 1.3
+
+
+def test_the_local_mean_is_that_of_one_surface() -> None:
+    """Cleaned light of two walls, one behind the other, is too dark on one of them alone."""
+    gathered = torch.ones(1, 3, 64, 64)
+    cleaned = gathered.clone()
+    cleaned[..., :32] = 0.7
+    normal = torch.tensor([0.0, 0.0, 1.0]).reshape(1, 3, 1, 1).expand(1, 3, 64, 64)
+    depth = torch.where(torch.arange(64) < 32, 5.0, 8.0).expand(1, 1, 64, 64)
+    position = torch.cat([torch.zeros(1, 2, 64, 64), -depth], 1)
+    kept = keep_local_mean(cleaned, gathered, torch.ones(1, 1, 64, 64), normal, position)
+    torch.testing.assert_close(kept[..., :28], gathered[..., :28], rtol=0.02, atol=0)
+    torch.testing.assert_close(kept[..., 36:], gathered[..., 36:], rtol=1e-3, atol=0)
 
 
 def test_light_does_not_creep_around_a_corner(network: Network) -> None:

@@ -354,6 +354,23 @@ def test_rays_pass_glass_as_its_maps_say(metal: float, factor: float, share: flo
     assert passed.mean() == pytest.approx(share, abs=0.02)
 
 
+@pytest.mark.parametrize("factor", [0.5, 1.0])
+def test_glass_sends_back_what_it_does_not_let_through(factor: float) -> None:
+    """The rays that don't pass it carry what it reflects: less than all light, and little of clear glass."""
+    specular, diffuse = (0.04,) * 3, 0.9
+    glass = Material(albedo=(diffuse,) * 3, specular=specular, roughness=0.5, transmission=Transmission(factor))
+    opaque = replace(glass, transmission=None)
+    origins, vectors = np.tile([(0.3, 0.2, 1.0)], (4000, 1)), np.tile([(0.0, 0.0, -2.0)], (4000, 1))
+    origins[:, :2] += np.random.default_rng(0).uniform(-0.5, 0.5, (4000, 2))
+    sent_back = {}
+    for material in (glass, opaque):
+        caster = Caster(make_scene([wall(material)]))
+        hits = caster.cast((origins - caster.origin).astype(np.float32), vectors.astype(np.float32))
+        sent_back[material] = hits.albedo[:, 0].sum() / len(origins)
+    shiny = sent_back[opaque] - diffuse
+    assert sent_back[glass] == pytest.approx((1 - factor) * diffuse + shiny, abs=0.03)
+
+
 def test_a_ray_that_starts_on_a_light_proxy_gets_past_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Beside a masked surface, where rays go on step by step; without steps of a least length it would never end."""
     masked = Material(albedo_map=texture([[(1.0,) * 3]]), alpha_cutoff=0.5)
