@@ -60,9 +60,8 @@ class Texels:
 class FinalGather(Network):
     """A U-Net whose kernels average gathered light, blended with light that is interpolated between surfels.
 
-    The output is a weighted mean of its inputs' light: it creates no energy, and is linear in light for given weights.
-    The weights depend on light only relative to the mean of the frame. Texels without rays get the light of those
-    around.
+    The output is a weighted mean of its inputs' light, times a ratio that keeps the local mean. Weights and ratio
+    depend on light only relative to the mean of the frame. Texels without rays get the light of those around.
 
     Attributes
     ----------

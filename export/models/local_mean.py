@@ -1,7 +1,7 @@
 """Gives cleaned light the local mean of what was cleaned.
 
-Kernels that are predicted from light take what few rays find, such as the bright housing of a tube, for noise, and leave
-it out: what is cleaned is darker than its rays. Over the means of many texels that can be told from noise.
+Kernels that are predicted from light take what few rays find, such as the bright housing of a tube, for noise, and
+leave it out: what is cleaned is darker than its rays. By the means of many texels that can be told from noise.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.gl.shadow_atlas import FACE_TEXELS, HARD_CUBE_TEXELS, PARALLEL_MAP, lay_out
+from app.gl.shadow_atlas import FACE_TEXELS, HARD_CUBE_TEXELS, PARALLEL_MAP, SINGLE_MAP, Tile, lay_out
 from app.renderer import Renderer
 from app.scene import Camera, DirectionalLight, Light, Material, PointLight, RectLight, SpotLight, Texture
 from app.settings import Settings
@@ -348,4 +348,27 @@ def test_maps_are_as_fine_as_the_atlas_lets_them_be(hard: int, soft: int, faces:
     lights = (PointLight((0, 1, 0), (1.0,) * 3),) * hard + (PointLight((0, 1, 0), (1.0,) * 3, 0.1),) * soft
     tiles, size = lay_out(lights, 16384)
     assert {tile.face for tile in tiles} == faces
-    assert all(max(t.corner[0] + 3 * t.face - size[0], t.corner[1] + 2 * t.face - size[1]) <= 0 for t in tiles)
+    assert_apart(tiles, size)
+
+
+@pytest.mark.parametrize(("cubes", "spots", "sun", "face"), [
+    (0, 0, 4096, 0), (2, 0, 4096, 1024), (8, 0, 4096, 512), (19, 0, 4096, 256), (0, 4, 4096, 2048), (3, 2, 4096, 512),
+    (60, 0, 2048, 128), (400, 30, 1024, 64),
+])
+def test_lamps_leave_the_sun_its_fine_map(cubes: int, spots: int, sun: int, face: int) -> None:
+    lights = (*(PointLight((0, 1, 0), (1.0,) * 3, 0.1),) * cubes, DirectionalLight((0, -1, 0), (1.0,) * 3),
+              *(SpotLight((0, 1, 0), (0, -1, 0), (1.0,) * 3, 10.0, 20.0, 0.1),) * spots)
+    tiles, size = lay_out(lights, 16384)
+    assert tiles[cubes].face == sun
+    assert all(tile.face == (2 * face if tile.kind == SINGLE_MAP and cubes else face)
+               for tile in (*tiles[:cubes], *tiles[cubes + 1:]))
+    assert_apart(tiles, size)
+
+
+def assert_apart(tiles: list[Tile], size: tuple[int, int]) -> None:
+    taken = np.zeros((size[1] // 64, size[0] // 64), np.int32)
+    for tile in tiles:
+        (x, y), (width, height) = (np.array(pair) // 64 for pair in (tile.corner, tile.size))
+        assert x + width <= taken.shape[1] and y + height <= taken.shape[0]
+        taken[y:y + height, x:x + width] += 1
+    assert taken.max(initial=0) <= 1

@@ -98,7 +98,7 @@ def test_the_local_mean_is_that_of_one_surface() -> None:
     depth = torch.where(torch.arange(64) < 32, 5.0, 8.0).expand(1, 1, 64, 64)
     position = torch.cat([torch.zeros(1, 2, 64, 64), -depth], 1)
     kept = keep_local_mean(cleaned, gathered, torch.ones(1, 1, 64, 64), normal, position)
-    torch.testing.assert_close(kept[..., :28], gathered[..., :28], rtol=0.02, atol=0)
+    torch.testing.assert_close(kept[..., :28], gathered[..., :28], rtol=0.05, atol=0)
     torch.testing.assert_close(kept[..., 36:], gathered[..., 36:], rtol=1e-3, atol=0)
 
 
