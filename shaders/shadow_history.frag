@@ -3,9 +3,9 @@
 #include "lowres_history.glsl"
 
 uniform sampler2D shadow_visible_now;     // rgb: mean irradiance of the samples that reach their light, a: samples
-uniform sampler2D shadow_unshadowed_now;  // rgb: mean irradiance of all samples
+uniform sampler2D shadow_unshadowed_now;  // rgb: mean irradiance of all samples, a: whether they were guided
 uniform sampler2D shadow_visible_prev;
-uniform sampler2D shadow_unshadowed_prev;   // a: share of the samples for which what is known was taken
+uniform sampler2D shadow_unshadowed_prev;   // a: share of the samples that were guided
 uniform float max_samples;  // of history
 #ifdef HAS_SHADOW_SPECULAR_NOW
 uniform sampler2D shadow_specular_now;    // r: mean luminance of the rectangles that specular rays reach, g: of all of them,

@@ -64,7 +64,8 @@ uniform float sky_distance;  // length of a ray towards the environment, scene u
 
 #ifdef RAYS_HERE
 layout(location = 0) out vec4 out_visible;     // rgb: mean irradiance of the samples that reach their light, a: samples
-layout(location = 1) out vec4 out_unshadowed;  // rgb: mean irradiance of all samples, the sky's exact one if they are guided
+layout(location = 1) out vec4 out_unshadowed;  // rgb: mean irradiance of all samples, the sky's exact one if they are
+                                               // guided, a: whether they are
 #ifdef SPECULAR_RAYS
 layout(location = 2) out vec4 out_specular;    // r: mean luminance of the rectangles that specular rays reach, g: of all, a: rays
 #endif
@@ -373,7 +374,7 @@ void main()
 #endif
 #ifdef WRITE_LESSONS
     bool guided = texelFetch(sky_guide, ivec2(PART_COUNT, guide_row(texel)), 0).r != 0u;
-    if (guided) out_unshadowed = vec4(sky.rgb + of_lights / max(samples, 1.0), 0.0);
+    if (guided) out_unshadowed = vec4(sky.rgb + of_lights / max(samples, 1.0), 1.0);
     out_lessons_0 = uvec4(floatBitsToUint(first_sky), lessons[0], lessons[1], lessons[2]);
     out_lessons_1 = uvec4(lessons[3], lessons[4], lessons[5], lessons[6]);
     out_lessons_2 = uvec4(lessons[7], 0u, 0u, 0u);

@@ -83,8 +83,8 @@ class ShadowRays:
         -------
         visible, unshadowed : ndarray, float32, shape (h, w, 4)
             Mean irradiance of the samples of diffuse light with and without occlusion, bottom row first. The last
-            channel is the number of these samples, and of ``unshadowed`` 0. Where the guide guides rays, which then say
-            little of what is hidden, ``unshadowed`` has the environment's exact irradiance instead of theirs.
+            channel is the number of these samples, and of ``unshadowed`` whether the guide guides them. Guided rays say
+            little of what is hidden, so ``unshadowed`` has the environment's exact irradiance instead of theirs then.
         specular : ndarray, float32, shape (h, w, 4)
             With ``SPECULAR_RAYS`` only: mean luminance of the rectangles that specular rays reach, and of all that they
             are traced to; 0; how many they are.
@@ -126,7 +126,7 @@ class ShadowRays:
         if self._guide is not None:
             mean_of_lights = of_lights / np.maximum(len(samples) - specular_rays, 1)[:, None]
             np.copyto(means[1], sky_of_all / len(samples) + mean_of_lights, where=self._guide.guides[:, None])
-        means[1][:, 3] = 0.0
+        means[1][:, 3] = 0.0 if self._guide is None else self._guide.guides
         if self._has_specular:
             none = np.zeros_like(specular_rays)
             means.append(_mean(np.stack([visible[:, 3], unshadowed[:, 3], none, none], axis=1), specular_rays))

@@ -16,6 +16,7 @@ from app.scene import Camera, Environment, Material, RectLight, Scene
 from app.settings import Settings
 from tests.gl.closed_forms import polygon_irradiance
 from tests.gl.scenes import F32, F64, Part, box, cellar, draw, floor, make_scene, quad, slide, window_irradiance
+from tests.override import draw_replaced
 from tests.unit.test_environment import compass
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
@@ -96,6 +97,24 @@ def test_a_room_has_the_light_of_its_window_and_its_lamp() -> None:
     print(f"LAMP {error.mean() / exact.mean():.3f} off on the mean, noise {error.std() / exact.mean():.3f}")
     assert abs(error.mean()) < 0.01 * exact.mean()
     assert error.std() < 0.01 * exact.mean()
+
+
+@pytest.mark.parametrize("rays", ["cpu", "gpu"])
+def test_a_texel_that_alone_has_met_the_sky_does_not_shine(rays: str) -> None:
+    """Below a lamp, rays are seldom sent to a sky that is mostly hidden, and then bring much of its light."""
+    size, camera = (128, 96), Camera((2.0, 3.9, 2.65), (2.0, 0.0, 2.649), fov_y_deg=27.0)
+    lamp = RectLight((2.0, 3.95, 2.0), (1.2, 0.0, 0.0), (0.0, 0.0, 1.2), (5.0,) * 3)
+    with Renderer(replace(cellar(0.3), lights=(lamp,)), Settings(size, ("direct",), taa=True, rays=rays)) as renderer:
+        for _ in range(3):
+            renderer.render(camera)
+        unshadowed = renderer.resource("shadow_unshadowed")
+        assert unshadowed[..., 3].mean() > 0.9  # the share of samples that were guided
+        visible = unshadowed * 0.1
+        visible[..., 3] = 64.0
+        visible[20, 20, :3] *= 6.0
+        draw_replaced(renderer, [camera], {"shadow_visible": visible, "shadow_unshadowed": unshadowed})
+        ratio = renderer.resource("shadow_ratio")[..., 1]
+    np.testing.assert_allclose(ratio[10:30, 10:30], 0.1, atol=0.06)
 
 
 def test_a_lamp_does_not_show_the_highlights_of_a_hidden_sky() -> None:
