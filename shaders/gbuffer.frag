@@ -265,10 +265,10 @@ void main()
 #ifdef TRANSMISSION_MAP
     transmitted *= lookup(transmission_map, map_at(transmission_uv)).r;
 #endif
+    base.rgb *= 1.0 - transmitted;
 #ifdef METALLIC
     transmitted *= 1.0 - metal;
 #endif
-    base.rgb *= 1.0 - transmitted;
     float thickness = transmission.z * abs(scale);
 #ifdef THICKNESS_MAP
     thickness *= lookup(thickness_map, map_at(thickness_uv)).g;

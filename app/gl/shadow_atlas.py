@@ -8,7 +8,7 @@ SINGLE_MAP, CUBE_MAP, PARALLEL_MAP = 1, 2, 3
 MAX_SINGLE_MAP_DEG = 55.0  # outer half angle of a spot that one map covers
 FACE_TEXELS = {CUBE_MAP: 1024, SINGLE_MAP: 2048, PARALLEL_MAP: 4096}  # a side
 HARD_CUBE_TEXELS = 1536  # a hard shadow's filter is no wider than a texel
-KEPT_HALVINGS = 2  # of all other maps, before those of directional lights are halved too
+EARLIER_HALVINGS = 2
 MAX_ATLAS_TEXELS = 2**25
 MAX_ATLAS_WIDTH = 8192
 
@@ -30,7 +30,8 @@ class Tile:
 def lay_out(lights: tuple[Light, ...], max_size: int) -> tuple[list[Tile], tuple[int, int]]:
     """Shelves of tiles: finer ones for hard six-face maps if the atlas fits then, and coarser ones until it does.
 
-    Maps of directional lights are halved last, because they cover the whole scene.
+    Before the maps of directional lights are halved, because they cover the whole scene, all others are halved up to
+    ``EARLIER_HALVINGS`` times.
 
     Returns
     -------
@@ -40,24 +41,28 @@ def lay_out(lights: tuple[Light, ...], max_size: int) -> tuple[list[Tile], tuple
         Width and height of the atlas, in texels.
     """
     usual = FACE_TEXELS[CUBE_MAP]
-    for hard, shrink in ((HARD_CUBE_TEXELS, 0), *((usual, shrink) for shrink in range(9 + KEPT_HALVINGS))):
-        tiles, size = _shelves([_tile(light, hard, shrink) for light in lights], min(max_size, MAX_ATLAS_WIDTH))
+    halvings = ((parallel, parallel + more) for parallel in range(9) for more in range(EARLIER_HALVINGS + 1))
+    for hard, parallel, other in ((HARD_CUBE_TEXELS, 0, 0), *((usual, *both) for both in halvings)):
+        tiles = [_tile(light, hard, parallel, other) for light in lights]
+        tiles, size = _shelves(tiles, min(max_size, MAX_ATLAS_WIDTH))
         if size[0] * size[1] <= MAX_ATLAS_TEXELS and max(size) <= max_size:
             break
     return tiles, size
 
 
-def _tile(light: Light, hard: int, shrink: int) -> Tile:
+def _tile(light: Light, hard: int, parallel: int, other: int) -> Tile:
+    """Not placed yet, with its side halved so many times."""
     kind = map_kind(light)
-    if kind == PARALLEL_MAP:
-        return Tile((0, 0), FACE_TEXELS[kind] >> max(0, shrink - KEPT_HALVINGS), kind)
-    return Tile((0, 0), (hard if kind == CUBE_MAP and size_of(light) <= 0 else FACE_TEXELS[kind]) >> shrink, kind)
+    face = hard if kind == CUBE_MAP and size_of(light) <= 0 else FACE_TEXELS[kind]
+    return Tile((0, 0), face >> (parallel if kind == PARALLEL_MAP else other), kind)
 
 
 def _shelves(tiles: list[Tile], limit: int) -> tuple[list[Tile], tuple[int, int]]:
     """Place tiles, the highest first, on shelves, and on top of each other where a shelf is high enough."""
     placed = list(tiles)
-    shelf = height = left = right = top = width = 0  # y of the shelf, its height; the column's sides; where it is free
+    shelf = height = 0  # lower edge of the shelf, and its height
+    left = right = top = 0  # sides of the column of tiles on it, and its upper edge
+    width = 1
     for index in sorted(range(len(tiles)), key=lambda k: -tiles[k].size[1]):
         w, h = tiles[index].size
         if top + h > shelf + height or left + w > right:  # not on top of the column
@@ -66,11 +71,12 @@ def _shelves(tiles: list[Tile], limit: int) -> tuple[list[Tile], tuple[int, int]
             if right > limit:
                 shelf, left, right = shelf + height, 0, w
                 top = shelf
-            height = height if left else h
+            if left == 0:
+                height = h
         placed[index] = replace(tiles[index], corner=(left, top))
         top += h
         width = max(width, right)
-    return placed, (max(1, width), max(1, shelf + height))
+    return placed, (width, max(1, shelf + height))
 
 
 def map_kind(light: Light) -> int:

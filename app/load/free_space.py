@@ -1,7 +1,8 @@
 """A coarse voxel grid of a scene, to tell rooms from objects and to find free space."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 from app.arrays import F64, Bools
 from app.load.geometry import face_vectors
 from app.math3d import unit_rows
-from app.scene import Instance, Mesh, bounds_of, swept_bounds_of
+from app.scene import Instance, Mesh, bounds_of, key_times_of
 
 _VOXELS = 64                # along the longest edge of the scene's box
 _STEP = 0.7                 # of ray marching, in voxels
@@ -28,6 +29,7 @@ _MIN_CONTENTS = 0.01        # share of what is seen from inside that is farther 
 _SHELL = 8                  # than so many voxels
 _OUTSIDE = 0.75             # distance of eyes outside the scene, in diagonals of its box
 _LOOKS = 1024               # of each of them
+_PROJECTED = 16_384         # points at once, on all sides
 
 
 def _fibonacci_sphere(count: int) -> F64:
@@ -39,6 +41,7 @@ def _fibonacci_sphere(count: int) -> F64:
 
 
 RAYS = _fibonacci_sphere(64)
+_SIDES = _fibonacci_sphere(256)  # along which points are outermost; by others, within 1 % of their extent
 
 
 class FreeSpace:
@@ -59,7 +62,7 @@ class FreeSpace:
 
     def __init__(self, meshes: Sequence[Mesh], instances: Sequence[Instance]) -> None:
         self._static = [(meshes[i.mesh], i.transform) for i in instances if not i.moves]
-        self._moving_boxes = [swept_bounds_of(tuple(meshes), (i,)) for i in instances if i.moves]
+        self._moving = [_outermost(np.concatenate([*_shapes(meshes, i)])) for i in instances if i.moves]
         self.bounds = bounds_of(tuple(meshes), tuple(instances))
         size = self.bounds[1] - self.bounds[0]
         self.voxel = max(float(size.max()) / _VOXELS, 1e-30)
@@ -169,9 +172,9 @@ class FreeSpace:
     def farthest(self, directions: F64) -> F64:
         """Largest dot product of each direction, shape (N, 3), with a point of the scene at any time, shape (N,).
 
-        Points are vertices, or corners of the boxes of what moves.
+        Points are vertices; of what moves, the outermost ones over time.
         """
-        products = [(directions * np.where(directions > 0, box[1], box[0])).sum(axis=1) for box in self._moving_boxes]
+        products = [(points @ directions.T).max(axis=0) for points in self._moving]
         for mesh, matrix in self._static:
             products.append((mesh.positions @ (directions @ matrix[:3, :3]).T).max(axis=0) + directions @ matrix[:3, 3])
         return np.asarray(np.max(products, axis=0))
@@ -221,3 +224,27 @@ def _outward_sign(mesh: Mesh, triangles: NDArray[np.uint32], matrix: F64) -> F64
     faces = face_vectors(mesh.positions.astype(np.float64), triangles)
     agreement = np.sum(faces * mesh.normals[triangles].sum(axis=1), axis=1)
     return np.where(agreement < 0, -mirrored, mirrored)
+
+
+def _shapes(meshes: Sequence[Mesh], instance: Instance) -> Iterator[F64]:
+    """The outermost vertices of an instance that moves, each of shape (N, 3), in world space.
+
+    At each of its key times, and also between them where it deforms, which need not be linear there.
+    """
+    mesh, times = meshes[instance.mesh], np.array(key_times_of((instance,)))
+    rigid = _outermost(mesh.positions)
+    if instance.deformation is not None:
+        times = np.union1d(times, (times[1:] + times[:-1]) / 2)
+    for time in times.tolist():
+        matrix = instance.transform_at(time)
+        shape = rigid if instance.deformation is None else _outermost(instance.mesh_at(tuple(meshes), time).positions)
+        yield shape @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def _outermost(points: NDArray[np.floating[Any]]) -> F64:
+    """Those of N points, shape (N, 3), that lie farthest along any of ``_SIDES``; without non-finite ones."""
+    chosen: F64 = points[np.isfinite(points).all(axis=1)].astype(np.float64)
+    while len(chosen) > len(_SIDES):
+        parts = np.array_split(chosen, -(-len(chosen) // _PROJECTED))
+        chosen = np.concatenate([part[np.unique((part @ _SIDES.T).argmax(axis=0))] for part in parts])
+    return chosen if len(chosen) else np.zeros((1, 3))

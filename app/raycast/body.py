@@ -233,30 +233,25 @@ class Body:
             if m.albedo_map is not None:
                 alpha *= sample_nearest(m.albedo_map, self._interpolate(self.uvs[0], *at))[:, 3]
             if m.is_see_through:  # some rays pass, as much light as does
-                opacity = (alpha if m.is_blended else 1.0) * (1 - self._passing(m, *at))
+                opacity = (alpha if m.is_blended else 1.0) * (1 - self._passing(m, *at)[0])
                 passed[rows] |= ~(opacity > _hash(uv[rows]))
             if m.alpha_cutoff is not None:
                 passed[rows] |= ~(alpha >= m.alpha_cutoff)
         return passed
 
-    def _passing(self, m: Material, triangle: Ints, uv: F32) -> F32:
-        """Mean share of light that passes what is covered of a see-through material, shape (N,)."""
+    def _passing(self, m: Material, triangle: Ints, uv: F32) -> tuple[F32, F32]:
+        """Mean share of light that passes what is covered, and share that is not for diffuse reflection, shape (N,)."""
         share = np.tile(np.asarray(m.passing, np.float32), (len(triangle), 1))
         if m.transmission is None:
-            return share[:, 0]
+            return share[:, 0], share[:, 0]
         at = [self._interpolate(uvs, triangle, uv) for uvs in self.uvs]
+        refracted = self._textured(m.transmission.factor_map, at)[:, :1]
+        share *= refracted * (1 - m.metallic * self._textured(m.metallic_roughness_map, at)[:, 2:])
         if self.colors is not None:
             share *= self._interpolate(self.colors, triangle, uv)[:, :3]
         share *= self._textured(m.albedo_map, at, m.alpha_cutoff is not None)
-        share *= self._transmitting(m, at)
         mean: F32 = (share.clip(0, 1) ** (0.5 if m.is_volume else 1.0)).mean(axis=1)
-        return mean
-
-    def _transmitting(self, m: Material, at: Sequence[F32]) -> F32:
-        """Share of a material's transmission that its maps leave, shape (N, 1)."""
-        assert m.transmission is not None
-        share = self._textured(m.transmission.factor_map, at)[:, :1]
-        return np.asarray(share * (1 - m.metallic * self._textured(m.metallic_roughness_map, at)[:, 2:]))
+        return mean, m.transmission.factor * refracted[:, 0]
 
     def is_light_proxy(self, triangle: Ints) -> Bools:
         """Whether each triangle stands for an analytic light, shape (N,)."""
@@ -275,7 +270,7 @@ class Body:
         emission = np.zeros_like(albedo)
         specular = self._specular.take(material, axis=0)
         roughness, metallic = self._roughness_metallic.take(material, axis=0).T[..., None]
-        opacity = np.ones((len(triangle), 1), np.float32)
+        passing, refracted = np.zeros((2, len(triangle)), np.float32)
         varying = np.flatnonzero(self._varies[material])
         everywhere = [self._interpolate(uvs, triangle, uv) for uvs in self.uvs] if len(varying) else []
         for index, rows in self._by_material(varying, triangle):
@@ -290,8 +285,7 @@ class Body:
                 roughness[rows] *= maps[:, 1:2]
                 metallic[rows] *= maps[:, 2:]
             if m.transmission is not None:
-                albedo[rows] *= 1 - m.transmission.factor * self._transmitting(m, at)
-                opacity[rows, 0] -= self._passing(m, triangle[rows], uv[rows])
+                passing[rows], refracted[rows] = self._passing(m, triangle[rows], uv[rows])
             if m.emits:
                 emits = m.double_sided | self._is_front(triangle[rows], directions[rows])[:, None]
                 emitted = np.array(m.emission, np.float32) * self._textured(m.emission_map, at)
@@ -299,8 +293,11 @@ class Body:
         shiny = np.flatnonzero(self._has_specular.take(material))
         of_shiny = (values.take(shiny, axis=0) for values in (albedo.clip(0, 1), specular, roughness, metallic))
         base, dielectric, roughness, metallic = of_shiny
-        put_rows(albedo, shiny, _reflectance(base, dielectric, roughness, metallic))
-        albedo /= np.maximum(opacity, MIN_OPACITY)  # only those rays meet a see-through surface that don't pass
+        diffuse = np.float32(1) - refracted[:, None]
+        albedo *= diffuse
+        put_rows(albedo, shiny, _reflectance(base, diffuse.take(shiny, axis=0), dielectric, roughness, metallic))
+        met = np.maximum(np.float32(1) - passing, np.float32(MIN_OPACITY))[:, None]  # share of rays that meet it
+        albedo, emission = albedo / met, emission / met
         return SurfaceInteraction(normal.astype(np.float32), np.clip(albedo, 0.0, 1.0), np.maximum(emission, 0.0))
 
     def _is_front(self, triangle: Ints, directions: F32) -> Bools:
@@ -332,11 +329,11 @@ def _columns(rows: Sequence[Sequence[float]], count: int) -> F32:
     return np.array(rows, np.float32).reshape(-1, count)
 
 
-def _reflectance(base: F32, dielectric: F32, roughness: F32, metallic: F32) -> F32:
-    """Diffuse and specular albedo of surfaces of a base colour, at most 1, shape (N, 3)."""
+def _reflectance(base: F32, diffuse: F32, dielectric: F32, roughness: F32, metallic: F32) -> F32:
+    """Diffuse and specular albedo of surfaces, at most 1, shape (N, 3), for the share of light that may be diffuse."""
     cosine = np.full_like(roughness, MEAN_COSINE)
     specular = specular_albedo(dielectric + metallic * (base - dielectric), roughness, cosine)
-    return np.asarray(specular + np.minimum(base * (1 - metallic), 1 - specular))
+    return np.asarray(specular + np.minimum(base * diffuse * (1 - metallic), 1 - specular))
 
 
 def _hash(uv: F32) -> F32:

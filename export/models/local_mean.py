@@ -36,7 +36,7 @@ def keep_local_mean(light: Tensor, gathered: Tensor, count: Tensor, normal: Tens
     Tensor, shape (B, 3, h, w)
     """
     before = gathered * count
-    square = dot(before, before) / (3 * CELL**2)  # a texel's variance at most, since what it should be is in it too
+    square = dot(before, before) / (3 * CELL**2)  # a texel's variance at most, if others' is another
     cells = functional.avg_pool2d(torch.cat([before, light * count, square], 1), CELL)
     means, variance = torch.split(cells, [6, 1], 1)
     normal, position = (x[:, :, CELL // 2::CELL, CELL // 2::CELL] for x in (normal, position))
@@ -57,6 +57,8 @@ def _averaged(means: Tensor, variance: Tensor, surfaces: Surfaces, step: int) ->
     normal, position, means, variance = torch.split(taps, [3, 3, 6, 1], 2)
     cosine, plane = ((own.unsqueeze(1) * other).sum(2, keepdim=True)
                      for own, other in ((surfaces.normal, normal), (surfaces.axis, position)))
-    kernel = (NORMAL_WEIGHT * (cosine - 1) - (plane - surfaces.plane.unsqueeze(1)).square()).exp()
-    total = kernel.sum(1)
-    return (means * kernel).sum(1) / total, (variance * kernel.square()).sum(1) / total.square()
+    # Below 0 also where garbage has made normals long.
+    logit = (NORMAL_WEIGHT * (cosine - 1) - (plane - surfaces.plane.unsqueeze(1)).square()).clamp(max=0.0)
+    kernel = logit.exp()
+    kernel = kernel / (kernel.sum(1, keepdim=True) + MIN_LIGHT)
+    return (means * kernel).sum(1), (variance * kernel.square()).sum(1)

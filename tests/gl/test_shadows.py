@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from app.gl.shadow_atlas import FACE_TEXELS, HARD_CUBE_TEXELS, PARALLEL_MAP, SINGLE_MAP, Tile, lay_out
+from app.gl.shadow_atlas import (
+    CUBE_MAP,
+    FACE_TEXELS,
+    HARD_CUBE_TEXELS,
+    PARALLEL_MAP,
+    SINGLE_MAP,
+    Tile,
+    lay_out,
+    map_kind,
+)
 from app.renderer import Renderer
 from app.scene import Camera, DirectionalLight, Light, Material, PointLight, RectLight, SpotLight, Texture
 from app.settings import Settings
@@ -351,24 +361,31 @@ def test_maps_are_as_fine_as_the_atlas_lets_them_be(hard: int, soft: int, faces:
     assert_apart(tiles, size)
 
 
-@pytest.mark.parametrize(("cubes", "spots", "sun", "face"), [
-    (0, 0, 4096, 0), (2, 0, 4096, 1024), (8, 0, 4096, 512), (19, 0, 4096, 256), (0, 4, 4096, 2048), (3, 2, 4096, 512),
-    (60, 0, 2048, 128), (400, 30, 1024, 64),
+@pytest.mark.parametrize(("suns", "cubes", "spots", "max_size", "sun", "face"), [
+    (1, 0, 0, 16384, 4096, 0), (1, 2, 0, 16384, 4096, 1024), (1, 8, 0, 16384, 4096, 512),
+    (1, 19, 0, 16384, 4096, 256), (1, 0, 4, 16384, 4096, 2048), (1, 3, 2, 16384, 4096, 512),
+    (1, 41, 0, 16384, 2048, 256), (2, 1, 0, 16384, 2048, 512), (2, 10, 2, 16384, 2048, 512),
+    (1, 1, 0, 4096, 2048, 512), (1, 6, 0, 2048, 1024, 256), (3, 100, 30, 16384, 2048, 128),
 ])
-def test_lamps_leave_the_sun_its_fine_map(cubes: int, spots: int, sun: int, face: int) -> None:
-    lights = (*(PointLight((0, 1, 0), (1.0,) * 3, 0.1),) * cubes, DirectionalLight((0, -1, 0), (1.0,) * 3),
+def test_lamps_leave_the_sun_its_fine_map(suns: int, cubes: int, spots: int, max_size: int, sun: int,
+                                          face: int) -> None:
+    lights = (*(PointLight((0, 1, 0), (1.0,) * 3, 0.1),) * cubes, *(DirectionalLight((0, -1, 0), (1.0,) * 3),) * suns,
               *(SpotLight((0, 1, 0), (0, -1, 0), (1.0,) * 3, 10.0, 20.0, 0.1),) * spots)
-    tiles, size = lay_out(lights, 16384)
-    assert tiles[cubes].face == sun
-    assert all(tile.face == (2 * face if tile.kind == SINGLE_MAP and cubes else face)
-               for tile in (*tiles[:cubes], *tiles[cubes + 1:]))
+    tiles, size = lay_out(lights, max_size)
+    assert {tile.face for tile in tiles if tile.kind == PARALLEL_MAP} == {sun}
+    assert {tile.face for tile in tiles if tile.kind == CUBE_MAP} <= {face}
+    assert {tile.face for tile in tiles if tile.kind == SINGLE_MAP} <= {2 * face if cubes else face}
+    assert [tile.kind for tile in tiles] == [map_kind(light) for light in lights]
+    assert max(size) <= max_size
     assert_apart(tiles, size)
 
 
 def assert_apart(tiles: list[Tile], size: tuple[int, int]) -> None:
-    taken = np.zeros((size[1] // 64, size[0] // 64), np.int32)
+    unit = math.gcd(*(tile.face for tile in tiles))
+    taken = np.zeros((-(-size[1] // unit), -(-size[0] // unit)), np.int32)
     for tile in tiles:
-        (x, y), (width, height) = (np.array(pair) // 64 for pair in (tile.corner, tile.size))
+        (x, y), (width, height) = (np.array(pair) // unit for pair in (tile.corner, tile.size))
+        assert tuple(np.array(tile.corner) % unit) == (0, 0)
         assert x + width <= taken.shape[1] and y + height <= taken.shape[0]
         taken[y:y + height, x:x + width] += 1
     assert taken.max(initial=0) <= 1

@@ -20,7 +20,7 @@ from app.surfels.final_gather import sequence
 from export.dataset.gathered_frames import GatheredFrame, make_frames, read_frames
 from export.models.final_gather import FinalGather
 from export.models.gather_cleaners import CLEANERS
-from export.models.local_mean import keep_local_mean
+from export.models.local_mean import MAX_NOISE, keep_local_mean
 from export.onnx.export import export_cleaner
 from export.onnx.gather_cli import train as train_command
 from export.training.final_gather import CROP, make_example, relative_error, train
@@ -47,7 +47,7 @@ def clean(network: Network, screen: np.ndarray) -> np.ndarray:
     return network.run({"screen": screen})["indirect.rgb"]
 
 
-def test_uniform_light_stays_and_no_light_is_made(network: Network) -> None:
+def test_uniform_light_stays_and_none_is_beyond_that_of_the_rays(network: Network) -> None:
     uniform = np.full((3, *SIZE[::-1]), 0.7, np.float32)
     np.testing.assert_allclose(clean(network, wall(uniform)), 0.7, rtol=1e-4)
     noisy = np.random.default_rng(0).exponential(1.0, uniform.shape).astype(np.float32)
@@ -69,8 +69,10 @@ def test_few_rays_lose_most_of_their_noise(network: Network) -> None:
     assert clean(network, screen).std() < 0.15 * noise.std()
 
 
-def test_rare_bright_rays_keep_their_light(network: Network) -> None:
+@pytest.mark.parametrize("name", ["final-gather", "bcnn-gather", "gfa-gather"])
+def test_rare_bright_rays_keep_their_light(name: str) -> None:
     """As of the housing of a tube: one texel of 50 has met it, which is half of all light."""
+    network = Network(find_model(name), SIZE, "cpu")
     rng = np.random.default_rng(8)
     met = rng.random(SIZE[::-1]) < 0.02
     light = np.where(met, 25.0, 0.5) * np.ones((3, 1, 1))
@@ -89,17 +91,56 @@ def test_a_single_bright_ray_is_taken_for_noise(network: Network) -> None:
     assert clean(network, screen)[:, 8:24, 16:32].mean() < 0.65  # with all of its light it would be 1.3
 
 
+def kept(cleaned: Tensor, gathered: Tensor, count: Tensor | None = None, depth: Tensor | None = None) -> Tensor:
+    """``keep_local_mean`` on walls that face the camera, for light of shape (h, w)."""
+    shape = 1, 3, *gathered.shape
+    normal = torch.tensor([0.0, 0.0, 1.0]).reshape(1, 3, 1, 1).expand(shape).clone()
+    position = torch.zeros(shape)
+    position[:, 2] = -5.0 if depth is None else -depth
+    count = torch.ones(gathered.shape) if count is None else count
+    return keep_local_mean(cleaned.expand(shape), gathered.expand(shape), count.expand(1, 1, -1, -1), normal,
+                           position)[0, 0]
+
+
 def test_the_local_mean_is_that_of_one_surface() -> None:
     """Cleaned light of two walls, one behind the other, is too dark on one of them alone."""
-    gathered = torch.ones(1, 3, 64, 64)
-    cleaned = gathered.clone()
-    cleaned[..., :32] = 0.7
-    normal = torch.tensor([0.0, 0.0, 1.0]).reshape(1, 3, 1, 1).expand(1, 3, 64, 64)
-    depth = torch.where(torch.arange(64) < 32, 5.0, 8.0).expand(1, 1, 64, 64)
-    position = torch.cat([torch.zeros(1, 2, 64, 64), -depth], 1)
-    kept = keep_local_mean(cleaned, gathered, torch.ones(1, 1, 64, 64), normal, position)
-    torch.testing.assert_close(kept[..., :28], gathered[..., :28], rtol=0.05, atol=0)
-    torch.testing.assert_close(kept[..., 36:], gathered[..., 36:], rtol=1e-3, atol=0)
+    gathered, left = torch.ones(64, 64), torch.arange(64) < 32
+    light = kept(torch.where(left, 0.7, 1.0).expand(64, 64), gathered, depth=torch.where(left, 5.0, 8.0).expand(64, 64))
+    torch.testing.assert_close(light[:, :28], gathered[:, :28], rtol=0.05, atol=0)
+    torch.testing.assert_close(light[:, 36:], gathered[:, 36:], rtol=1e-3, atol=0)
+
+
+def test_the_local_mean_reaches_as_far_as_its_two_kernels() -> None:
+    """Four cells to all sides of a cell, and as far as a cell further by interpolation."""
+    gathered = torch.ones(96, 96)
+    gathered[48:52, 48:52] = 3.0
+    changed = (kept(torch.ones(96, 96), gathered) - 1).abs() > 1e-5
+    rows = torch.nonzero(changed.any(1)).flatten()
+    assert 48 - 16 - 4 <= int(rows.min()) <= 48 - 16 and 52 + 16 - 1 <= int(rows.max()) < 52 + 16 + 4
+
+
+@pytest.mark.parametrize("bright", [1, 16, 64])
+def test_the_local_mean_is_known_by_how_many_texels_say_it(bright: int) -> None:
+    """The relative variance of the mean of N texels, of which k have all the light, is 1 / k; 0.2² counts by half."""
+    gathered = torch.zeros(36, 36)
+    gathered.flatten()[torch.randperm(36 * 36, generator=torch.Generator().manual_seed(0))[:bright]] = 1.0
+    cleaned = torch.full((36, 36), float(gathered.mean()) / 2)
+    ratio = kept(cleaned, gathered)[18, 18] / cleaned[18, 18]
+    assert float(ratio) == pytest.approx(1 + 1 / (1 + 1 / bright / MAX_NOISE**2), rel=0.04)
+
+
+def test_texels_count_by_their_rays_in_the_local_mean() -> None:
+    gathered, count = torch.ones(36, 36), torch.ones(36, 36)
+    gathered[:, 1::2], count[:, 1::2] = 3.0, 3.0
+    assert float(kept(torch.ones(36, 36), gathered, count)[18, 18]) == pytest.approx(2.5, rel=0.03)
+    no_rays = kept(torch.ones(8, 8), torch.zeros(8, 8), torch.zeros(8, 8))
+    torch.testing.assert_close(no_rays, torch.ones(8, 8))
+
+
+def test_the_local_mean_is_changed_by_a_factor_of_four_at_most() -> None:
+    for factor, expected in ((100.0, 4.0), (0.01, 0.25)):
+        light = kept(torch.ones(64, 64), torch.full((64, 64), factor))[32, 32]
+        assert float(light) == pytest.approx(expected, rel=0.07)
 
 
 def test_light_does_not_creep_around_a_corner(network: Network) -> None:
@@ -134,8 +175,10 @@ def test_texels_of_the_sky_and_poison_leave_finite_light(network: Network) -> No
     cleaned = clean(network, screen)
     np.testing.assert_array_equal(cleaned[:, :10], 0)
     np.testing.assert_allclose(cleaned[:, 10:], 1, rtol=1e-3)
+    garbage = np.random.default_rng(9).normal(size=screen.shape).astype(np.float32)
     for value in (np.nan, np.inf, -np.inf, -100.0, 1e30):
         assert np.isfinite(clean(network, np.full_like(screen, value))).all()
+        assert np.isfinite(clean(network, garbage * np.float32(value))).all()
 
 
 def frame(rays: int = 24) -> GatheredFrame:

@@ -354,21 +354,24 @@ def test_rays_pass_glass_as_its_maps_say(metal: float, factor: float, share: flo
     assert passed.mean() == pytest.approx(share, abs=0.02)
 
 
+@pytest.mark.parametrize("metallic", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("factor", [0.5, 1.0])
-def test_glass_sends_back_what_it_does_not_let_through(factor: float) -> None:
+def test_glass_sends_back_what_it_does_not_let_through(factor: float, metallic: float) -> None:
     """The rays that don't pass it carry what it reflects: less than all light, and little of clear glass."""
-    specular, diffuse = (0.04,) * 3, 0.9
-    glass = Material(albedo=(diffuse,) * 3, specular=specular, roughness=0.5, transmission=Transmission(factor))
+    glass = Material(albedo=(0.9,) * 3, specular=(0.04,) * 3, roughness=0.5, metallic=metallic,
+                     emission=(1.0,) * 3, transmission=Transmission(factor))
     opaque = replace(glass, transmission=None)
     origins, vectors = np.tile([(0.3, 0.2, 1.0)], (4000, 1)), np.tile([(0.0, 0.0, -2.0)], (4000, 1))
     origins[:, :2] += np.random.default_rng(0).uniform(-0.5, 0.5, (4000, 2))
-    sent_back = {}
+    sent_back, emitted = {}, {}
     for material in (glass, opaque):
         caster = Caster(make_scene([wall(material)]))
         hits = caster.cast((origins - caster.origin).astype(np.float32), vectors.astype(np.float32))
         sent_back[material] = hits.albedo[:, 0].sum() / len(origins)
-    shiny = sent_back[opaque] - diffuse
-    assert sent_back[glass] == pytest.approx((1 - factor) * diffuse + shiny, abs=0.03)
+        emitted[material] = hits.emission[:, 0].sum() / len(origins)
+    diffuse = 0.9 * (1 - metallic)
+    assert sent_back[glass] == pytest.approx(sent_back[opaque] - factor * diffuse, abs=0.03)
+    assert emitted[glass] == pytest.approx(emitted[opaque], rel=0.3)  # few rays meet clear glass
 
 
 def test_a_ray_that_starts_on_a_light_proxy_gets_past_it(monkeypatch: pytest.MonkeyPatch) -> None:
