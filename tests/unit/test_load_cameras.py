@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -9,7 +11,10 @@ import trimesh
 from app.errors import SceneError
 from app.load import auto_camera, embedded_scene, load_scene, orbit
 from app.load.free_space import FreeSpace
+from app.math3d import View
 from app.scene import DirectionalLight, PointLight
+from tests.deforming import deforming_scene
+from tests.gl.scenes import make_scene, slide, sphere
 from tests.unit.load_helpers import write_obj
 
 
@@ -52,6 +57,27 @@ def test_an_object_is_seen_completely_from_outside(ball):
     (sun,) = ball.lights
     assert isinstance(sun, DirectionalLight) and sun.direction[1] < 0
     assert any("outside" in n for n in ball.notices)
+
+
+@pytest.mark.parametrize("kind", ["slide", "skin", "morph"])
+def test_what_moves_fills_the_picture_and_never_leaves_it(kind):
+    """As what stands still does: nine tenths of its width or height, at the time when it needs most."""
+    if kind == "slide":
+        times, scene = np.linspace(0, 2, 9), make_scene([replace(
+            sphere((0, 0, 0), 1.0), motion=slide((0, 1, 2), [(0, 0, 0), (3, 0, 1), (0, 2, 0)]))])
+    else:
+        deforming = deforming_scene(kind, [])
+        scene = deforming.scene
+        times = np.linspace(0, max(scene.key_times), 33)
+    camera = auto_camera(scene)
+    view, farthest = View.of(camera, (400, 300), 1e-3), 0.0
+    for time in times:
+        for instance in scene.instances:
+            matrix = instance.transform_at(time)
+            at = instance.mesh_at(scene.meshes, time).positions @ matrix[:3, :3].T + matrix[:3, 3]
+            seen = (at - np.array(camera.eye)) @ view.rotation.T
+            farthest = max(farthest, np.abs(seen[:, :2] / -seen[:, 2:] / view.half_size).max())
+    assert 0.88 < farthest < 0.94
 
 
 def test_orbit_goes_once_around_an_object(ball):
