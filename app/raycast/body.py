@@ -98,6 +98,7 @@ class Body:
         self.center, self.radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
         self.alpha_tested = np.array([m.alpha_cutoff is not None or m.is_see_through for m in self.materials], bool)
         self.one_sided = np.array([m.is_one_sided for m in self.materials], bool)
+        self._has_glass = any(m.transmission is not None for m in self.materials)
         self._varies = np.array([bool(m.maps) or m.emits or m.transmission is not None for m in self.materials],
                                 bool)
         self._has_specular = np.array([m.has_specular and not m.is_unlit for m in self.materials], bool)
@@ -293,11 +294,15 @@ class Body:
         shiny = np.flatnonzero(self._has_specular.take(material))
         of_shiny = (values.take(shiny, axis=0) for values in (albedo.clip(0, 1), specular, roughness, metallic))
         base, dielectric, roughness, metallic = of_shiny
-        diffuse = np.float32(1) - refracted[:, None]
-        albedo *= diffuse
-        put_rows(albedo, shiny, _reflectance(base, diffuse.take(shiny, axis=0), dielectric, roughness, metallic))
-        met = np.maximum(np.float32(1) - passing, np.float32(MIN_OPACITY))[:, None]  # share of rays that meet it
-        albedo, emission = albedo / met, emission / met
+        matte = base
+        if self._has_glass:
+            diffuse = np.float32(1) - refracted[:, None]
+            albedo *= diffuse
+            matte = base * diffuse.take(shiny, axis=0)
+        put_rows(albedo, shiny, _reflectance(base, matte, dielectric, roughness, metallic))
+        if self._has_glass:
+            met = np.maximum(np.float32(1) - passing, np.float32(MIN_OPACITY))[:, None]  # share of rays that meet it
+            albedo, emission = albedo / met, emission / met
         return SurfaceInteraction(normal.astype(np.float32), np.clip(albedo, 0.0, 1.0), np.maximum(emission, 0.0))
 
     def _is_front(self, triangle: Ints, directions: F32) -> Bools:
@@ -329,11 +334,14 @@ def _columns(rows: Sequence[Sequence[float]], count: int) -> F32:
     return np.array(rows, np.float32).reshape(-1, count)
 
 
-def _reflectance(base: F32, diffuse: F32, dielectric: F32, roughness: F32, metallic: F32) -> F32:
-    """Diffuse and specular albedo of surfaces, at most 1, shape (N, 3), for the share of light that may be diffuse."""
+def _reflectance(base: F32, matte: F32, dielectric: F32, roughness: F32, metallic: F32) -> F32:
+    """Diffuse and specular albedo of surfaces of a base colour, also without what glass lets through; at most 1.
+
+    All have the shape (N, 3) or (N, 1).
+    """
     cosine = np.full_like(roughness, MEAN_COSINE)
     specular = specular_albedo(dielectric + metallic * (base - dielectric), roughness, cosine)
-    return np.asarray(specular + np.minimum(base * diffuse * (1 - metallic), 1 - specular))
+    return np.asarray(specular + np.minimum(matte * (1 - metallic), 1 - specular))
 
 
 def _hash(uv: F32) -> F32:
