@@ -13,13 +13,14 @@ import numpy as np
 from app.arrays import F32, Ints
 from app.gl.context import Device
 from app.gl.direct_light import DirectLight
-from app.gl.frame_state import Execute, FrameState
+from app.gl.frame_state import Execute, FrameState, MotionKind
 from app.gl.fullscreen import make_fullscreen, ratio_to, read_defines
 from app.gl.lights import LightSet
 from app.gl.pool import Resources
 from app.graph import BoundPass, Buf, Pass, Resource, Tex
 from app.math3d import put_rows, unit_rows
 from app.passes import final_gather_gpu, surface_filter
+from app.passes.gather_outliers import spread_outliers
 from app.passes.gather_turns import is_turn, max_rays, turns_of
 from app.surfels.final_gather import LightAt, gather, rotation_gradient, sequence
 from app.surfels.tracked import TrackedSurfels
@@ -138,7 +139,11 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
         facing = receivers.normal.take(traced, axis=0)
         rays = gather(caster, light_at, float(world.median_radius), origin.take(traced, axis=0), facing, numbers)
         light, distance = np.zeros((len(position), 4), np.float32), np.ones((len(position), 1), np.float32)
-        put_rows(light[:, :3], traced, np.einsum("nkc->nc", rays.light) / np.float32(len(chosen)))
+        mean = np.einsum("nkc->nc", rays.light) / np.float32(len(chosen))
+        if frame.motion is not MotionKind.NONE:
+            mean = spread_outliers(mean, interpolated.take(traced, axis=0), len(chosen), receivers.texel.take(traced),
+                                   receivers.position.take(traced, axis=0), facing, grid)
+        put_rows(light[:, :3], traced, mean)
         light[traced, 3] = len(chosen)
         distance[traced, 0] = np.einsum("nk->n", rays.distance) / np.float32(len(chosen))
         found = {MEANS[0]: (light,), MEANS[1]: (interpolated, distance)}
