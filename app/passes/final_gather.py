@@ -140,7 +140,7 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
         rays = gather(caster, light_at, float(world.median_radius), origin.take(traced, axis=0), facing, numbers)
         light, distance = np.zeros((len(position), 4), np.float32), np.ones((len(position), 1), np.float32)
         mean = np.einsum("nkc->nc", rays.light) / np.float32(len(chosen))
-        if frame.motion is not MotionKind.NONE:
+        if frame.motion is not MotionKind.NONE or not frame.history_valid:
             mean = spread_outliers(mean, interpolated.take(traced, axis=0), len(chosen), receivers.texel.take(traced),
                                    receivers.position.take(traced, axis=0), facing, grid)
         put_rows(light[:, :3], traced, mean)

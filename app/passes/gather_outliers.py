@@ -1,7 +1,7 @@
-"""Spreads the light of rays that are far brighter than is expected over the surface around, while something moves.
+"""Spreads the light of rays that are far brighter than is expected over the surface around.
 
-History is a mean of the four texels around a texel's former place then. That spreads a single bright ray over texels
-that agree, so that no cleaning can tell it from light.
+While something moves, history is a mean of the four texels around a texel's former place. That spreads a single bright
+ray over texels that agree, so that no cleaning can tell it from light. A first frame, of few rays, shows it as a square.
 """
 
 import numpy as np
@@ -9,10 +9,11 @@ import numpy as np
 from app.arrays import F32, Ints
 from app.math3d import LUMINANCE, row_dots
 
-MAX_RATIO = 16.0      # of the light of a texel's rays, in all, to the light that is expected
-MAX_ADDED = 1.0       # light that the spread one may add to that of a texel's rays; what is left is lost
+MAX_RATIO = 16.0      # of the light of a texel's rays, in all, to the light that is expected,
+MAX_MEAN_RATIO = 4.0  # where their mean is at least so many times as bright
+MAX_ADDED = 1.0       # light that the spread one may add to a texel, to that which is expected; the rest is lost
 MIN_EXPECTED = 0.1    # of the light of the frame
-MAX_OUTLIERS = 32     # texels whose light is spread in a frame, the brightest ones
+MAX_OUTLIERS = 128    # texels whose light is spread in a frame, the brightest ones
 REACH = 32            # texels to each side that it is spread over,
 MIN_COSINE = 0.9      # if the normals there differ by no more
 MAX_OFF_PLANE = 0.02  # and the places lie no farther off the plane, in units of the distance from the eye
@@ -35,7 +36,7 @@ def spread_outliers(light: F32, expected: F32, rays: int, texel: Ints, position:
     brightness, usual = light @ weights, expected @ weights
     if len(usual):
         usual = np.maximum(usual, MIN_EXPECTED * max(float(usual.mean()), float(np.median(brightness))))
-    limit = MAX_RATIO / rays * usual
+    limit = max(MAX_RATIO / rays, MAX_MEAN_RATIO) * usual
     outliers = np.flatnonzero((brightness > limit) & (usual > 0))
     outliers = outliers[np.argsort(-brightness[outliers], kind="stable")[:MAX_OUTLIERS]]
     if len(outliers) == 0:
@@ -49,7 +50,7 @@ def spread_outliers(light: F32, expected: F32, rays: int, texel: Ints, position:
     weight = usual[row] * (alike | (row == own))
     weight /= np.bincount(outlier, weight, len(outliers))[outlier]
     added = np.stack([np.bincount(row, weight * of_channel[outlier], len(light)) for of_channel in excess.T], axis=1)
-    share = np.minimum(MAX_ADDED / rays * usual / np.maximum(added @ weights, 1e-30), 1)
+    share = np.minimum(MAX_ADDED * usual / np.maximum(added @ weights, 1e-30), 1)
     spread = light + (added * share[:, None]).astype(np.float32)
     spread[outliers] -= excess
     return spread
