@@ -1,7 +1,7 @@
 """Spreads the light of rays that are far brighter than is expected over the surface around.
 
 While something moves, history is a mean of the four texels around a texel's former place. That spreads a single bright
-ray over texels that agree, so that no cleaning can tell it from light. A first frame, of few rays, shows it as a square.
+ray over texels that agree, so that no cleaning can tell it from light. In a first frame it is one of few rays.
 """
 
 import numpy as np
@@ -30,7 +30,7 @@ def spread_outliers(light: F32, expected: F32, rays: int, texel: Ints, position:
     texel : ndarray of int, shape (N,)
         Of the ``grid`` of width and height, row by row.
     position, normal : ndarray, float32, shape (N, 3)
-        Relative to the eye.
+        Relative to the eye, in world axes; unit normals.
     """
     weights = LUMINANCE.astype(np.float32)
     brightness, usual = light @ weights, expected @ weights
