@@ -8,7 +8,7 @@ SINGLE_MAP, CUBE_MAP, PARALLEL_MAP = 1, 2, 3
 MAX_SINGLE_MAP_DEG = 55.0  # outer half angle of a spot that one map covers
 FACE_TEXELS = {CUBE_MAP: 1024, SINGLE_MAP: 2048, PARALLEL_MAP: 4096}  # a side
 HARD_CUBE_TEXELS = 1536  # a hard shadow's filter is no wider than a texel
-EARLIER_HALVINGS = 2
+EARLIER_HALVINGS = 2  # of the maps of all other lights, before those of directional ones
 MAX_ATLAS_TEXELS = 2**25
 MAX_ATLAS_WIDTH = 8192
 

@@ -62,7 +62,8 @@ class FreeSpace:
 
     def __init__(self, meshes: Sequence[Mesh], instances: Sequence[Instance]) -> None:
         self._static = [(meshes[i.mesh], i.transform) for i in instances if not i.moves]
-        self._moving = [_outermost(np.concatenate([*_shapes(meshes, i)])) for i in instances if i.moves]
+        self._moving = [i for i in instances if i.moves]
+        self._meshes = meshes
         self.bounds = bounds_of(tuple(meshes), tuple(instances))
         size = self.bounds[1] - self.bounds[0]
         self.voxel = max(float(size.max()) / _VOXELS, 1e-30)
@@ -169,12 +170,17 @@ class FreeSpace:
         """Free points inside a room, openings included, shape (N, 3)."""
         return self.free_points[self.enclosure >= _MIN_ROOM_ENCLOSURE]
 
+    @cached_property
+    def _swept(self) -> list[F64]:
+        """The outermost points of each instance that moves, over time; only framing needs them, and they take long."""
+        return [_outermost(np.concatenate([*_shapes(self._meshes, i)])) for i in self._moving]
+
     def farthest(self, directions: F64) -> F64:
         """Largest dot product of each direction, shape (N, 3), with a point of the scene at any time, shape (N,).
 
         Points are vertices; of what moves, the outermost ones over time.
         """
-        products = [(points @ directions.T).max(axis=0) for points in self._moving]
+        products = [(points @ directions.T).max(axis=0) for points in self._swept]
         for mesh, matrix in self._static:
             products.append((mesh.positions @ (directions @ matrix[:3, :3]).T).max(axis=0) + directions @ matrix[:3, 3])
         return np.asarray(np.max(products, axis=0))
