@@ -397,8 +397,7 @@ class Renderer:
         """Which lights' shadows are traced, by what they light at all key times."""
         # A shadow map does not hold what hides the surfaces that its light stands for from each other.
         hidden = {light for light, points in scene.approximate_lights.items() if points.hides_itself}
-        traced = needs_rays(scene.lights, self._get_caster, scene.key_times)
-        return tuple(is_traced or light in hidden for light, is_traced in zip(scene.lights, traced, strict=True))
+        return needs_rays(scene.lights, hidden, self._get_caster, scene.key_times)
 
     def _jitter(self) -> tuple[float, float]:
         """Halton offsets in clip units, centred on the pixel."""

@@ -110,8 +110,8 @@ class DirectLight:
             light["end_traced"] = self._traced[0]
         return light
 
-    def estimate(self, frame: FrameState, resources: Resources, position: F32, normal: F32) -> F32:
-        """Irradiance / π at N points, shape (N, 3); of lights whose shadows are traced, one ray's estimate.
+    def estimate(self, frame: FrameState, resources: Resources, position: F32, normal: F32, rays: int = 1) -> F32:
+        """Irradiance / π at N points, shape (N, 3); of lights whose shadows are traced, the mean estimate of so many rays.
 
         Of these a ratio of visible to unshadowed light would be biased, for a single ray sees one light only.
         """
@@ -122,8 +122,8 @@ class DirectLight:
             count = len(position[rows])
             self.place(position[rows], normal[rows])
             light[rows] = self.draw(frame, resources, None)[:count]
-            index = frame.index + number
-            if (traced := self.trace(frame, range(index, index + 1))) is not None:
+            first_sample = (frame.index + number) * rays
+            if (traced := self.trace(frame, range(first_sample, first_sample + rays))) is not None:
                 light[rows] += traced[0].reshape(-1, 4)[:count, :3] / np.float32(math.pi)
         return light
 

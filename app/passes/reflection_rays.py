@@ -27,6 +27,8 @@ from app.surfels.tracked import TrackedSurfels
 
 FIRST_RAYS = 2**17    # of a frame without history: all of them
 FRAME_RAYS = {MotionKind.NONE: 2**15, MotionKind.CAMERA: 2**12, MotionKind.OBJECTS: 2**13}  # of other frames
+# At the end of each, where shadows are traced: as mirrors at rest are shown pixel by pixel, nothing averages their noise.
+SHADOW_RAYS = {MotionKind.NONE: 4, MotionKind.CAMERA: 1, MotionKind.OBJECTS: 1}
 LIT_AT_ONCE = 64, 64   # ends of rays that direct light is drawn at together, as a grid
 MAX_UNIT_ERROR = 0.1  # of a direction's squared length
 TRACED_SIDE = 8       # texels along the edges of what a work group of reflection_trace.comp traces
@@ -64,7 +66,8 @@ def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: Trac
             of_surfels = lookup.smooth(_light_of(surfels, bound, resources))
 
             def light_at(at: F32, facing: F32) -> F32:
-                return direct.estimate(frame, resources, at, facing) + lookup.interpolate(of_surfels, at, facing)
+                light = direct.estimate(frame, resources, at, facing, SHADOW_RAYS[frame.motion])
+                return light + lookup.interpolate(of_surfels, at, facing)
 
             shift = frame.view.eye - surfels.caster.origin
             origin = _read(resources, "reflection_origin").take(rows, axis=0)[:, :3] + shift

@@ -1,10 +1,11 @@
-"""Which lights are so large, for their distance from what they light, that a shadow map can't hold their shadows.
+"""Which lights' shadows are traced: of lights that are too large for shadow maps, or too many.
 
 A shadow map shows a scene from one point of the light. What the rest of the light sees differs the more, the larger the
-angle that the light subtends at a receiver.
+angle that the light subtends at a receiver. Every map also costs a search at each pixel and room in the atlas; traced
+lights share the rays of a frame, whatever their number.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 
 import numpy as np
 
@@ -15,21 +16,37 @@ from app.scene import DirectionalLight, Light, PointLight, RectLight, SpotLight
 POINTS = 1024             # on the scene's surfaces, at each key time
 MAX_RELATIVE_SIZE = 0.05  # radius / distance up to which one map will do
 MAX_NEAR_SHARE = 0.02     # of what a light lights may lie nearer to it
+MAX_SOFT_MAPS = 2         # of small lights with an area; each costs about ten times as much as a traced one
+MAX_HARD_MAPS = 6         # of lights without one
 
 
-def needs_rays(lights: Sequence[Light], caster: Callable[[], Caster], times: Iterable[float]) -> tuple[bool, ...]:
+def needs_rays(lights: Sequence[Light], hide_themselves: Container[Light], caster: Callable[[], Caster],
+               times: Iterable[float]) -> tuple[bool, ...]:
     """Whether each light's shadows must be traced.
 
     Parameters
     ----------
+    hide_themselves : container of Light
+        Those that stand for surfaces that hide each other, which no map holds.
     caster : callable
         Gives the caster of the scene; called only if a light has an area.
     times : iterable of float
         Seconds at which the scene's objects are looked at.
     """
     areas = [_center_and_radius(light) for light in lights]
-    if all(radius <= 0 for _, radius in areas):
-        return (False,) * len(areas)
+    traced = np.array([light in hide_themselves for light in lights], np.bool_)
+    if any(radius > 0 for _, radius in areas):
+        traced |= _too_large(lights, areas, caster, times)
+    is_soft = np.array([radius > 0 for _, radius in areas], np.bool_)
+    is_parallel = np.array([isinstance(light, DirectionalLight) for light in lights], np.bool_)
+    for alike, most in ((is_soft, MAX_SOFT_MAPS), (~is_soft & ~is_parallel, MAX_HARD_MAPS)):
+        if np.count_nonzero(alike & ~traced) > most:
+            traced |= alike
+    return tuple(traced.tolist())
+
+
+def _too_large(lights: Sequence[Light], areas: Sequence[tuple[F64, float]], caster: Callable[[], Caster],
+               times: Iterable[float]) -> Bools:
     counts = np.zeros((len(areas), 2), np.int64)  # of points that each light lights, and of the near ones among them
     rays, rng = caster(), np.random.default_rng(0)
     for time in times:
@@ -37,8 +54,8 @@ def needs_rays(lights: Sequence[Light], caster: Callable[[], Caster], times: Ite
         points = rays.random_points(POINTS, rng).astype(np.float64) + rays.origin
         counts += [_count_near(light, *area, points, rays) for light, area in zip(lights, areas, strict=True)]
     # A light of which nothing sees the centre is traced too: nothing is known about what sees the rest of it.
-    return tuple(radius > 0 and bool(near >= MAX_NEAR_SHARE * lit)
-                 for (_, radius), (lit, near) in zip(areas, counts, strict=True))
+    return np.array([radius > 0 and near >= MAX_NEAR_SHARE * lit
+                     for (_, radius), (lit, near) in zip(areas, counts, strict=True)], np.bool_)
 
 
 def _center_and_radius(light: Light) -> tuple[F64, float]:

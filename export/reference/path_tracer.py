@@ -16,7 +16,7 @@ import numpy as np
 
 from app.arrays import F32, F64
 from app.math3d import View
-from app.scene import Scene
+from app.scene import DirectionalLight, Scene
 from export.reference.analytic_lights import AnalyticLights
 from export.reference.lambert import LambertLobe
 from export.reference.layers import ChosenLobe, Layers
@@ -127,13 +127,17 @@ class PathTracer:
         converted = self.scene = convert_scene(scene, time)
         self.max_bounces = max_bounces
         self.notices = converted.notices
-        occluders, analytic = converted.shadow_casters, scene.exact_lights
-        lights = (AnalyticLights(mi, analytic, converted.origin, converted.scale, EXTENT, occluders) if analytic
-                  else None)
+        occluders = converted.shadow_casters
+
+        def analytic(are_suns: bool, occluders: Any) -> AnalyticLights | None:
+            lights = [light for light in scene.exact_lights if isinstance(light, DirectionalLight) == are_suns]
+            return AnalyticLights(mi, lights, converted.origin, converted.scale, EXTENT, occluders) if lights else None
+
         approximated, emissive = (None if meshes is None else EmissiveMeshes(mi, meshes, occluders)
                                   for meshes in (converted.approximated, converted.emissive))
         self._sky = None if converted.environment is None else Sky(mi, converted.environment, converted.meshes)
-        direct = (lights, self._sky, approximated, emissive if emission_is_direct else None)
+        direct = (analytic(True, converted.meshes), analytic(False, occluders), self._sky, approximated,
+                  emissive if emission_is_direct else None)
         self._direct: list[LightSource] = [source for source in direct if source is not None]
         self._indirect: list[LightSource] = [] if emission_is_direct or emissive is None else [emissive]
 

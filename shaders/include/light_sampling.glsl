@@ -6,6 +6,7 @@
 
 const float MIN_SOLID_ANGLE = 1e-3;    // below it rounding spoils the spherical rectangle, and area will do
 const float INSIDE = 1.001;            // of the squared radius, within which a receiver counts as inside of a sphere
+const float MAX_SINE_SQUARE = 0.9999;  // of the half angle at which a sphere is seen, also from inside
 const float MIN_CORNER_COSINE = 0.05;  // so that corners below the horizon don't hide what lies between them
 
 const float LUMINANCE_FLOOR = 1e-30;
@@ -110,8 +111,8 @@ LightSample sample_rectangle(Light light, vec3 to_light, vec3 n, vec2 s)
 
 LightSample sample_sphere(Light light, vec3 to_light, vec3 n, vec2 s)
 {
-    float square = dot(to_light, to_light), radius = light.position.w;
-    float sine2 = clamp(radius * radius / square, 0.0, 0.9999);
+    float square = max(dot(to_light, to_light), 1e-30), radius = light.position.w;
+    float sine2 = min(radius * radius / square, MAX_SINE_SQUARE);
     // 1 - cosine of the cone, which rounding would spoil for small ones.
     float height = s.x * sine2 / (1.0 + sqrt(1.0 - sine2));
     float c = 1.0 - height, side = sqrt(max(height * (2.0 - height), 0.0));
@@ -120,14 +121,14 @@ LightSample sample_sphere(Light light, vec3 to_light, vec3 n, vec2 s)
     float turn = 2.0 * PI * s.y;
     vec3 direction = axis * c + (tangent * cos(turn) + cross(axis, tangent) * sin(turn)) * side;
     float distance = sqrt(square) * c - sqrt(max(radius * radius - square * side * side, 0.0));
-    float solid_angle = 2.0 * PI * sine2 / (1.0 + sqrt(1.0 - sine2));
     // From inside, nothing is in the way.
     vec3 vector = square > INSIDE * radius * radius ? direction * distance : n * (radius * 1e-3);
-    vec3 radiance = light.color.rgb / (PI * radius * radius);
+    // Radiance times the solid angle of the cone, without a division by a radius that may be 0.
+    vec3 facing = light.color.rgb * (2.0 / ((1.0 + sqrt(1.0 - sine2)) * max(square, radius * radius / MAX_SINE_SQUARE)));
 #ifdef HAS_SPOT_LIGHT
-    if (int(light.color.w) == SPOT) radiance *= spot_falloff(light, axis);
+    if (int(light.color.w) == SPOT) facing *= spot_falloff(light, axis);
 #endif
-    return LightSample(vector, radiance * (solid_angle * max(dot(direction, n), 0.0)), false);
+    return LightSample(vector, facing * max(dot(direction, n), 0.0), false);
 }
 
 #ifdef HAS_EMISSION_POINTS

@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.math3d import translation
+from app.passes.shadow import EMPTY
 from app.renderer import Renderer
 from app.scene import Camera, CameraPath, Environment, Instance, Light, Material, Mesh, Motion, Scene, bounds_of
 from app.settings import Settings
 from tests.gl.closed_forms import polygon_irradiance
+from tests.override import override
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -119,7 +121,7 @@ def moved_camera(camera: Camera, offset: Point, scale: float) -> Camera:
 
 
 def without_shadows(scene: Scene) -> Scene:
-    """Nothing casts: what analytic lights stand for doesn't."""
+    """Nothing casts: of lamps because what analytic lights stand for doesn't, of suns by ``leave_out_shadows``."""
     return replace(scene, materials=tuple(replace(m, is_light_proxy=True) for m in scene.materials))
 
 
@@ -128,7 +130,15 @@ def draw(scene: Scene, size: tuple[int, int], outputs: tuple[str, ...] = ("final
     """One frame without temporal anti-aliasing, in a renderer of its own."""
     options = {"taa": False, "provider": "cpu", **settings}
     with Renderer(scene, Settings(size=size, outputs=outputs, **options), model) as renderer:  # type: ignore[arg-type]
+        if all(material.is_light_proxy for material in scene.materials):
+            leave_out_shadows(renderer)
         return renderer.render(camera or scene.cameras[scene.default_camera].at(0.0))
+
+
+def leave_out_shadows(renderer: Renderer) -> None:
+    """Empty all shadow maps from now on."""
+    for name in ("shadow", "shadow_nearest"):
+        override(renderer, name, EMPTY)
 
 
 def visibility(scene: Scene, size: tuple[int, int], camera: Camera) -> tuple[F64, F64]:

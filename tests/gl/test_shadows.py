@@ -337,6 +337,18 @@ def test_emitters_that_are_lights_cast_no_shadow() -> None:
     assert darkest(GREY) < 0.1
 
 
+@pytest.mark.parametrize("radius_deg", [0.0, 1.0])
+def test_emitters_that_are_lights_shade_the_sun(radius_deg: float) -> None:
+    """A panel between the floor and the sun casts the shadow of its square."""
+    panel = quad((-0.5, 1.0, 0.5), (1.0, 0, 0), (0, 0, -1.0), Material(emission=(1.0,) * 3, is_light_proxy=True))
+    sun = DirectionalLight((0.0, -1.0, 0.0), (1.0,) * 3, radius_deg)
+    share, at = visibility(make_scene([floor(2.0), panel], [sun]), SIZE, Camera((2.5, 0.6, 0.0), (0, 0, 0)))
+    offset = np.abs(at[..., [0, 2]]).max(axis=-1)
+    on_floor = (np.abs(at[..., 1]) < 1e-3) & at.any(axis=-1)
+    assert share[on_floor & (offset < 0.4)].max() < 0.01
+    assert share[on_floor & (offset > 0.6)].min() > 0.99
+
+
 @pytest.mark.parametrize("radius", [0.0, 0.05, 0.3])
 def test_a_lit_corner_has_no_dark_crease(radius: float) -> None:
     """What lies behind the receiver, or beside the light's way, casts nothing on it, but for a texel of the map."""

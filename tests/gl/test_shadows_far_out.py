@@ -16,7 +16,7 @@ from app.settings import Settings
 from app.view.edited_scene import EditedScene
 from app.view.model_renderer import ModelRenderer
 from app.view.state import State
-from tests.gl.scenes import F64, Point, box, floor, make_scene, quad, slide, without_shadows
+from tests.gl.scenes import F64, Point, box, floor, leave_out_shadows, make_scene, quad, slide, without_shadows
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
@@ -88,6 +88,7 @@ def test_an_animated_object_keeps_its_shadow(kind: str) -> None:
     scene = tray_and_cube(light, (0.0, 1.0), (NEARBY, FAR))
     halfway = tuple((np.array(FAR) / 2).tolist())
     with Renderer(scene, SETTINGS) as renderer, Renderer(without_shadows(scene), SETTINGS) as unshadowed:
+        leave_out_shadows(unshadowed)
         renderer.render(from_above(NEARBY), 0.0)
         for time, place in ((1.0, FAR), (0.5, halfway), (2.0, FAR)):
             lit, free = (r.render(from_above(place), time) for r in (renderer, unshadowed))
@@ -100,6 +101,7 @@ def test_an_object_dragged_beyond_all_bounds_keeps_its_shadow(kind: str) -> None
     light = LIGHTS[kind]
     scene = tray_and_cube(light, (0.0,), (NEARBY,))
     with Renderer(scene, SETTINGS) as renderer, Renderer(without_shadows(scene), SETTINGS) as unshadowed:
+        leave_out_shadows(unshadowed)
         before = renderer.render(from_above(NEARBY))["direct"]
         for instance in scene.instances[1:]:
             instance.motion.transforms[0] = translation(np.array(FAR))  # type: ignore[union-attr]
@@ -131,6 +133,7 @@ def test_an_object_that_the_viewer_drags_keeps_its_shadow(kind: str, tmp_path: P
     lit = drawn._renderer.read("direct")  # type: ignore[union-attr]
     scene = tray_and_cube(light, (0.0,), (FAR,))
     with Renderer(without_shadows(scene), SETTINGS) as unshadowed:
+        leave_out_shadows(unshadowed)
         free = unshadowed.render(from_above(FAR))
     check_shadow(lit, free["direct"], free["position"], light, FAR)
     drawn.close()
