@@ -9,7 +9,8 @@ const float NOISE_SIGMAS = 3.0;      // of the difference of two texels, by whic
 const float PLANE_TOLERANCE = 0.01;  // of the receiver's depth_scale
 const float MIN_COSINE = 0.9;        // between normals
 const int FEW = 1;                   // texels around that agree with an outlier,
-const float RARE = 3.0;              // which has this many times the share of all of them
+const float RARE = 3.0;              // which has this many times the share of all of them, or just more than they have
+const int MANY = 5;                  // if so many show its surface
 const float PRIOR = 0.5;             // specular rays whose share is taken to be that of diffuse light
 
 uniform sampler2D shadow_visible;     // rgb: mean irradiance of the samples that reach their light, a: samples
@@ -93,7 +94,7 @@ void main()
     ivec2 low = ivec2(gl_FragCoord.xy), last = textureSize(lowres_gbuffer, 0) - 1;
     Texel here = texel_at(low);
     vec4 visible = vec4(0.0), unshadowed = vec4(0.0), all_visible = vec4(0.0), all_unshadowed = vec4(0.0);
-    int alike_count = -1;  // without the texel itself
+    int surface_count = -1, alike_count = -1;  // without the texel itself
 #ifdef SPECULAR_RAYS
     vec4 specular = vec4(0.0);
 #endif
@@ -110,14 +111,15 @@ void main()
         vec4 seen = vec4(t.visible.rgb, 1.0) * t.visible.a, sent = vec4(t.unshadowed.rgb, 1.0) * t.visible.a;
         all_visible += alike ? seen : vec4(0.0);
         all_unshadowed += alike ? sent : vec4(0.0);
+        surface_count += alike ? 1 : 0;
         alike = alike && (agree(t.share, here.share, here.variance + t.variance) || dot(here.unshadowed.rgb, vec3(1.0)) <= 0.0);
         visible += alike ? seen : vec4(0.0);
         unshadowed += alike ? sent : vec4(0.0);
         alike_count += alike ? 1 : 0;
     }
     // A ray of much light that hardly any other meets. Only guided ones may have that much.
-    bool is_outlier = spacing == 1 && here.unshadowed.a > 0.0 && alike_count <= FEW
-        && here.share > RARE * share_of(all_visible.rgb, all_unshadowed.rgb);
+    float most = (surface_count >= MANY ? 1.0 : RARE) * share_of(all_visible.rgb, all_unshadowed.rgb);
+    bool is_outlier = spacing == 1 && here.unshadowed.a > 0.0 && alike_count <= FEW && here.share > most;
     visible = is_outlier ? all_visible : visible;
     unshadowed = is_outlier ? all_unshadowed : unshadowed;
     visible.rgb /= max(visible.a, 1e-30);
