@@ -11,6 +11,7 @@ const float MIN_COSINE = 0.9;        // between normals
 const int FEW = 1;                   // texels around that agree with an outlier,
 const float RARE = 3.0;              // which has this many times the share of all of them, or just more than they have
 const int MANY = 5;                  // if so many show its surface
+const float HEAVY = 1.1;             // times their unshadowed light, from which on a single sample has brought it
 const float PRIOR = 0.5;             // specular rays whose share is taken to be that of diffuse light
 
 uniform sampler2D shadow_visible;     // rgb: mean irradiance of the samples that reach their light, a: samples
@@ -117,9 +118,14 @@ void main()
         unshadowed += alike ? sent : vec4(0.0);
         alike_count += alike ? 1 : 0;
     }
-    // A ray of much light that hardly any other meets. Only guided ones may have that much.
-    float most = (surface_count >= MANY ? 1.0 : RARE) * share_of(all_visible.rgb, all_unshadowed.rgb);
-    bool is_outlier = spacing == 1 && here.unshadowed.a > 0.0 && alike_count <= FEW && here.share > most;
+    // A sample of much light that hardly any other has. If it is seen, only guided ones may have that much; if it is hidden,
+    // the unshadowed light shows it, which is smooth.
+    bool is_surrounded = surface_count >= MANY;
+    bool is_bright = here.unshadowed.a > 0.0
+        && here.share > (is_surrounded ? 1.0 : RARE) * share_of(all_visible.rgb, all_unshadowed.rgb);
+    bool is_heavy = is_surrounded
+        && dot(here.unshadowed.rgb, vec3(1.0)) * all_unshadowed.a > HEAVY * dot(all_unshadowed.rgb, vec3(1.0));
+    bool is_outlier = spacing == 1 && alike_count <= FEW && (is_bright || is_heavy);
     visible = is_outlier ? all_visible : visible;
     unshadowed = is_outlier ? all_unshadowed : unshadowed;
     visible.rgb /= max(visible.a, 1e-30);

@@ -111,7 +111,7 @@ class DirectLight:
         return light
 
     def estimate(self, frame: FrameState, resources: Resources, position: F32, normal: F32, rays: int = 1) -> F32:
-        """Irradiance / π at N points, shape (N, 3); of lights whose shadows are traced, the mean estimate of so many rays.
+        """Irradiance / π at N points, shape (N, 3); of lights whose shadows are traced, the mean of so many ``rays``.
 
         Of these a ratio of visible to unshadowed light would be biased, for a single ray sees one light only.
         """

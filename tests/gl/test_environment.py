@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -99,23 +100,52 @@ def test_a_room_has_the_light_of_its_window_and_its_lamp() -> None:
     assert error.std() < 0.01 * exact.mean()
 
 
-@pytest.mark.parametrize(("share", "factor"), [(0.1, 6.0), (0.35, 1.8)])
-@pytest.mark.parametrize("rays", ["cpu", "gpu"])
-def test_a_texel_that_alone_has_met_the_sky_does_not_shine(rays: str, share: float, factor: float) -> None:
-    """Below a lamp, rays are seldom sent to a sky that is mostly hidden, and then bring much of its light."""
+Change = Callable[[F32, F32], None]
+
+
+def ratio_of_changed_texel(share: float, rays: str, change: Change) -> F32:
+    """Traced light that arrives on a floor of ``share``; ``change`` gets a texel's visible and unshadowed light."""
     size, camera = (128, 96), Camera((2.0, 3.9, 2.65), (2.0, 0.0, 2.649), fov_y_deg=27.0)
     lamp = RectLight((2.0, 3.95, 2.0), (1.2, 0.0, 0.0), (0.0, 0.0, 1.2), (5.0,) * 3)
     with Renderer(replace(cellar(0.3), lights=(lamp,)), Settings(size, ("direct",), taa=True, rays=rays)) as renderer:
         for _ in range(3):
             renderer.render(camera)
-        unshadowed = renderer.resource("shadow_unshadowed")
+        unshadowed = renderer.resource("shadow_unshadowed").copy()
         assert unshadowed[..., 3].mean() > 0.9  # the share of samples that were guided
         visible = unshadowed * share
         visible[..., 3] = 64.0
-        visible[20, 20, :3] *= factor
+        change(visible[20, 20, :3], unshadowed[20, 20, :3])
         draw_replaced(renderer, [camera], {"shadow_visible": visible, "shadow_unshadowed": unshadowed})
-        ratio = renderer.resource("shadow_ratio")[..., 1]
+        return np.asarray(renderer.resource("shadow_ratio")[..., 1])
+
+
+@pytest.mark.parametrize(("share", "factor"), [(0.1, 6.0), (0.35, 1.8)])
+@pytest.mark.parametrize("rays", ["cpu", "gpu"])
+def test_a_texel_that_alone_has_met_the_sky_does_not_shine(rays: str, share: float, factor: float) -> None:
+    """Below a lamp, rays are seldom sent to a sky that is mostly hidden, and then bring much of its light."""
+    def brighten(visible: F32, unshadowed: F32) -> None:
+        visible *= factor
+
+    ratio = ratio_of_changed_texel(share, rays, brighten)
     np.testing.assert_allclose(ratio[10:30, 10:30], share, atol=0.06)
+
+
+def test_a_hidden_sample_of_much_light_leaves_no_dark_dot() -> None:
+    def add_hidden_light(visible: F32, unshadowed: F32) -> None:
+        unshadowed *= 1.7
+
+    ratio = ratio_of_changed_texel(0.9, "cpu", add_hidden_light)
+    np.testing.assert_allclose(ratio[10:30, 10:30], 0.9, atol=0.07)
+
+
+def test_a_shadow_of_one_texel_stays() -> None:
+    """Its unshadowed light is that of the texels around."""
+    def hide(visible: F32, unshadowed: F32) -> None:
+        visible *= 0.1
+
+    ratio = ratio_of_changed_texel(0.9, "cpu", hide)
+    assert ratio[20, 20] < 0.2
+    assert ratio[10:19, 10:30].min() > 0.8
 
 
 def test_a_lamp_does_not_show_the_highlights_of_a_hidden_sky() -> None:
