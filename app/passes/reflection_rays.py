@@ -27,7 +27,7 @@ from app.surfels.tracked import TrackedSurfels
 
 FIRST_RAYS = 2**17    # of a frame without history: all of them
 FRAME_RAYS = {MotionKind.NONE: 2**15, MotionKind.CAMERA: 2**12, MotionKind.OBJECTS: 2**13}  # of other frames
-# At the end of each where shadows are traced: mirrors at rest are shown pixel by pixel, so nothing averages their noise.
+# At their ends, where shadows are traced. Mirrors at rest are shown pixel by pixel, and nothing averages their noise.
 SHADOW_RAYS = {MotionKind.NONE: 4, MotionKind.CAMERA: 1, MotionKind.OBJECTS: 1}
 LIT_AT_ONCE = 64, 64   # ends of rays that direct light is drawn at together, as a grid
 MAX_UNIT_ERROR = 0.1  # of a direction's squared length
