@@ -34,13 +34,12 @@ class DirectLight:
     def __init__(self, device: Device, lights: LightSet, defines: Mapping[str, object], layout: tuple[int, int],
                  scene: RayScene, on_gpu: bool = False) -> None:
         self._device, self._layout, self._origin, self._maps = device, layout, scene.origin, lights.shadow_maps
-        self._program = device.fullscreen("surfel_light.frag", {**lights.defines, **defines})
+        self._defines, self._mapped_count = {**lights.defines, **defines}, len(lights.mapped)
         self._light = device.ctx.texture((2 * layout[0], 2 * layout[1]), 4, dtype="f4")
         self._target = device.ctx.framebuffer([self._light])
         self._rows = layout[1]  # of texels that hold points
         names = "light_sample_position", "light_sample_normal", "light_sample_visibility"
         self._textures = {name: device.ctx.texture(layout, 4, dtype="f4") for name in names}
-        device.clear(self._textures["light_sample_visibility"])
         ray_defines = {**lights.defines, "GRID_SURFELS": 1}
         self._rays = ShadowRays(device, layout, ray_defines, scene) if lights.has_traced and not on_gpu else None
         self._gpu_rays = GpuShadowRays(device, layout, ray_defines, scene) if lights.has_traced and on_gpu else None
@@ -68,24 +67,28 @@ class DirectLight:
         visibility : ndarray, float32, shape (h, w, 4), or None
             Share of the light with traced shadows that reaches each point; None leaves this light out.
         """
-        shares = np.zeros((*self._layout[::-1], 4), np.float32) if visibility is None else visibility
-        self._textures["light_sample_visibility"].write(shares.tobytes())
-        drawn = self._draw(frame, resources)
+        if visibility is not None:
+            self._textures["light_sample_visibility"].write(visibility.tobytes())
+        elif not self._mapped_count:
+            return np.zeros((self._rows * self._layout[0], 3), np.float32)
+        drawn = self._draw(frame, resources, visibility is not None)
         texels = np.frombuffer(self._target.read(drawn, components=4, alignment=1, dtype="f4"), np.float32)
         rows = texels.reshape(self._rows, 2, 8 * self._layout[0])
         pairs = (rows[:, 0] + rows[:, 1]).reshape(-1, 2, 4)
         return np.asarray((pairs[:, 0, :3] + pairs[:, 1, :3]) / np.float32(4), np.float32)
 
-    def _draw(self, frame: FrameState, resources: Resources) -> tuple[int, int, int, int]:
-        """Draw into the target; the rectangle of it that has points."""
+    def _draw(self, frame: FrameState, resources: Resources, has_traced: bool) -> tuple[int, int, int, int]:
+        """Draw into the target, with lights whose shadows are traced or without; the rectangle of it that has points."""
+        left_out = {} if has_traced else {"LIGHT_COUNT": self._mapped_count}  # which come last
+        program = self._device.fullscreen("surfel_light.frag", {**self._defines, **left_out})
         drawn = 0, 0, 2 * self._layout[0], 2 * self._rows
         self._target.use()
         self._target.scissor = drawn
         self._device.ctx.enable_only(moderngl.NOTHING)
-        resources.bind(self._program, reads=self._maps)
-        self._bind(self._program, tuple(self._textures), len(self._maps))
-        self._program.set(noise_phase=frame.noise_phase, local_eye=tuple(frame.view.eye - self._origin))
-        self._device.draw_fullscreen(self._program)
+        resources.bind(program, reads=self._maps)
+        self._bind(program, tuple(self._textures), len(self._maps))
+        program.set(noise_phase=frame.noise_phase, local_eye=tuple(frame.view.eye - self._origin))
+        self._device.draw_fullscreen(program)
         return drawn
 
     @property
@@ -102,7 +105,7 @@ class DirectLight:
             ``end_light``: irradiance / π by mapped lights, four texels for each point; with traced lights,
             ``end_traced``: irradiance by these.
         """
-        self._draw(frame, resources)
+        self._draw(frame, resources, has_traced=False)
         light = {"end_light": self._light}
         if self._gpu_rays is not None:
             self._bind(self._gpu_rays.program, tuple(self._textures)[:2], 0)
