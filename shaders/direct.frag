@@ -179,26 +179,32 @@ void main()
 #endif
 #ifdef FAST_PATH
     bool is_known;
-    vec3 v = traced_visibility(smooth_n, d, is_reached, is_known);
+    float specular_share;
+    vec3 v = traced_visibility(smooth_n, d, is_reached, specular_share, is_known);
     gl_FragDepth = quad_all(is_known || !is_reached) ? 1.0 : 0.0;
 #elif defined(SPECULAR_RAYS)
     float specular_share;
     vec3 v = traced_visibility(smooth_n, d, is_reached, specular_share);
-    specular += is_reached ? (specular_share - v) * rects.specular : vec3(0.0);  // whose share is not v, as below
 #else
     vec3 v = traced_visibility(smooth_n, d, is_reached);
+#endif
+#ifdef SPECULAR_RAYS
+    vec3 v_specular = vec3(is_reached ? specular_share : 0.0);
 #endif
 #else  // layers that are seen through, where a model makes the environment's shadows on opaque surfaces
     vec3 v = vec3(1.0);
 #endif
     v = is_reached ? v : vec3(0.0);
+#ifndef SPECULAR_RAYS
+    vec3 v_specular = v;
+#endif
 #ifdef HAS_SKY_VISIBLE
     vec3 v_sky = sky_share(v, of_lights, of_sky);
 #else
     vec3 v_sky = v;
 #endif
     diffuse += v * traced;
-    specular += v * traced_specular + v_sky * sky_glossy;
+    specular += v_specular * traced_specular + v_sky * sky_glossy;
 #ifdef LAYERS
     layered += v * traced_layered + v_sky * sky_layered;
 #endif

@@ -1,6 +1,7 @@
 // One shadow ray for each receiver: towards a point of a light with an area, or along a direction of the environment,
-// chosen about as often as it contributes to the unshadowed light. Every second ray of a shiny surface follows its specular
-// lobe instead, if it meets a rectangle there. What rays meet is found on the CPU, or here with RAYS_HERE, for all samples of a
+// chosen about as often as it contributes to the unshadowed light. Every second ray of a shiny surface says what its
+// highlights see instead: it follows the specular lobe if it meets a rectangle there, or goes to a sphere whose highlight shows.
+// What rays meet is found on the CPU, or here with RAYS_HERE, for all samples of a
 // frame at once.
 #include "numbers.glsl"
 #include "grid.glsl"
@@ -8,7 +9,9 @@
 #include "light_sampling.glsl"
 #include "sky_irradiance.glsl"
 #ifdef SPECULAR_RAYS
+#define LOBES_OF_SPHERES
 #include "visible_normals.glsl"
+#include "ggx.glsl"
 #endif
 #ifdef RAYS_HERE
 #include "ray_scene.glsl"
@@ -27,6 +30,7 @@ const int MAX_LESSONS = 8;      // samples that a guide learns by at once
 const float SHORTENED = 0.999;  // so that rays end before what touches the light
 const float PLANE_TOLERANCE = 0.01;  // of depth_scale, as in shadow_filter.frag
 const float MIN_COSINE = 0.9;        // between normals of triangles
+const float MIN_HIGHLIGHT = 0.1;     // of spheres, in the light that a white surface would reflect diffusely; else rays are not spent on it
 
 #ifdef GRID_SURFELS
 uniform sampler2D light_sample_position;  // local space: world axes, the scene's centre as origin
@@ -241,13 +245,34 @@ LightSample sample_sky(ivec2 texel, vec3 n, vec2 s, float pick, out vec2 chosen_
 #endif
 
 #ifdef SPECULAR_RAYS
-// The nearest rectangle that a reflected ray would meet; light is its radiance. What replaces samples of diffuse light must not
-// depend on their numbers, so it has a sequence of its own.
-LightSample sample_specular(ivec2 texel, Receiver r)
+// What replaces samples of diffuse light must not depend on their numbers, so it has a sequence of its own.
+vec2 specular_sequence(ivec2 texel)
 {
-    vec4 surface = texelFetch(specular_roughness, r.pixel, 0);
     uvec2 start = hash(uvec3(uvec2(texel), uint(noise_phase * 65536.0) + 1u)).xy;
-    vec2 s = vec2((SPECULAR_RECURRENCE * uint(sample_index) + start) >> 8u) * (256.0 * TO_UNIT);
+    return vec2((SPECULAR_RECURRENCE * uint(sample_index) + start) >> 8u) * (256.0 * TO_UNIT);
+}
+
+#ifdef HAS_TRACED_SPHERE
+// A point of one of the spheres, chosen as often as it contributes to the highlights of all, which light is.
+LightSample sample_highlight(Receiver r, vec4 surface, vec2 s, float diffuse)
+{
+    Lobe lobe = specular_lobe(r.p, r.n, surface);
+    float total = 0.0, choice = s.x;
+    int chosen = MAPPED_COUNT, i = MAPPED_COUNT;
+    do {
+        bool take = replaces(luminance(ggx_specular(lights[i], r.p, r.n, lobe)), total, choice);
+        chosen = take ? i : chosen;
+    } while (++i < RECTS_BEGIN);
+    LightSample ray = sample_light(lights[chosen], r.p, r.n, vec2(choice, s.y));
+    ray.light = vec3(total > MIN_HIGHLIGHT / PI * diffuse ? total : 0.0);
+    return ray;
+}
+#endif
+
+#ifdef HAS_TRACED_RECT
+// The nearest rectangle that a reflected ray would meet; light is its radiance, with spheres what of it is reflected.
+LightSample sample_mirrored(Receiver r, vec4 surface, vec2 s)
+{
     float alpha = max(surface.a * surface.a, MIN_ALPHA), nearest = 1e30;
     vec3 along = reflected(-normalize(along_view(r.p)), r.n, r.face, alpha, s), light = vec3(0.0);
     int i = RECTS_BEGIN;
@@ -263,8 +288,13 @@ LightSample sample_specular(ivec2 texel, Receiver r)
         light = meets ? lights[i].color.rgb : light;
     } while (++i < LIGHT_COUNT);
     bool is_shiny = max(max(surface.r, surface.g), surface.b) > 0.0;
+#ifdef HAS_TRACED_SPHERE
+    Lobe lobe = specular_lobe(r.p, r.n, surface);
+    light *= lobe.albedo * lobe.compensation * lobe.f0;
+#endif
     return LightSample(along * nearest, is_shiny ? light : vec3(0.0), false);
 }
+#endif
 #endif
 
 struct ShadowRay {
@@ -323,11 +353,21 @@ ShadowRay shadow_ray(ivec2 texel, Receiver r)
         vec4((ray.vector + r.p - r.origin) * SHORTENED, wanted && free ? kind : none),
         wanted ? vec4(min(ray.light, MAX_WEIGHED * HALF_MAX), 0.0) : vec4(0.0), sky_light);
 #ifdef SPECULAR_RAYS
-    LightSample mirrored = sample_specular(texel, r);
-    float brightness = luminance(mirrored.light);
+    vec4 surface = texelFetch(specular_roughness, r.pixel, 0);
+    vec2 of_specular = specular_sequence(texel);
+    LightSample highlight = LightSample(r.n, vec3(0.0), false);
+#ifdef HAS_TRACED_SPHERE
+    highlight = sample_highlight(r, surface, of_specular, total);
+#endif
+#ifdef HAS_TRACED_RECT
+    LightSample mirrored = sample_mirrored(r, surface, of_specular);
+    if (luminance(mirrored.light) > 0.0) highlight = mirrored;
+#endif
+    float brightness = luminance(highlight.light);
     bool has_turn = ((sample_index + texel.x + texel.y) & 1) == 1;
-    if (has_turn && r.is_surface && brightness > 0.0 && is_finite(dot(mirrored.vector, vec3(1.0)) + brightness)) {
-        result.vector = vec4((mirrored.vector + r.p - r.origin) * SHORTENED, 1.0);
+    if (has_turn && r.is_surface && brightness > 0.0 && is_finite(dot(highlight.vector, vec3(1.0)) + brightness)) {
+        bool is_clear = dot(highlight.vector, r.face) > 0.0;
+        result.vector = vec4((highlight.vector + r.p - r.origin) * SHORTENED, !is_clear ? 0.0 : highlight.meets_proxies ? 2.0 : 1.0);
         result.light = vec4(vec3(0.0), min(brightness, HALF_MAX));
     }
 #endif

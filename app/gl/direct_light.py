@@ -78,7 +78,7 @@ class DirectLight:
         return np.asarray((pairs[:, 0, :3] + pairs[:, 1, :3]) / np.float32(4), np.float32)
 
     def _draw(self, frame: FrameState, resources: Resources, has_traced: bool) -> tuple[int, int, int, int]:
-        """Draw into the target, with lights whose shadows are traced or without; the rectangle of it that has points."""
+        """Draw into the target, also lights whose shadows are traced or not; the rectangle of it that has points."""
         left_out = {} if has_traced else {"LIGHT_COUNT": self._mapped_count}  # which come last
         program = self._device.fullscreen("surfel_light.frag", {**self._defines, **left_out})
         drawn = 0, 0, 2 * self._layout[0], 2 * self._rows

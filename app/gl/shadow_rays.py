@@ -6,16 +6,17 @@ from typing import Protocol
 import moderngl
 import numpy as np
 
-from app.arrays import F32, F64, Bools
+from app.arrays import F32, F64
 from app.environment import SKY_DISTANCE
 from app.gl.context import Device
 from app.gl.frame_state import FrameState
 from app.gl.shader import Program
 from app.gl.sky_guide import DEFINES as GUIDE_DEFINES
 from app.gl.sky_guide import SkyGuide
-from app.math3d import LUMINANCE
+from app.math3d import LUMINANCE, put_rows
 
 PASSES_PROXIES, MEETS_ALL, TO_SKY = 1.0, 2.0, 3.0  # kinds of rays in shadow_rays.frag, the last one from there on
+TO_LUMINANCE = LUMINANCE.astype(np.float32)[:, None]
 RAY_EPSILON = 1e-4  # of the scene's longest edge, by which rays start off their surface
 
 
@@ -36,17 +37,17 @@ class RayScene(Protocol):
     extent : float
         Longest edge of the scene, scene units.
     shader_rays : ShaderRays or None
-        For shaders that trace rays themselves; None where ``is_occluded`` does it.
+        For shaders that trace rays themselves; None where ``transmitted`` does it.
     """
 
     origin: F64
     extent: float
     shader_rays: ShaderRays | None
 
-    def is_occluded(self, origins: F32, vectors: F32, proxies_block: bool) -> Bools:
-        """Whether something blocks light from the ends of vectors to origins, both float32 (N, 3) in world axes.
+    def transmitted(self, origins: F32, vectors: F32, proxies_block: bool) -> F32:
+        """Shares, (N, 3), of light that arrives from the ends of vectors at origins, both float32 (N, 3) in world axes.
 
-        Light proxies count where ``proxies_block`` is True.
+        Light proxies are in the way where ``proxies_block`` is True.
         """
 
 
@@ -86,8 +87,8 @@ class ShadowRays:
             channel is the number of these samples, and of ``unshadowed`` whether the guide guides them. Guided rays say
             little of what is hidden, so ``unshadowed`` has the environment's exact irradiance instead of theirs then.
         specular : ndarray, float32, shape (h, w, 4)
-            With ``SPECULAR_RAYS`` only: mean luminance of the rectangles that specular rays reach, and of all that they
-            are traced to; 0; how many they are.
+            With ``SPECULAR_RAYS`` only: mean luminance of the highlights whose rays reach their light, and of all that
+            rays are traced for; 0; how many they are.
         """
         visible, unshadowed = np.zeros((2, self._size[0] * self._size[1], 4), np.float32)
         of_lights, specular_rays = np.zeros_like(visible), np.zeros(len(visible), np.float32)
@@ -102,21 +103,22 @@ class ShadowRays:
             self.program.set(sample_index=sample)
             self._device.draw_fullscreen(self.program)
             origin, vector, light = self._read(0)[:, :3] + shift, self._read(1), self._read(2)
-            seen = np.zeros((len(light), 1), np.float32)
+            seen = np.zeros((len(light), 4), np.float32)  # of each channel, and of luminance
             kind = vector[:, 3]
             for is_kind, proxies_block in ((kind == PASSES_PROXIES, False), (kind >= MEETS_ALL, True)):
                 rows = np.flatnonzero(is_kind)
                 if len(rows):
                     ends = vector.take(rows, axis=0)[:, :3]  # much faster than with an index in brackets
-                    seen[rows, 0] = ~self._scene.is_occluded(origin.take(rows, axis=0), ends, proxies_block)
+                    share = self._scene.transmitted(origin.take(rows, axis=0), ends, proxies_block)
+                    put_rows(seen, rows, np.concatenate([share, share @ TO_LUMINANCE], axis=1))
             visible += light * seen
             unshadowed += light
             if self._guide is not None:
                 sky = self._read(3)
                 sky_of_all += sky
-                hits = np.flatnonzero(seen[:, 0] * (kind >= TO_SKY))
+                hits = np.flatnonzero(seen[:, 3] * (kind >= TO_SKY))
                 self._guide.learn(hits, (kind.take(hits) - TO_SKY).astype(np.int64),
-                                  light.take(hits, axis=0)[:, :3] @ LUMINANCE.astype(np.float32),
+                                  (light.take(hits, axis=0)[:, :3] @ TO_LUMINANCE)[:, 0],
                                   sky[:, 3] * (light[:, 3] == 0))
                 if self._has_lights:
                     of_lights += light * ((kind >= 0) & (kind < TO_SKY))[:, None]
@@ -152,14 +154,14 @@ def _mean(total: F32, samples: F32) -> F32:
 
 
 def specular_defines(lights: Mapping[str, object], has_specular: bool) -> dict[str, object]:
-    """``SPECULAR_RAYS`` where rays follow specular lobes: where some surface has one, and some light is a rectangle.
+    """``SPECULAR_RAYS`` where some rays say what highlights see: where some surface has a specular lobe.
 
     Parameters
     ----------
     lights : mapping
         ``LightSet.defines``.
     """
-    return {"SPECULAR_RAYS": 1} if has_specular and "HAS_TRACED_RECT" in lights else {}
+    return {"SPECULAR_RAYS": 1} if has_specular and "HAS_TRACED_LIGHT" in lights else {}
 
 
 def share_of(visible: F32, unshadowed: F32) -> F32:

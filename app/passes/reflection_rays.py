@@ -27,8 +27,7 @@ from app.surfels.tracked import TrackedSurfels
 
 FIRST_RAYS = 2**17    # of a frame without history: all of them
 FRAME_RAYS = {MotionKind.NONE: 2**15, MotionKind.CAMERA: 2**12, MotionKind.OBJECTS: 2**13}  # of other frames
-# At their ends, where shadows are traced. Mirrors at rest are shown pixel by pixel, and nothing averages their noise.
-SHADOW_RAYS = {MotionKind.NONE: 4, MotionKind.CAMERA: 1, MotionKind.OBJECTS: 1}
+SHADOW_RAYS_AT_REST = 4  # at their ends, since mirrors are shown pixel by pixel then, and nothing averages their noise
 LIT_AT_ONCE = 64, 64   # ends of rays that direct light is drawn at together, as a grid
 MAX_UNIT_ERROR = 0.1  # of a direction's squared length
 TRACED_SIDE = 8       # texels along the edges of what a work group of reflection_trace.comp traces
@@ -58,7 +57,9 @@ def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: Trac
 
     def execute(frame: FrameState, resources: Resources) -> None:
         ray = _read(resources, "reflection_ray")
-        budget = FRAME_RAYS[frame.motion] if has_history and frame.history_valid else FIRST_RAYS
+        continues = has_history and frame.history_valid
+        budget = FRAME_RAYS[frame.motion] if continues else FIRST_RAYS
+        shadow_rays = SHADOW_RAYS_AT_REST if continues and frame.motion is MotionKind.NONE else 1
         rows = _choose(ray, (dither + GOLDEN_RATIO * frame.index) % 1.0, budget)
         traced = np.zeros_like(ray)
         if len(rows):
@@ -66,7 +67,7 @@ def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: Trac
             of_surfels = lookup.smooth(_light_of(surfels, bound, resources))
 
             def light_at(at: F32, facing: F32) -> F32:
-                light = direct.estimate(frame, resources, at, facing, SHADOW_RAYS[frame.motion])
+                light = direct.estimate(frame, resources, at, facing, shadow_rays)
                 return light + lookup.interpolate(of_surfels, at, facing)
 
             shift = frame.view.eye - surfels.caster.origin

@@ -98,7 +98,8 @@ class Body:
         self.center, self.radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
         self.alpha_tested = np.array([m.alpha_cutoff is not None or m.is_see_through for m in self.materials], bool)
         self.one_sided = np.array([m.is_one_sided for m in self.materials], bool)
-        self._has_glass = any(m.transmission is not None for m in self.materials)
+        self._transmits = np.array([m.transmission is not None for m in self.materials], bool)
+        self._has_glass = bool(self._transmits.any())
         self._varies = np.array([bool(m.maps) or m.emits or m.transmission is not None for m in self.materials],
                                 bool)
         self._has_specular = np.array([m.has_specular and not m.is_unlit for m in self.materials], bool)
@@ -171,7 +172,8 @@ class Body:
             met[left] = _meets(self._opaque_proxies, origins.take(left, axis=0), vectors.take(left, axis=0))
         return met
 
-    def meets_passable(self, origins: F32, vectors: F32, steps: F32, proxies_block: bool) -> Bools:
+    def meets_passable(self, origins: F32, vectors: F32, steps: F32, proxies_block: bool,
+                       tint: F32 | None = None) -> Bools:
         """Whether one of the other surfaces blocks light from the end of each vector to its origin, shape (N,).
 
         Opaque light proxies are left to ``meets_opaque``.
@@ -182,6 +184,8 @@ class Body:
             As for ``meets_opaque``, which they don't meet.
         steps : ndarray, float32, shape (N,)
             How far rays go on behind what they pass, in lengths of their vectors.
+        tint : ndarray, float32, shape (N, 3), optional
+            Multiplied by the tint of what is passed.
         """
         occluded, rows = np.zeros(len(origins), np.bool_), np.arange(len(origins))
         passed = np.zeros(len(rows), np.float32)
@@ -192,11 +196,14 @@ class Body:
             start = origins.take(rows, axis=0) + passed[:, None] * along
             distance, triangle, uv, _ = self._cast((self._passable,), start, along, 1 - passed)
             met = triangle >= 0
-            passes = met & self.is_passed(triangle, uv, -along)  # light comes from the other end
+            passes = met & self.is_passed(triangle, uv, -along, tint is not None)  # light comes from the other end
             if not proxies_block:
                 passes |= met & self.is_light_proxy(triangle)
             occluded[rows[met & ~passes]] = True
             passed = passed + distance + steps[rows]
+            if tint is not None and self._has_glass:
+                through = np.flatnonzero(passes)
+                tint[rows[through]] *= self._tint(triangle[through], uv[through], -along[through])
             passes &= passed < 1
             rows, passed = rows[passes], passed[passes]
         return occluded
@@ -214,11 +221,12 @@ class Body:
         along = unit_rows(b - a)
         return origin, np.stack([along, np.cross(normal, along), normal], axis=2).astype(np.float32)
 
-    def is_passed(self, triangle: Ints, uv: F32, directions: F32) -> Bools:
+    def is_passed(self, triangle: Ints, uv: F32, directions: F32, is_tinted: bool = False) -> Bools:
         """Whether what moves along ``directions`` goes through the surface there, shape (N,).
 
         It passes culled backs, and holes of masks; blended and transmissive surfaces are tested against a hash of the
-        hit (Wyman and McGuire 2017).
+        hit (Wyman and McGuire 2017). They let pass as much as they do on the mean of the channels, or of the brightest
+        channel where what passes is tinted then.
         """
         passed: Bools = np.zeros(len(triangle), np.bool_)
         met = np.flatnonzero(triangle >= 0)
@@ -234,25 +242,36 @@ class Body:
             if m.albedo_map is not None:
                 alpha *= sample_nearest(m.albedo_map, self._interpolate(self.uvs[0], *at))[:, 3]
             if m.is_see_through:  # some rays pass, as much light as does
-                opacity = (alpha if m.is_blended else 1.0) * (1 - self._passing(m, *at)[0])
+                share = self._passing(m, *at)[0]
+                opacity = (alpha if m.is_blended else 1.0) * (1 - (share.max if is_tinted else share.mean)(axis=1))
                 passed[rows] |= ~(opacity > _hash(uv[rows]))
             if m.alpha_cutoff is not None:
                 passed[rows] |= ~(alpha >= m.alpha_cutoff)
         return passed
 
+    def _tint(self, triangle: Ints, uv: F32, directions: F32) -> F32:
+        """Light in each channel over that in the brightest one, (N, 3), where rays of ``directions`` pass surfaces."""
+        tint = np.ones((len(triangle), 3), np.float32)
+        material = self.material[triangle]
+        is_culled = self.one_sided[material] & ~self._is_front(triangle, directions)
+        for index, rows in self._by_material(np.flatnonzero(self._transmits[material] & ~is_culled), triangle):
+            share = self._passing(self.materials[index], triangle[rows], uv[rows])[0]
+            tint[rows] = share / np.maximum(share.max(axis=1, keepdims=True), 1e-6)
+        return tint
+
     def _passing(self, m: Material, triangle: Ints, uv: F32) -> tuple[F32, F32]:
-        """Mean share of light that passes what is covered, and share that is not for diffuse reflection, shape (N,)."""
+        """Shares of light that pass what is covered, (N, 3), and share that is not for diffuse reflection, (N,)."""
         share = np.tile(np.asarray(m.passing, np.float32), (len(triangle), 1))
         if m.transmission is None:
-            return share[:, 0], share[:, 0]
+            return share, share[:, 0]
         at = [self._interpolate(uvs, triangle, uv) for uvs in self.uvs]
         refracted = self._textured(m.transmission.factor_map, at)[:, :1]
         share *= refracted * (1 - m.metallic * self._textured(m.metallic_roughness_map, at)[:, 2:])
         if self.colors is not None:
             share *= self._interpolate(self.colors, triangle, uv)[:, :3]
         share *= self._textured(m.albedo_map, at, m.alpha_cutoff is not None)
-        mean: F32 = (share.clip(0, 1) ** (0.5 if m.is_volume else 1.0)).mean(axis=1)
-        return mean, m.transmission.factor * refracted[:, 0]
+        share = share.clip(0, 1)
+        return np.sqrt(share) if m.is_volume else share, m.transmission.factor * refracted[:, 0]
 
     def is_light_proxy(self, triangle: Ints) -> Bools:
         """Whether each triangle stands for an analytic light, shape (N,)."""
@@ -286,7 +305,8 @@ class Body:
                 roughness[rows] *= maps[:, 1:2]
                 metallic[rows] *= maps[:, 2:]
             if m.transmission is not None:
-                passing[rows], refracted[rows] = self._passing(m, triangle[rows], uv[rows])
+                shares, refracted[rows] = self._passing(m, triangle[rows], uv[rows])
+                passing[rows] = shares.mean(axis=1)
             if m.emits:
                 emits = m.double_sided | self._is_front(triangle[rows], directions[rows])[:, None]
                 emitted = np.array(m.emission, np.float32) * self._textured(m.emission_map, at)

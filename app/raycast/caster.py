@@ -202,8 +202,17 @@ class Caster:
         put_rows(hits.position, rows, origins.take(rows, axis=0) + along)
         return hits
 
+    def transmitted(self, origins: F32, vectors: F32, proxies_block: bool) -> F32:
+        """Shares of light that arrive from the end of each vector at its origin, shape (N, 3), tinted on the way.
+
+        Parameters are those of ``is_occluded``.
+        """
+        share = np.ones((len(origins), 3), np.float32)
+        share[self.is_occluded(origins, vectors, proxies_block, tint=share)] = 0.0
+        return share
+
     def is_occluded(self, origins: F32, vectors: F32, proxies_block: bool,
-                    bodies: Sequence[int] | None = None) -> Bools:
+                    bodies: Sequence[int] | None = None, tint: F32 | None = None) -> Bools:
         """Whether a surface blocks light from the end of each vector to its origin, shape (N,).
 
         Parameters
@@ -214,6 +223,8 @@ class Caster:
             Whether the meshes of analytic lights count.
         bodies : sequence of int, optional
             Those whose surfaces count, in ascending order; default all.
+        tint : ndarray, float32, shape (N, 3), optional
+            Multiplied by the tint of what is passed; of no meaning where light is blocked.
         """
         occluded = np.zeros(len(origins), np.bool_)
         for index in range(len(self.bodies)) if bodies is None else bodies:
@@ -230,9 +241,12 @@ class Caster:
             blocked = body.meets_opaque(start, along, proxies_block)
             if body.has_passable:
                 left = np.flatnonzero(~blocked)
-                steps = self._steps(vectors.take(rows.take(left), axis=0))
-                blocked[left] = body.meets_passable(start.take(left, axis=0), along.take(left, axis=0), steps,
-                                                    proxies_block)
+                ray = rows.take(left)
+                colors = None if tint is None else tint.take(ray, axis=0)
+                blocked[left] = body.meets_passable(start.take(left, axis=0), along.take(left, axis=0),
+                                                    self._steps(vectors.take(ray, axis=0)), proxies_block, colors)
+                if tint is not None and colors is not None:
+                    tint[ray] = colors
             occluded[rows] = blocked
         return occluded
 

@@ -17,7 +17,7 @@ POINTS = 1024             # on the scene's surfaces, at each key time
 MAX_RELATIVE_SIZE = 0.05  # radius / distance up to which one map will do
 MAX_NEAR_SHARE = 0.02     # of what a light lights may lie nearer to it
 MAX_SOFT_MAPS = 2         # of small lights with an area; each costs about ten times as much as a traced one
-MAX_HARD_MAPS = 6         # of lights without one
+MAX_HARD_MAPS = 12        # of lights without one
 
 
 def needs_rays(lights: Sequence[Light], hide_themselves: Container[Light], caster: Callable[[], Caster],
@@ -38,11 +38,18 @@ def needs_rays(lights: Sequence[Light], hide_themselves: Container[Light], caste
     if any(radius > 0 for _, radius in areas):
         traced |= _too_large(lights, areas, caster, times)
     is_soft = np.array([radius > 0 for _, radius in areas], np.bool_)
-    is_parallel = np.array([isinstance(light, DirectionalLight) for light in lights], np.bool_)
-    for alike, most in ((is_soft, MAX_SOFT_MAPS), (~is_soft & ~is_parallel, MAX_HARD_MAPS)):
+    is_lamp = np.array([not isinstance(light, DirectionalLight) and _is_lit(light) for light in lights], np.bool_)
+    for alike, most in ((is_lamp & is_soft, MAX_SOFT_MAPS), (is_lamp & ~is_soft, MAX_HARD_MAPS)):
         if np.count_nonzero(alike & ~traced) > most:
             traced |= alike
     return tuple(traced.tolist())
+
+
+def _is_lit(light: Light) -> bool:
+    """Whether it sends any light, as far as that is a number."""
+    color = light.radiance if isinstance(light, RectLight) else (
+        light.irradiance if isinstance(light, DirectionalLight) else light.intensity)
+    return bool(np.isfinite(color).all() and max(color) > 0)
 
 
 def _too_large(lights: Sequence[Light], areas: Sequence[tuple[F64, float]], caster: Callable[[], Caster],

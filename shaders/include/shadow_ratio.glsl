@@ -51,12 +51,13 @@ vec3 share_of(vec4 sum)
 
 #ifdef FAST_PATH
 // Interpolates the four texels around a quad that shows one plane, where these show it too and know.
-vec3 traced_visibility(vec3 n, float depth, bool is_reached, out bool is_known)
+vec3 traced_visibility(vec3 n, float depth, bool is_reached, out float specular, out bool is_known)
 {
     BilateralReceiver r = bilateral_receiver(gl_FragCoord.xy, n, depth);
     QuadTap t = quad_tap(textureSize(shadow_gbuffer, 0), shadow_grid_ratio);
-    float specular;
-    vec4 sum = interpolate_taps(shadow_tap(t.low, r, specular), t.closeness);
+    float tap;
+    vec4 sum = interpolate_taps(shadow_tap(t.low, r, tap), t.closeness);
+    specular = clamp(interpolate_taps(vec4(tap), t.closeness).x / sum.a, 0.0, 1.0);
     is_known = t.is_inside && shows_plane_of_quad(r) && sum.a > 0.0;
     return share_of(sum);
 }

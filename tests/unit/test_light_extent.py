@@ -75,3 +75,9 @@ def test_lights_that_are_traced_anyway_are_not_too_many() -> None:
 def test_many_points_leave_a_small_lamp_its_map() -> None:
     points: list[Light] = [PointLight((0.1 * k, 2, 0), WHITE) for k in range(MAX_HARD_MAPS + 1)]
     assert all_traced([PointLight((0, 2, 0.5), WHITE, 0.05), *points]) == (False,) + (True,) * len(points)
+
+
+def test_lights_that_send_none_are_not_too_many() -> None:
+    dark: list[Light] = [PointLight((0.1 * k, 2, 0), color) for k in range(MAX_HARD_MAPS)
+                         for color in ((0.0,) * 3, (float("nan"),) * 3)]
+    assert not any(all_traced([PointLight((0, 2, 0.5), WHITE), *dark]))
