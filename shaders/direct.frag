@@ -188,14 +188,13 @@ void main()
 #else
     vec3 v = traced_visibility(smooth_n, d, is_reached);
 #endif
-#ifdef SPECULAR_RAYS
-    vec3 v_specular = vec3(is_reached ? specular_share : 0.0);
-#endif
 #else  // layers that are seen through, where a model makes the environment's shadows on opaque surfaces
     vec3 v = vec3(1.0);
 #endif
     v = is_reached ? v : vec3(0.0);
-#ifndef SPECULAR_RAYS
+#ifdef SPECULAR_RAYS
+    vec3 v_specular = vec3(is_reached ? specular_share : 0.0);
+#else
     vec3 v_specular = v;
 #endif
 #ifdef HAS_SKY_VISIBLE

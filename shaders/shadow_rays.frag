@@ -270,7 +270,7 @@ LightSample sample_highlight(Receiver r, vec4 surface, vec2 s, float diffuse)
 #endif
 
 #ifdef HAS_TRACED_RECT
-// The nearest rectangle that a reflected ray would meet; light is its radiance, with spheres what of it is reflected.
+// The nearest rectangle that a reflected ray would meet; light is what is reflected of its radiance.
 LightSample sample_mirrored(Receiver r, vec4 surface, vec2 s)
 {
     float alpha = max(surface.a * surface.a, MIN_ALPHA), nearest = 1e30;
@@ -287,12 +287,9 @@ LightSample sample_mirrored(Receiver r, vec4 surface, vec2 s)
         nearest = meets ? t : nearest;
         light = meets ? lights[i].color.rgb : light;
     } while (++i < LIGHT_COUNT);
-    bool is_shiny = max(max(surface.r, surface.g), surface.b) > 0.0;
-#ifdef HAS_TRACED_SPHERE
     Lobe lobe = specular_lobe(r.p, r.n, surface);
     light *= lobe.albedo * lobe.compensation * lobe.f0;
-#endif
-    return LightSample(along * nearest, is_shiny ? light : vec3(0.0), false);
+    return LightSample(along * nearest, light, false);
 }
 #endif
 #endif

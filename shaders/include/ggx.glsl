@@ -4,7 +4,6 @@
 #include "lights.glsl"
 #include "ggx_lobe.glsl"
 #if defined(HAS_RECT_LIGHT) && !defined(LOBES_OF_SPHERES)
-#define HAS_RECT_LOBE
 #include "ltc.glsl"
 #endif
 #include "specular_albedo.glsl"
@@ -18,7 +17,7 @@ struct Lobe {
     vec3 v;             // towards the viewer
     float albedo;       // share of light from everywhere that is scattered once, without Fresnel's law
     vec3 compensation;  // factor of light that is scattered more than once
-#ifdef HAS_RECT_LOBE
+#if defined(HAS_RECT_LIGHT) && !defined(LOBES_OF_SPHERES)
     RectLobe rect;
 #endif
 };
@@ -32,13 +31,13 @@ Lobe specular_lobe(vec3 p, vec3 n, vec4 specular_roughness)
     lobe.v = -normalize(along_view(p));
     lobe.albedo = lobe_albedo(specular_roughness.a, dot(n, lobe.v)).x;
     lobe.compensation = multiple_scattering(lobe.f0, lobe.albedo);
-#ifdef HAS_RECT_LOBE
+#if defined(HAS_RECT_LIGHT) && !defined(LOBES_OF_SPHERES)
     lobe.rect = rect_lobe(n, lobe.v, lobe.alpha);
 #endif
     return lobe;
 }
 
-#ifdef HAS_RECT_LOBE
+#if defined(HAS_RECT_LIGHT) && !defined(LOBES_OF_SPHERES)
 // Mean of Schlick's approximation over the lobe, with light that is scattered more than once.
 vec3 rect_reflectance(Lobe lobe, RectLobe rect)
 {
@@ -52,7 +51,7 @@ vec3 ggx_specular(Light light, vec3 p, vec3 n, Lobe lobe)
     if (max(max(lobe.f0.r, lobe.f0.g), lobe.f0.b) <= 0.0) return vec3(0.0);
     int kind = int(light.color.w);
     vec3 arriving = light.color.rgb;  // irradiance on a facing surface
-#ifdef HAS_RECT_LOBE
+#if defined(HAS_RECT_LIGHT) && !defined(LOBES_OF_SPHERES)
     if (kind == RECT) {
         float share = min(rect_specular(light, p, n, lobe.rect), lobe.albedo);
         return arriving * rect_reflectance(lobe, lobe.rect) * share;
