@@ -38,17 +38,18 @@ def needs_rays(lights: Sequence[Light], hide_themselves: Container[Light], caste
     if any(radius > 0 for _, radius in areas):
         traced |= _too_large(lights, areas, caster, times)
     is_soft = np.array([radius > 0 for _, radius in areas], np.bool_)
-    is_lamp = np.array([not isinstance(light, DirectionalLight) and _is_lit(light) for light in lights], np.bool_)
+    is_lamp = np.array([_is_lit_lamp(light) for light in lights], np.bool_)
     for alike, most in ((is_lamp & is_soft, MAX_SOFT_MAPS), (is_lamp & ~is_soft, MAX_HARD_MAPS)):
         if np.count_nonzero(alike & ~traced) > most:
             traced |= alike
     return tuple(traced.tolist())
 
 
-def _is_lit(light: Light) -> bool:
-    """Whether it sends any light, as far as that is a number."""
-    color = light.radiance if isinstance(light, RectLight) else (
-        light.irradiance if isinstance(light, DirectionalLight) else light.intensity)
+def _is_lit_lamp(light: Light) -> bool:
+    """Whether it shines from somewhere in the scene, with a light that is a number."""
+    if isinstance(light, DirectionalLight):
+        return False
+    color = light.radiance if isinstance(light, RectLight) else light.intensity
     return bool(np.isfinite(color).all() and max(color) > 0)
 
 
