@@ -254,9 +254,8 @@ vec2 specular_sequence(ivec2 texel)
 
 #ifdef HAS_TRACED_SPHERE
 // A point of one of the spheres, chosen as often as it contributes to the highlights of all, which light is.
-LightSample sample_highlight(Receiver r, vec4 surface, vec2 s, float diffuse)
+LightSample sample_highlight(Receiver r, Lobe lobe, vec2 s, float diffuse)
 {
-    Lobe lobe = specular_lobe(r.p, r.n, surface);
     float total = 0.0, choice = s.x;
     int chosen = MAPPED_COUNT, i = MAPPED_COUNT;
     do {
@@ -271,10 +270,10 @@ LightSample sample_highlight(Receiver r, vec4 surface, vec2 s, float diffuse)
 
 #ifdef HAS_TRACED_RECT
 // The nearest rectangle that a reflected ray would meet; light is what is reflected of its radiance.
-LightSample sample_mirrored(Receiver r, vec4 surface, vec2 s)
+LightSample sample_mirrored(Receiver r, Lobe lobe, vec2 s)
 {
-    float alpha = max(surface.a * surface.a, MIN_ALPHA), nearest = 1e30;
-    vec3 along = reflected(-normalize(along_view(r.p)), r.n, r.face, alpha, s), light = vec3(0.0);
+    float nearest = 1e30;
+    vec3 along = reflected(lobe.v, r.n, r.face, lobe.alpha, s), light = vec3(0.0);
     int i = RECTS_BEGIN;
     do {
         vec3 to_light = lights[i].position.xyz - r.p;
@@ -287,7 +286,6 @@ LightSample sample_mirrored(Receiver r, vec4 surface, vec2 s)
         nearest = meets ? t : nearest;
         light = meets ? lights[i].color.rgb : light;
     } while (++i < LIGHT_COUNT);
-    Lobe lobe = specular_lobe(r.p, r.n, surface);
     light *= lobe.albedo * lobe.compensation * lobe.f0;
     return LightSample(along * nearest, light, false);
 }
@@ -350,14 +348,14 @@ ShadowRay shadow_ray(ivec2 texel, Receiver r)
         vec4((ray.vector + r.p - r.origin) * SHORTENED, wanted && free ? kind : none),
         wanted ? vec4(min(ray.light, MAX_WEIGHED * HALF_MAX), 0.0) : vec4(0.0), sky_light);
 #ifdef SPECULAR_RAYS
-    vec4 surface = texelFetch(specular_roughness, r.pixel, 0);
+    Lobe lobe = specular_lobe(r.p, r.n, texelFetch(specular_roughness, r.pixel, 0));
     vec2 of_specular = specular_sequence(texel);
     LightSample highlight = LightSample(r.n, vec3(0.0), false);
 #ifdef HAS_TRACED_SPHERE
-    highlight = sample_highlight(r, surface, of_specular, total);
+    highlight = sample_highlight(r, lobe, of_specular, total);
 #endif
 #ifdef HAS_TRACED_RECT
-    LightSample mirrored = sample_mirrored(r, surface, of_specular);
+    LightSample mirrored = sample_mirrored(r, lobe, of_specular);
     if (luminance(mirrored.light) > 0.0) highlight = mirrored;
 #endif
     float brightness = luminance(highlight.light);

@@ -246,7 +246,7 @@ class Caster:
                 blocked[left] = body.meets_passable(start.take(left, axis=0), along.take(left, axis=0),
                                                     self._steps(vectors.take(ray, axis=0)), proxies_block, colors)
                 if tint is not None and colors is not None:
-                    tint[ray] = colors
+                    put_rows(tint, ray, colors)
             occluded[rows] = blocked
         return occluded
 
