@@ -26,6 +26,7 @@ from app.passes import (
     lowres_gbuffer,
     missed_pixels,
     network,
+    outer_surface,
     pack_globals,
     pack_screen,
     pack_surfels,
@@ -68,7 +69,8 @@ AOVS: dict[str, str] = {
     "flow": "pixels that the surface moves until the next frame (next - current, +y down), never blended",
     "direct": "diffuse radiance by direct light, including that of a shaded environment, W/(sr m²)",
     "specular": "specular radiance by direct light, including that of a shaded environment, W/(sr m²)",
-    "reflection": "specular radiance by indirect light, and by the environment where rays are traced, W/(sr m²)",
+    "reflection": "specular radiance by indirect light, and by the environment where rays are traced, W/(sr m²); also "
+                  "of clear coats and of what is seen through",
     "indirect": "indirect radiance divided by albedo, W/(sr m²)",
     "emission": "emitted radiance, W/(sr m²)",
     "background": "radiance of the environment where nothing is seen, W/(sr m²)",
@@ -93,6 +95,7 @@ GATHER_PASSES = ("surfel_pack_globals", "surfel_indirect", "gather_rays", "gathe
 NETWORK_PASSES = (*CUBE_PASSES, "pack_surfels", *GATHER_PASSES, "pack_globals", "pack_screen", "network")
 REFLECTED_RAY_PASSES = ("reflection_gbuffer", "reflection_march", "reflection_rays", "reflection_resolve",
                         "reflection_history", "reflection_filter_far", "reflection_filter_near", "reflection_detail")
+OUTER_PASSES = "outer_surface", *(outer_surface.PREFIX + name for name in (*REFLECTED_RAY_PASSES, "reflection"))
 REFLECTION_SURFELS = 2048, 1  # and rays of each, where the model reads no surfels
 MISSED_PASSES = ("missed_pixels", "missed_light")
 SSGI_PASSES = ("ssgi_radiance", "ssgi", "ssgi_filter_near", "ssgi_filter_far")
@@ -200,14 +203,22 @@ class FrameInputs:
 
     @property
     def has_reflected_rays(self) -> bool:
-        """Whether some surface is smooth enough for rays."""
-        return self.why_no_reflections is None and any(map(reflection.needs_rays, self.scene.materials))
+        """Whether some opaque surface is smooth enough for rays."""
+        return self.why_no_reflections is None and any(
+            reflection.needs_rays(m) for m in self.scene.materials if not m.is_see_through)
+
+    @property
+    def has_outer_reflections(self) -> bool:
+        """Whether rays are reflected by clear coats or by what is seen through."""
+        return self.why_no_reflections is None and any(
+            reflection.needs_rays(m) if m.is_see_through else reflection.coat_needs_rays(m)
+            for m in self.scene.materials)
 
     @property
     def has_reflection_detail(self) -> bool:
         """Whether reflections are gathered at full resolution while nothing moves."""
         size = self.settings.render_size
-        return self.has_reflected_rays and reflection.has_detail(reflection.grid(size), size, self.settings.taa)
+        return reflection.has_detail(reflection.grid(size), size, self.settings.taa)
 
     @property
     def indirect_grid(self) -> Size | None:
@@ -288,7 +299,8 @@ def _peeled_layers(inputs: FrameInputs) -> Iterator[Step]:
         yield gbuffer.declare_peeled(inputs.scene, inputs.layers, layer, before)
         # A model shades the G-buffer only, so layers have the environment's light without shadows then.
         yield direct.declare(inputs.lights, inputs.has_specular, shadow_grid, inputs.scene.environment is not None,
-                             inputs.layers, inputs.has_normal_maps, layer)
+                             inputs.layers, inputs.has_normal_maps, layer,
+                             inputs.has_outer_reflections and layer.index == 0)
     behind = "opaque_lit"
     for layer in reversed(layers):
         result = layer.prefix + "lit" if layer.index else "lit"
@@ -382,7 +394,7 @@ def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:
                            "push_pull", *MISSED_PASSES, "upsample")
         return
     target = "indirect_now" if settings.taa else "indirect_low"
-    if inputs.models.surfels_read is not None or inputs.has_reflected_rays:
+    if inputs.models.surfels_read is not None or inputs.has_reflected_rays or inputs.has_outer_reflections:
         yield surfel_light.declare(inputs.surfels, inputs.lights)
     else:
         yield Absent("surfel_light", "neither the model nor a reflection reads surfels")
@@ -412,32 +424,59 @@ def _indirect_light(inputs: FrameInputs) -> Iterator[Step]:
 
 def _reflections(inputs: FrameInputs) -> Iterator[Step]:
     """Indirect light on glossy surfaces."""
-    scene, settings = inputs.scene, inputs.settings
+    settings = inputs.settings
     if inputs.why_no_reflections is not None:
-        yield from _absent(inputs.why_no_reflections, *REFLECTED_RAY_PASSES, "reflection")
+        yield from _absent(inputs.why_no_reflections, *REFLECTED_RAY_PASSES, *OUTER_PASSES, "reflection")
         return
     grid = reflection.grid(settings.render_size)
-    if inputs.has_reflected_rays:
+    if inputs.has_reflected_rays or inputs.has_outer_reflections:
         yield lowres_gbuffer.declare("reflection_gbuffer", grid)
-        yield reflection.declare_march(grid, scene.longest_edge, settings.taa)
-        yield reflection_rays.declare(grid, inputs.surfels, inputs.lights, scene.environment, settings.taa)
-        yield from reflection.declare_gathering(grid, settings.taa)
-        if inputs.has_reflection_detail:
-            yield reflection.declare_detail(grid)
-        else:
-            yield Absent("reflection_detail", "the image is no larger than the grid of reflections" if settings.taa
-                         else NO_TAA)
+    if inputs.has_reflected_rays:
+        yield from _reflected_rays(inputs, grid)
     else:
         yield from _absent("all surfaces are too rough for rays", *REFLECTED_RAY_PASSES)
+    if inputs.has_outer_reflections:
+        yield from _outer_reflections(inputs, grid)
+    else:
+        yield from _absent("neither a clear coat nor what is seen through mirrors anything", *OUTER_PASSES)
     if "reflection" in settings.outputs:
-        yield reflection.declare(grid, inputs.has_reflected_rays, inputs.has_reflection_detail)
+        has_detail = inputs.has_reflected_rays and inputs.has_reflection_detail
+        yield reflection.declare(grid, _reflecting(inputs), has_detail)
     else:
         yield Absent("reflection", "not asked for by --aov; composite adds reflections itself")
 
 
+def _reflected_rays(inputs: FrameInputs, grid: Size, prefix: str = "") -> Iterator[Step]:
+    """Rays of the surfaces whose resources begin with ``prefix``, and their light."""
+    scene, settings = inputs.scene, inputs.settings
+    yield reflection.declare_march(grid, scene.longest_edge, settings.taa, prefix)
+    yield reflection_rays.declare(grid, inputs.surfels, inputs.lights, scene.environment, settings.taa, prefix)
+    yield from reflection.declare_gathering(grid, settings.taa, prefix)
+    if inputs.has_reflection_detail:
+        yield reflection.declare_detail(grid, prefix)
+    else:
+        yield Absent(prefix + "reflection_detail",
+                     "the image is no larger than the grid of reflections" if settings.taa else NO_TAA)
+
+
+def _outer_reflections(inputs: FrameInputs, grid: Size) -> Iterator[Step]:
+    """Reflections of clear coats, and of the nearest layer of what is seen through."""
+    prefix = outer_surface.PREFIX
+    yield outer_surface.declare("clearcoat" in inputs.layers, PeeledLayer(0) if inputs.has_see_through else None)
+    yield lowres_gbuffer.declare(prefix + "reflection_gbuffer", grid, prefix + "normal", prefix + "depth")
+    yield from _reflected_rays(inputs, grid, prefix)
+    yield reflection.declare_outer(grid, inputs.has_reflection_detail, prefix)
+
+
+def _reflecting(inputs: FrameInputs) -> tuple[str, ...]:
+    """What reflections of opaque surfaces are made of."""
+    return reflection.surfaces_read(inputs.has_reflected_rays, inputs.has_reflection_detail,
+                                    "clearcoat" in inputs.layers)
+
+
 def _composite(inputs: FrameInputs) -> Pass:
-    has_rays, has_detail = inputs.has_reflected_rays, inputs.has_reflection_detail
-    surfaces = reflection.surfaces_read(has_rays, has_detail) if inputs.why_no_reflections is None else ()
+    has_detail = inputs.has_reflected_rays and inputs.has_reflection_detail
+    surfaces = _reflecting(inputs) if inputs.why_no_reflections is None else ()
     return composite.declare(inputs.models.indirect is not None, "opaque_lit" if inputs.has_see_through else "lit",
                              surfaces, reflection.grid(inputs.settings.render_size), has_detail)
 

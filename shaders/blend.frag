@@ -28,6 +28,9 @@ uniform sampler2D indirect;  // of what is opaque
 #ifdef HAS_REFRACTION
 uniform sampler2D refraction;
 #endif
+#ifdef HAS_OUTER_REFLECTION
+uniform sampler2D outer_reflection;
+#endif
 
 layout(location = 0) out vec4 out_lit;
 
@@ -93,6 +96,9 @@ void main()
 #endif
 #ifdef HAS_EMISSION
         light += sanitize_radiance(texelFetch(emission, texel, 0).rgb);
+#endif
+#ifdef HAS_OUTER_REFLECTION
+        light += sanitize_radiance(texelFetch(outer_reflection, texel, 0).rgb);
 #endif
 #ifdef HAS_INDIRECT
         light += sanitize_albedo(texelFetch(albedo, texel, 0).rgb) * indirect_around(gl_FragCoord.xy);

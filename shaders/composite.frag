@@ -18,6 +18,9 @@ uniform sampler2D emission;
 #ifdef HAS_SPECULAR
 uniform sampler2D specular;
 #endif
+#ifdef HAS_OUTER_REFLECTION
+uniform sampler2D outer_reflection;  // a: 0 for a clear coat, 1 for a layer of what is seen through
+#endif
 #ifdef HAS_BACKGROUND
 uniform sampler2D background;
 #endif
@@ -43,6 +46,10 @@ void main()
 #endif
 #ifdef HAS_SPECULAR
     sum += sanitize_radiance(texelFetch(specular, texel, 0).rgb);
+#endif
+#ifdef HAS_OUTER_REFLECTION
+    vec4 of_coat = texelFetch(outer_reflection, texel, 0);
+    sum += of_coat.a < 0.5 ? sanitize_radiance(of_coat.rgb) : vec3(0.0);
 #endif
 #ifdef HAS_BACKGROUND
     sum += sanitize_radiance(texelFetch(background, texel, 0).rgb);

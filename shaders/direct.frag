@@ -11,7 +11,7 @@
 #ifdef HAS_TRACED_RECT
 #include "traced_rects.glsl"
 #endif
-#ifdef SKY_IS_REFLECTED
+#if defined(SKY_IS_REFLECTED) || defined(HAS_OUTER_DEPTH)
 #include "reflection.glsl"
 #endif
 #ifdef LAYERS
@@ -34,6 +34,9 @@ uniform sampler2D environment_specular;  // without Fresnel's law
 
 #ifdef HAS_SMOOTH_NORMAL
 uniform sampler2D smooth_normal;         // by which shadow_gbuffer knows surfaces, whatever their bumps
+#endif
+#ifdef HAS_OUTER_DEPTH
+uniform sampler2D outer_depth;           // of the clear coats and layers whose reflections are traced
 #endif
 #ifdef HAS_SKY_VISIBLE
 uniform sampler2D sky_visible;           // share of the environment's light, a texel for SKY_TILE × SKY_TILE of shadow_ratio
@@ -164,7 +167,11 @@ void main()
             * unshadowed_sky_specular(dominant_direction(n, p, reflectance.a), reflectance.a);
 #endif
 #if defined(LAYERS) && defined(HAS_SKY_SPECULAR)
-    if (is_surface(d)) sky_layered = layered_sky(p, n, layers);
+    float coat_share = 1.0;
+#if defined(HAS_OUTER_DEPTH) && defined(HAS_CLEARCOAT)
+    coat_share = texelFetch(outer_depth, texel, 0).r == d ? 1.0 - ray_share(layers.coat.a) : 1.0;
+#endif
+    if (is_surface(d)) sky_layered = layered_sky(p, n, layers, coat_share);
 #endif
     vec3 arriving = traced + traced_specular + sky_glossy + sky_layered;
 #ifdef LAYERS

@@ -1,13 +1,29 @@
-// What composite.frag adds of indirect specular light, on its own.
+// Indirect specular light on its own: what composite.frag adds, or OF_OUTER surfaces.
 #include "numbers.glsl"
 #include "reflected_light.glsl"
 
 uniform sampler2D indirect;
+#ifdef OF_OUTER
+uniform sampler2D albedo;  // share of the pixel that reflects; 1 for a layer of what is seen through, 0 for a clear coat
+#endif
+#ifdef HAS_OUTER_REFLECTION
+uniform sampler2D outer_reflection;
+#endif
 
-layout(location = 0) out vec4 out_reflection;
+layout(location = 0) out vec4 out_reflection;  // a: 0 for a clear coat, else 1
 
 void main()
 {
     ivec2 texel = ivec2(gl_FragCoord.xy);
-    out_reflection = vec4(reflected_light(texel, sanitize_radiance(texelFetch(indirect, texel, 0).rgb)), 1.0);
+    vec3 light = reflected_light(texel, sanitize_radiance(texelFetch(indirect, texel, 0).rgb));
+    float kind = 1.0;
+#ifdef OF_OUTER
+    vec4 outer = texelFetch(albedo, texel, 0);
+    light *= sanitize_albedo(outer.rrr);
+    kind = outer.g;
+#endif
+#ifdef HAS_OUTER_REFLECTION
+    light += sanitize_radiance(texelFetch(outer_reflection, texel, 0).rgb);
+#endif
+    out_reflection = vec4(min(light, HALF_MAX), kind);
 }

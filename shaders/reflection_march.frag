@@ -23,6 +23,19 @@ uniform sampler2D normal;
 uniform sampler2D depth;
 uniform sampler2D albedo;
 uniform sampler2D specular_roughness;
+#ifdef STARTS_AT_OUTER  // rays start at outer surfaces, and end at those of the G-buffer
+uniform sampler2D outer_reflection_gbuffer;
+uniform sampler2D outer_normal;
+uniform sampler2D outer_depth;
+uniform sampler2D outer_albedo;
+uniform sampler2D outer_specular_roughness;
+#else
+#define outer_reflection_gbuffer reflection_gbuffer
+#define outer_normal normal
+#define outer_depth depth
+#define outer_albedo albedo
+#define outer_specular_roughness specular_roughness
+#endif
 uniform vec2 ratio;          // full-resolution texels per low-resolution texel
 uniform vec2 noise_offset;   // of the two noise patterns in this frame
 uniform vec2 inside;         // where in a texel its ray starts, in [0, 1), so that frames cover it
@@ -109,9 +122,9 @@ void main()
 {
     ivec2 low = ivec2(gl_FragCoord.xy), centre = nearest_texel(low, ratio);
     ivec2 full = texel_inside(low, ratio, inside, textureSize(depth, 0));
-    vec4 surface = texelFetch(reflection_gbuffer, low, 0);
-    float d = texelFetch(depth, full, 0).r;
-    vec3 n = sanitize_normal(texelFetch(normal, full, 0).xyz), p = surface_point(vec2(full) + 0.5, d);
+    vec4 surface = texelFetch(outer_reflection_gbuffer, low, 0);
+    float d = texelFetch(outer_depth, full, 0).r;
+    vec3 n = sanitize_normal(texelFetch(outer_normal, full, 0).xyz), p = surface_point(vec2(full) + 0.5, d);
     float away = dot(surface.xyz, p - surface_point(vec2(centre) + 0.5, surface.a));
     bool same = is_surface(surface.a) && is_surface(d) && dot(n, surface.xyz) >= SAME_NORMAL
         && abs(away) <= PLANE_TOLERANCE * depth_scale(surface.a);
@@ -122,8 +135,8 @@ void main()
         p = surface_point(vec2(centre) + 0.5, d);
         same = true;
     }
-    vec4 reflectance = texelFetch(specular_roughness, full, 0), at_centre = texelFetch(specular_roughness, centre, 0);
-    vec3 face = octahedral_decode(vec2(texelFetch(normal, full, 0).a, texelFetch(albedo, full, 0).a));
+    vec4 reflectance = texelFetch(outer_specular_roughness, full, 0), at_centre = texelFetch(outer_specular_roughness, centre, 0);
+    vec3 face = octahedral_decode(vec2(texelFetch(outer_normal, full, 0).a, texelFetch(outer_albedo, full, 0).a));
     bool reflects = is_surface(d) && dot(n, n) > 0.5 && is_finite(dot(face, face)) && is_shiny(reflectance);
 #ifdef FAST_PATH  // done where no ray starts
     out_origin = vec4(0.0, 0.0, 0.0, is_surface(surface.a) && is_shiny(at_centre) ? 1.0 : 0.0);

@@ -41,9 +41,9 @@ def quads_share_taps(grid: tuple[int, int], frame: FrameState) -> bool:
     return all(ratio == 1.0 or ratio >= MIN_SHARED_RATIO for ratio in ratio_to(grid, frame))
 
 
-def read_defines(bound: BoundPass) -> dict[str, object]:
-    """``HAS_X`` for every resource that the pass really reads."""
-    return {"HAS_" + r.replace(PREVIOUS, "_prev").upper(): 1 for r in bound.reads}
+def read_defines(bound: BoundPass, strip: str = "") -> dict[str, object]:
+    """``HAS_X`` for every resource that the pass really reads; the prefix ``strip`` is left off its name."""
+    return {"HAS_" + r.replace(PREVIOUS, "_prev").removeprefix(strip).upper(): 1 for r in bound.reads}
 
 
 def write_defines(writes: Sequence[str], strip: str = "") -> dict[str, object]:
@@ -76,7 +76,7 @@ def make_fullscreen(fragment: str, uniforms: Callable[[FrameState], Mapping[str,
         the rest, which a branch would not.
     """
     def make(device: Device, bound: BoundPass) -> Execute:
-        variant = {**read_defines(bound), **write_defines(bound.writes, strip), **(defines or {})}
+        variant = {**read_defines(bound, strip), **write_defines(bound.writes, strip), **(defines or {})}
         program = device.fullscreen(fragment, variant)
         fast_program = device.fullscreen(fragment, {**variant, "FAST_PATH": 1}) if fast_path is not None else None
 

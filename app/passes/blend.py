@@ -23,9 +23,8 @@ def declare(layer: PeeledLayer, behind: str, result: str, has_indirect: bool) ->
 
     def make(device: Device, bound: BoundPass) -> Execute:
         has_refraction = prefix + "refraction" in bound.reads
-        defines = {f"HAS_{name.removeprefix(prefix).upper()}": 1 for name in bound.reads}
         samplers = {behind: "behind", "depth": "opaque_depth"}
-        draw = make_fullscreen("blend.frag", uniforms, defines, prefix, samplers, layer)(device, bound)
+        draw = make_fullscreen("blend.frag", uniforms, strip=prefix, samplers=samplers, layer=layer)(device, bound)
         source: moderngl.Framebuffer | None = None
 
         def execute(frame: FrameState, resources: Resources) -> None:
@@ -40,8 +39,10 @@ def declare(layer: PeeledLayer, behind: str, result: str, has_indirect: bool) ->
 
         return execute
 
+    # The nearest layer mirrors what is around it.
+    mirrored = () if layer.index else ("outer_reflection",)
     own = ("albedo", "direct", "depth", "passage")
     optional = ("emission", "specular", "refraction")
     return Pass(prefix + "blend", reads=(behind, "depth", *(prefix + name for name in own),
                                          *(("indirect",) if has_indirect else ())),
-                optional=tuple(prefix + name for name in optional), writes={result: Tex("f2", 4)}, make=make)
+                optional=(*(prefix + name for name in optional), *mirrored), writes={result: Tex("f2", 4)}, make=make)

@@ -18,6 +18,7 @@ def declare(has_indirect: bool, target: str, reflection: tuple[str, ...], grid: 
         Whether these are gathered at full resolution too.
     """
     return Pass("composite", reads=("direct", *(("indirect", "albedo") if has_indirect else ()), *reflection),
-                optional=("emission", "specular", "background", *(("occlusion",) if has_indirect else ())),
+                optional=("emission", "specular", "outer_reflection", "background",
+                          *(("occlusion",) if has_indirect else ())),
                 writes={target: Tex("f2", 4)},
                 make=make_with_reflections("composite.frag", grid, has_detail))

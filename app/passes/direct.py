@@ -19,7 +19,7 @@ from app.math3d import GOLDEN_RATIO
 from app.paths import data_dir
 
 MAX_SPLIT_LIGHTS = 2  # with shadow maps, whose unlit sides are left out in a step of their own; more leave little unlit
-LTC_UNIT = 15  # texture unit of the table of specular lobes, beyond those of what the pass reads
+LTC_UNIT = 32  # texture unit of the table of specular lobes, beyond the 16 or 32 that one stage can have samplers for
 
 
 def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] | None, has_sky: bool,
@@ -59,7 +59,8 @@ def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] |
                **({"SKY_IS_REFLECTED": 1} if sky_is_reflected else {}),
                **({"HAS_SPECULAR_SURFACES": 1} if has_specular else {})}
 
-    optional = ("sky_visible", *(("environment_diffuse", "environment_specular") if layer is None else ()))
+    of_coat = ("outer_depth",) if "clearcoat" in layers and has_sky else ()
+    optional = ("sky_visible", *((*of_coat, "environment_diffuse", "environment_specular") if layer is None else ()))
     return Pass(prefix + "direct", reads=reads, optional=optional, writes=writes,
                 make=lambda device, bound: _make(device, bound, defines, shadow_grid, bool(layers), layer))
 
@@ -69,8 +70,7 @@ def declare_cube(lights: LightSet, face: int, camera_axes: bool, is_traced: bool
     """On the cube around the camera; diffuse only, since networks read no specular light."""
     reads = ("cube_albedo", "cube_normal", "cube_depth", *lights.shadow_maps,
              *(("cube_shadow_ratio",) if is_traced else ()), *(("sky_irradiance",) if has_sky else ()))
-    defines = {**lights.defines, **cube_defines(face, camera_axes), **({"HAS_SHADOW_RATIO": 1} if is_traced else {}),
-               **({"NORMAL_MAPS": 1} if has_normal_maps else {})}
+    defines = {**lights.defines, **cube_defines(face, camera_axes), **({"NORMAL_MAPS": 1} if has_normal_maps else {})}
     return Pass("cube_direct", reads=reads, writes={"cube_direct": Tex("f2", 4, size=(6 * face, face))},
                 make=make_fullscreen("direct.frag", lambda frame: {"noise_phase": frame.noise_phase % 1.0}, defines,
                                      CUBE_PREFIX))

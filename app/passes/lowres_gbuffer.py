@@ -4,11 +4,12 @@ from app.gl.fullscreen import make_fullscreen, ratio_to
 from app.graph import Pass, Tex
 
 
-def declare(name: str, grid: tuple[int, int], normals: str = "normal") -> Pass:
+def declare(name: str, grid: tuple[int, int], normals: str = "normal",
+            depths: str = "depth") -> Pass:
     """Over a low-resolution ``grid`` of width and height; pass and resource are called ``name``.
 
     ``normals`` are what texels get: ``smooth_normal`` where those of one surface must be alike, whatever its bumps.
     """
-    return Pass(name, reads=(normals, "depth"), writes={name: Tex("f4", 4, size=grid)},
+    return Pass(name, reads=(normals, depths), writes={name: Tex("f4", 4, size=grid)},
                 make=make_fullscreen("lowres_gbuffer.frag", lambda frame: {"ratio": ratio_to(grid, frame)},
-                                     {"HAS_NORMAL": 1}, samplers={normals: "normal"}))
+                                     {"HAS_NORMAL": 1, "HAS_DEPTH": 1}, samplers={normals: "normal", depths: "depth"}))

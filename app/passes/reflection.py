@@ -4,7 +4,7 @@ While nothing moves, each frame has rays from other pixels, whose light is gathe
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache
 
 import numpy as np
@@ -45,43 +45,59 @@ def needs_rays(material: Material) -> bool:
     return material.roughness * smoothest < MAX_ROUGHNESS
 
 
-def declare_march(grid: Size, extent: float, has_history: bool) -> Pass:
+def declare_march(grid: Size, extent: float, has_history: bool, prefix: str = "") -> Pass:
     """Rays of the texels of ``grid``, and where the screen shows their ends.
 
     Parameters
     ----------
+    prefix : str
+        ``outer_`` for rays of outer surfaces (``outer_surface``) instead of those of the G-buffer.
     extent : float
         The scene's longest edge in scene units.
     has_history : bool
         Whether frames are gathered. Then each has other rays; otherwise they are fixed per texel.
     """
     texels = Tex("f4", 4, size=grid)
-    return Pass("reflection_march", reads=("reflection_gbuffer", "normal", "depth", "albedo", "specular_roughness"),
-                writes={"reflection_origin": texels, "reflection_ray": texels},
+    surfaces = "reflection_gbuffer", "normal", "depth", "albedo", "specular_roughness"
+    starts = tuple(prefix + name for name in surfaces) if prefix else ()
+    return Pass(prefix + "reflection_march", reads=(*surfaces, *starts),
+                writes={prefix + "reflection_origin": texels, prefix + "reflection_ray": texels},
                 make=make_fullscreen("reflection_march.frag", lambda frame: {
                     "ratio": ratio_to(grid, frame), "noise_phase": frame.noise_phase, "steps": MARCH_STEPS,
                     "ray_epsilon": RAY_EPSILON * extent, "at_rest": _is_at_rest(frame) and has_history,
                     "noise_offset": tuple(step * frame.index % 1.0 for step in R2) if has_history else (0.0, 0.0),
-                    "inside": _inside(grid, frame) if has_history else (0.5, 0.5)}, fast_path=always))
+                    "inside": _inside(grid, frame) if has_history else (0.5, 0.5)},
+                    {"STARTS_AT_OUTER": 1} if prefix else {}, strip=prefix, samplers={name: name for name in starts},
+                    fast_path=always))
 
 
-def declare_gathering(grid: Size, has_history: bool) -> Iterator[Pass]:
+def coat_needs_rays(material: Material) -> bool:
+    """Whether a material has a clear coat that is smooth enough somewhere for its reflections to be traced."""
+    coat = material.clearcoat
+    return (coat is not None and coat.strength > 0.0
+            and (coat.roughness < MAX_ROUGHNESS or coat.roughness_map is not None))
+
+
+def declare_gathering(grid: Size, has_history: bool, prefix: str = "") -> Iterator[Pass]:
     """The light at the rays' ends, gathered over frames if there is a history, and filtered."""
     light = Tex("f2", 4, size=grid)
-    yield Pass("reflection_resolve",
-               reads=("reflection_origin", "reflection_ray", "reflection_traced", "normal",
-                      "depth", "direct", "albedo", "indirect", "specular_roughness"),
-               optional=("occlusion", "emission"), writes={"reflection_now": light},
-               make=make_fullscreen("reflection_resolve.frag", fast_path=always))
+    yield Pass(prefix + "reflection_resolve",
+               reads=(*(prefix + name for name in ("reflection_origin", "reflection_ray", "reflection_traced")),
+                      "normal", "depth", "direct", "albedo", "indirect", "specular_roughness"),
+               optional=("occlusion", "emission"), writes={prefix + "reflection_now": light},
+               make=make_fullscreen("reflection_resolve.frag", strip=prefix, fast_path=always))
     history = ("reflection_origin", "reflection_gbuffer", "specular_roughness", "motion", "reflection_low@prev",
                "reflection_distance@prev", "reflection_gbuffer@prev")
-    gathered: dict[str, Resource] = {"reflection_low": Tex("f4", 4, size=grid),
-                                     "reflection_distance": Tex("f4", 1, size=grid)}
-    yield Pass("reflection_history", reads=("reflection_now", *(history if has_history else ())), writes=gathered,
+    reads = "reflection_now", *(history if has_history else ())
+    gathered: dict[str, Resource] = {prefix + "reflection_low": Tex("f4", 4, size=grid),
+                                     prefix + "reflection_distance": Tex("f4", 1, size=grid)}
+    yield Pass(prefix + "reflection_history", reads=tuple(prefix + name for name in reads), writes=gathered,
                make=make_fullscreen("reflection_history.frag", lambda frame: _history_uniforms(grid, frame)
-                                    if has_history else {}, fast_path=always if has_history else None))
-    yield _filter("reflection_filter_far", "reflection_low", "reflection_averaged", grid, 3, "reflection_origin")
-    yield _filter("reflection_filter_near", "reflection_averaged", "reflection_filtered", grid, 1)
+                                    if has_history else {}, strip=prefix,
+                                    fast_path=always if has_history else None))
+    yield _filter("reflection_filter_far", "reflection_low", "reflection_averaged", grid, 3, prefix,
+                  "reflection_origin")
+    yield _filter("reflection_filter_near", "reflection_averaged", "reflection_filtered", grid, 1, prefix)
 
 
 def has_detail(grid: Size, size: Size, has_history: bool) -> bool:
@@ -89,10 +105,11 @@ def has_detail(grid: Size, size: Size, has_history: bool) -> bool:
     return has_history and grid != size
 
 
-def declare_detail(grid: Size) -> Pass:
+def declare_detail(grid: Size, prefix: str = "") -> Pass:
     """The light along the rays of single pixels, gathered while nothing moves."""
     draw = make_fullscreen("reflection_detail.frag", lambda frame: {
-        "ratio": ratio_to(grid, frame), "inside": _inside(grid, frame), "history_stands": frame.rests})
+        "ratio": ratio_to(grid, frame), "inside": _inside(grid, frame), "history_stands": frame.rests},
+                           strip=prefix)
 
     def make(device: Device, bound: BoundPass) -> Execute:
         execute = draw(device, bound)
@@ -103,20 +120,24 @@ def declare_detail(grid: Size) -> Pass:
 
         return execute_at_rest
 
-    return Pass("reflection_detail", reads=("reflection_now", "reflection_detail@prev"),
-                writes={"reflection_detail": Tex("f2", 4)}, make=make)
+    return Pass(prefix + "reflection_detail",
+                reads=(prefix + "reflection_now", prefix + "reflection_detail@prev"),
+                writes={prefix + "reflection_detail": Tex("f2", 4)}, make=make)
 
 
-def surfaces_read(has_rays: bool, has_detail: bool) -> tuple[str, ...]:
-    """What ``reflected_light.glsl`` reads, beside indirect light."""
-    return ("normal", "specular_roughness", *(("depth", "reflection_filtered") if has_rays else ()),
-            *(("reflection_detail",) if has_detail else ()))
+def surfaces_read(has_rays: bool, has_detail: bool, has_clearcoat: bool) -> tuple[str, ...]:
+    """What ``reflected_light.glsl`` reads, beside indirect light; details only of what is traced."""
+    return ("normal", "specular_roughness", *(("clearcoat",) if has_clearcoat else ()),
+            *(("depth", "reflection_filtered") if has_rays else ()),
+            *(("reflection_detail",) if has_rays and has_detail else ()))
 
 
-def make_with_reflections(fragment: str, grid: Size, has_detail: bool) -> Callable[[Device, BoundPass], Execute]:
+def make_with_reflections(fragment: str, grid: Size, has_detail: bool, defines: Mapping[str, object] | None = None,
+                          strip: str = "") -> Callable[[Device, BoundPass], Execute]:
     """``Pass.make`` of a full-screen pass with ``reflected_light.glsl``; at rest it has a shader of its own."""
-    def draw(defines: dict[str, object]) -> Callable[[Device, BoundPass], Execute]:
-        return make_fullscreen(fragment, lambda frame: {"ratio": ratio_to(grid, frame)}, defines)
+    def draw(variant: dict[str, object]) -> Callable[[Device, BoundPass], Execute]:
+        return make_fullscreen(fragment, lambda frame: {"ratio": ratio_to(grid, frame)}, {**(defines or {}), **variant},
+                               strip)
 
     def make(device: Device, bound: BoundPass) -> Execute:
         moving, resting = draw({})(device, bound), draw({"AT_REST": 1})(device, bound)
@@ -125,11 +146,24 @@ def make_with_reflections(fragment: str, grid: Size, has_detail: bool) -> Callab
     return make if has_detail else draw({})
 
 
-def declare(grid: Size, has_rays: bool, has_detail: bool) -> Pass:
-    """What is seen of reflections, at full resolution, as ``composite`` adds it by itself."""
-    return Pass("reflection", reads=("indirect", *surfaces_read(has_rays, has_detail)),
-                writes={"reflection": Tex("f2", 4)},
-                make=make_with_reflections("reflection.frag", grid, has_detail))
+def declare(grid: Size, surfaces: tuple[str, ...], has_detail: bool) -> Pass:
+    """What is seen of reflections, at full resolution; of those of opaque surfaces, what ``composite`` adds by itself.
+
+    Parameters
+    ----------
+    surfaces : tuple of str
+        What ``surfaces_read`` gives.
+    """
+    return Pass("reflection", reads=("indirect", *surfaces), optional=("outer_reflection",),
+                writes={"reflection": Tex("f2", 4)}, make=make_with_reflections("reflection.frag", grid, has_detail))
+
+
+def declare_outer(grid: Size, has_detail: bool, prefix: str) -> Pass:
+    """The same of outer surfaces, which ``composite`` and ``peel0_blend`` add."""
+    reads = "albedo", *surfaces_read(True, has_detail, has_clearcoat=False)
+    return Pass(prefix + "reflection", reads=("indirect", *(prefix + name for name in reads)),
+                writes={prefix + "reflection": Tex("f2", 4)},
+                make=make_with_reflections("reflection.frag", grid, has_detail, {"OF_OUTER": 1}, prefix))
 
 
 def _is_at_rest(frame: FrameState) -> bool:
@@ -154,12 +188,13 @@ def _spread_cells(width: int, height: int) -> tuple[tuple[int, int], ...]:
     return tuple(sorted(cells, key=lambda cell: (R2[0] * cell[0] + R2[1] * cell[1]) % 1.0))
 
 
-def _filter(name: str, source: str, target: str, grid: Size, spacing: int, *reads: str) -> Pass:
+def _filter(name: str, source: str, target: str, grid: Size, spacing: int, prefix: str, *reads: str) -> Pass:
     reads = (source, "reflection_distance", "reflection_gbuffer", "specular_roughness", *reads)
-    return Pass(name, reads=reads, writes={target: Tex("f2", 4, size=grid)},
+    return Pass(prefix + name, reads=tuple(prefix + r for r in reads),
+                writes={prefix + target: Tex("f2", 4, size=grid)},
                 make=make_fullscreen("reflection_filter.frag", lambda frame: {
-                    "ratio": ratio_to(grid, frame), "spacing": spacing}, samplers={source: "light_low"},
-                                     fast_path=always))
+                    "ratio": ratio_to(grid, frame), "spacing": spacing}, strip=prefix,
+                                     samplers={prefix + source: "light_low"}, fast_path=always))
 
 
 def _history_uniforms(grid: Size, frame: FrameState) -> dict[str, object]:

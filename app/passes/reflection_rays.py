@@ -34,17 +34,20 @@ TRACED_SIDE = 8       # texels along the edges of what a work group of reflectio
 
 
 def declare(grid: tuple[int, int], surfels: TrackedSurfels, lights: LightSet, environment: Environment | None,
-            has_history: bool) -> Pass:
+            has_history: bool, prefix: str = "") -> Pass:
     """Over a low-resolution ``grid`` of width and height.
 
     Parameters
     ----------
     has_history : bool
         Whether frames are gathered, so that each traces only some of the rays.
+    prefix : str
+        As of ``reflection.declare_march``.
     """
     # The pass that writes ``surfel_light`` moves the surfels.
-    return Pass("reflection_rays", reads=("reflection_origin", "reflection_ray", "surfel_light", *lights.shadow_maps),
-                optional=("surfel_indirect",), writes={"reflection_traced": Tex("f4", 4, size=grid)},
+    rays = prefix + "reflection_origin", prefix + "reflection_ray"
+    return Pass(prefix + "reflection_rays", reads=(*rays, "surfel_light", *lights.shadow_maps),
+                optional=("surfel_indirect",), writes={prefix + "reflection_traced": Tex("f4", 4, size=grid)},
                 make=lambda device, bound: (
                     _make_on_gpu(device, bound, grid, surfels, lights, environment) if surfels.caster.shader_rays
                     else _make(device, bound, grid, surfels, lights, environment, has_history)))
@@ -54,9 +57,11 @@ def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: Trac
           environment: Environment | None, has_history: bool) -> Execute:
     dither = _dither(grid)
     direct = DirectLight(device, lights, read_defines(bound), LIT_AT_ONCE, surfels.caster)
+    origins, directions = bound.reads[:2]
+    (target,) = bound.writes
 
     def execute(frame: FrameState, resources: Resources) -> None:
-        ray = _read(resources, "reflection_ray")
+        ray = _read(resources, directions)
         continues = has_history and frame.history_valid
         budget = FRAME_RAYS[frame.motion] if continues else FIRST_RAYS
         shadow_rays = SHADOW_RAYS_AT_REST if continues and frame.motion is MotionKind.NONE else 1
@@ -71,10 +76,10 @@ def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: Trac
                 return light + lookup.interpolate(of_surfels, at, facing)
 
             shift = frame.view.eye - surfels.caster.origin
-            origin = _read(resources, "reflection_origin").take(rows, axis=0)[:, :3] + shift
+            origin = _read(resources, origins).take(rows, axis=0)[:, :3] + shift
             put_rows(traced, rows, _trace(surfels.caster, light_at, environment, origin.astype(np.float32),
                                           ray.take(rows, axis=0)[:, :3]))
-        resources["reflection_traced"].write(traced.tobytes())
+        resources[target].write(traced.tobytes())
 
     return execute
 
@@ -90,6 +95,8 @@ def _make_on_gpu(device: Device, bound: BoundPass, grid: tuple[int, int], surfel
     sky = {} if environment is None else {"environment": environment_texture(device, environment)}
     rotation = 0.0 if environment is None else environment.rotation_deg / 360 % 1.0
     buffer = SurfelBuffer(device, surfels)
+    origins, directions = bound.reads[:2]
+    (target,) = bound.writes
     ends = dict(zip(("end_position", "end_normal", "end_albedo", "end_emission"),
                     (*direct.points, *(device.ctx.texture(grid, 4, dtype="f4") for _ in range(2))), strict=True))
 
@@ -98,11 +105,11 @@ def _make_on_gpu(device: Device, bound: BoundPass, grid: tuple[int, int], surfel
         trace.set(local_eye=tuple(frame.view.eye - caster.origin), sky_distance=SKY_DISTANCE * caster.extent,
                   rotation=rotation)
         rays.bind(trace)
-        run_over_grid(device, trace, grid, TRACED_SIDE, {
-            **{name: resources[name] for name in ("reflection_origin", "reflection_ray")}, **sky}, tuple(ends.values()))
+        traced = {"reflection_origin": resources[origins], "reflection_ray": resources[directions], **sky}
+        run_over_grid(device, trace, grid, TRACED_SIDE, traced, tuple(ends.values()))
         drawn = direct.draw_estimate(frame, resources, frame.index)
         buffer.bind(light, surfels.lookup.smooth(_light_of(surfels, bound, resources)), with_sky=False)
-        run_over_grid(device, light, grid, 1, {**ends, **drawn}, [resources["reflection_traced"]])
+        run_over_grid(device, light, grid, 1, {**ends, **drawn}, [resources[target]])
 
     return execute
 

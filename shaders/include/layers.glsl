@@ -73,12 +73,12 @@ vec3 layered_light(Light light, vec3 p, vec3 n, vec3 e, Layers layers)
 }
 
 #ifdef HAS_SKY_SPECULAR
-// The same of the environment.
-vec3 layered_sky(vec3 p, vec3 n, Layers layers)
+// The same of the environment; coat_share: the share of what the clear coat reflects of it that is not traced.
+vec3 layered_sky(vec3 p, vec3 n, Layers layers, float coat_share)
 {
     vec3 sum = vec3(0.0);
 #ifdef HAS_CLEARCOAT
-    sum += layers.strength * specular_albedo(layers.coat.rgb, layers.coat.a, dot(layers.normal, layers.lobe.v))
+    sum += layers.strength * specular_albedo(layers.coat.rgb, layers.coat.a, dot(layers.normal, layers.lobe.v)) * coat_share
         * unshadowed_sky_specular(dominant_direction(layers.normal, p, layers.coat.a), layers.coat.a);
 #endif
 #ifdef HAS_SHEEN

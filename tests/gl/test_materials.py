@@ -15,6 +15,7 @@ from app.scene import (
     Camera,
     Clearcoat,
     DirectionalLight,
+    Environment,
     Instance,
     Light,
     Material,
@@ -25,6 +26,7 @@ from app.scene import (
     Sheen,
     SpotLight,
     Texture,
+    Transmission,
     bounds_of,
 )
 from app.settings import Settings
@@ -447,3 +449,20 @@ def test_highlights_of_discs_are_those_of_many_small_lights(
     found = disc.mean() / expected.mean(), disc.max() / expected.max()
     print(f"DISC {roughness} {radius}: mean {found[0]:.2f} brightest {found[1]:.2f}")
     assert abs(found[0] - 1) < mean and abs(found[1] - 1) < peak
+
+
+def test_a_scene_with_every_feature_is_lit() -> None:
+    """Its direct light reads more textures than that of any other scene, beside the table of specular lobes."""
+    ground = Material("ground", albedo=(0.5,) * 3, roughness=0.4, specular=(0.04,) * 3, clearcoat=Clearcoat(1.0, 0.2),
+                      sheen=Sheen((0.2,) * 3, 0.5), normal_map=constant(0.5, 0.5, 1.0))
+    pane = Material("pane", albedo=(0.9, 0.2, 0.2), roughness=0.0, specular=(0.04,) * 3, transmission=Transmission(1.0))
+    lights = (PointLight((0.0, 3.0, 0.0), (5.0,) * 3, radius=0.02),
+              RectLight((0.0, 1.5, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (1.0,) * 3))
+    camera = Camera((0.0, 2.0, 2.0), (0.0, 0.0, 0.0), fov_y_deg=40.0)
+    parts = floor(2.0, 0.0, ground), quad((-0.3, 0.5, 0.3), (0.6, 0, 0), (0, 0, -0.6), pane)
+    scene = make_scene([*parts], lights, camera)
+    scene = replace(scene, environment=Environment(np.ones((8, 16, 3), np.float32)))
+    settings = Settings(size=SIZE, outputs=("final", "direct"), provider="cpu")
+    with Renderer(scene, settings, SSGI) as renderer:
+        assert sum(p.name == "direct" and len(p.reads) > 15 for p in renderer.plan.passes) == 1
+        assert (renderer.render(camera)["direct"][16:32, 8:56] > 0.1).all()
