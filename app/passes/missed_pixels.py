@@ -17,7 +17,6 @@ from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
 from app.network.channels import HALF_MAX
 from app.passes.surfel_buffer import SurfelBuffer
-from app.surfels.lookup import MAX_CANDIDATES
 from app.surfels.tracked import TrackedSurfels
 
 MIN_TILE = 8       # side in pixels
@@ -74,8 +73,9 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels) -> Execute:
         if len(rows):
             indirect = resources.rows("surfel_indirect")
             at = position[rows, :3] + (frame.view.eye - surfels.world.origin).astype(np.float32)
-            found = surfels.lookup.interpolate(indirect, at, surface[rows, :3], MAX_CANDIDATES)
-            light[rows] = np.concatenate([np.nan_to_num(found).clip(0, HALF_MAX), position[rows, 3:]], axis=1)
+            found, sees_any = surfels.lookup.interpolate_seen(indirect, at, surface[rows, :3], surfels.caster)
+            number = position[rows, 3:] * sees_any[:, None]
+            light[rows] = np.concatenate([np.nan_to_num(found).clip(0, HALF_MAX), number], axis=1)
         resources["missed_light"].write(light.tobytes())
 
     return execute

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from app.arrays import F32, Bools, Ints
+from app.raycast.caster import Caster
 from app.surfels import kernel
 from app.surfels.world import WorldSurfels
 
@@ -14,6 +15,8 @@ CELL_RADII = 0.5      # edge of a cell, in median radii of surfels
 MAX_CELLS = 2**17     # that are remembered
 AXIS_CELLS = 2**19    # along an axis; coordinates beyond share a cell
 MIN_EXPONENT = -80.0  # as in the network
+MIN_TESTED = 0.02     # weight of a surfel below which it is not worth a ray, and does not count
+MIN_SEEN = 0.1        # sum of the weights of the surfels that a point must see
 BLOCK = 512           # points for which candidates are looked for at once, so that a cache holds their exponents
 
 
@@ -63,6 +66,28 @@ class SurfelLookup:
         cells = self._find_cells(position, normal)  # first, since it may add candidates
         near = self._candidates[:, :candidates].T.take(cells, axis=1)
         return _mean(self._weights(position, normal, near), light, near)
+
+    def interpolate_seen(self, light: F32, position: F32, normal: F32, caster: Caster) -> tuple[F32, Bools]:
+        """The same of those surfels alone that the points see, and whether they see any that matters, shape (N,).
+
+        Parameters
+        ----------
+        caster : Caster
+            Of the scene that the surfels are on.
+        """
+        centred = position - self._center
+        cells = self._find_cells(centred, normal)  # first, since it may add candidates
+        near = self._candidates.T.take(cells, axis=1)
+        weights = self._weights(centred, normal, near)
+        weights[weights < MIN_TESTED] = 0
+        rank, point = np.nonzero(weights)
+        surfel = near[rank, point]
+        start = position[point] + caster.ray_epsilon * normal[point]
+        end = self._surfels[0][surfel] + caster.ray_epsilon * self._surfels[1][surfel]
+        hidden = caster.is_occluded(start, end - start, True)
+        weights[rank[hidden], point[hidden]] = 0
+        seen = weights.sum(axis=0)
+        return _mean(weights / np.maximum(seen, MIN_SEEN), light, near), seen > MIN_SEEN
 
     def approximate(self, light: F32, position: F32, normal: F32) -> F32:
         """``interpolate`` where each point's cell began: constant within cells, and faster.

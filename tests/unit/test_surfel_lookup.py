@@ -53,3 +53,23 @@ def test_known_cells_give_the_same_light_again() -> None:
     first = lookup.interpolate(light, position, normal)
     lookup.interpolate(light, position + np.float32(0.5), -normal)
     np.testing.assert_array_equal(lookup.interpolate(light, position, normal), first)
+
+
+def test_surfels_behind_a_wall_do_not_count() -> None:
+    """A wall in the plane x = 0, which is dark on one side; points that see no surfel at all are told."""
+    world, (position, normal) = make_world(), points(300)
+    world.normal[:] = (0.0, 0.0, 1.0)
+    light = np.where(world.position[:, :1] < 0, np.float32(5), np.float32([[1, 1, 1]]))
+
+    def is_occluded(origins: np.ndarray, vectors: np.ndarray, proxies_block: bool) -> np.ndarray:
+        return np.asarray(origins[:, 0] * (origins + vectors)[:, 0] < 0)
+
+    lookup, caster = SurfelLookup(world), SimpleNamespace(is_occluded=is_occluded, ray_epsilon=np.float32(1e-3))
+    dark = position[:, 0] > 0
+    assert lookup.interpolate(light, position, normal)[dark].max() > 2
+    found, sees_any = lookup.interpolate_seen(light, position, normal, caster)  # type: ignore[arg-type]
+    assert sees_any.all()
+    np.testing.assert_allclose(found[dark], 1, rtol=1e-5)
+    np.testing.assert_allclose(found[~dark], 5, rtol=1e-5)
+    caster.is_occluded = lambda origins, vectors, proxies_block: np.ones(len(origins), np.bool_)
+    assert not lookup.interpolate_seen(light, position, normal, caster)[1].any()  # type: ignore[arg-type]
