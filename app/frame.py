@@ -209,9 +209,9 @@ class FrameInputs:
 
     @property
     def has_outer_reflections(self) -> bool:
-        """Whether rays are reflected by clear coats or by what is seen through."""
+        """Whether clear coats, or smooth surfaces that are seen through, have reflections of their own."""
         return self.why_no_reflections is None and any(
-            reflection.needs_rays(m) if m.is_see_through else reflection.coat_needs_rays(m)
+            reflection.needs_rays(m) if m.is_see_through else m.clearcoat is not None and m.clearcoat.strength > 0
             for m in self.scene.materials)
 
     @property
@@ -429,16 +429,19 @@ def _reflections(inputs: FrameInputs) -> Iterator[Step]:
         yield from _absent(inputs.why_no_reflections, *REFLECTED_RAY_PASSES, *OUTER_PASSES, "reflection")
         return
     grid = reflection.grid(settings.render_size)
+    too_rough = "all opaque surfaces are too rough for rays"
     if inputs.has_reflected_rays or inputs.has_outer_reflections:
         yield lowres_gbuffer.declare("reflection_gbuffer", grid)
+    else:
+        yield Absent("reflection_gbuffer", too_rough)
     if inputs.has_reflected_rays:
         yield from _reflected_rays(inputs, grid)
     else:
-        yield from _absent("all surfaces are too rough for rays", *REFLECTED_RAY_PASSES)
+        yield from _absent(too_rough, *REFLECTED_RAY_PASSES[1:])
     if inputs.has_outer_reflections:
         yield from _outer_reflections(inputs, grid)
     else:
-        yield from _absent("neither a clear coat nor what is seen through mirrors anything", *OUTER_PASSES)
+        yield from _absent("there is no clear coat, and nothing smooth that is seen through", *OUTER_PASSES)
     if "reflection" in settings.outputs:
         has_detail = inputs.has_reflected_rays and inputs.has_reflection_detail
         yield reflection.declare(grid, _reflecting(inputs), has_detail)
@@ -462,7 +465,8 @@ def _reflected_rays(inputs: FrameInputs, grid: Size, prefix: str = "") -> Iterat
 def _outer_reflections(inputs: FrameInputs, grid: Size) -> Iterator[Step]:
     """Reflections of clear coats, and of the nearest layer of what is seen through."""
     prefix = outer_surface.PREFIX
-    yield outer_surface.declare("clearcoat" in inputs.layers, PeeledLayer(0) if inputs.has_see_through else None)
+    yield outer_surface.declare("clearcoat" in inputs.layers, PeeledLayer(0) if inputs.has_see_through else None,
+                                inputs.settings.taa)
     yield lowres_gbuffer.declare(prefix + "reflection_gbuffer", grid, prefix + "normal", prefix + "depth")
     yield from _reflected_rays(inputs, grid, prefix)
     yield reflection.declare_outer(grid, inputs.has_reflection_detail, prefix)
@@ -478,7 +482,8 @@ def _composite(inputs: FrameInputs) -> Pass:
     has_detail = inputs.has_reflected_rays and inputs.has_reflection_detail
     surfaces = _reflecting(inputs) if inputs.why_no_reflections is None else ()
     return composite.declare(inputs.models.indirect is not None, "opaque_lit" if inputs.has_see_through else "lit",
-                             surfaces, reflection.grid(inputs.settings.render_size), has_detail)
+                             surfaces, reflection.grid(inputs.settings.render_size), has_detail,
+                             "clearcoat" in inputs.layers)
 
 
 def _network(inputs: FrameInputs, model: Network | RepeatedNetwork, grid: Size, target: str) -> Iterator[Step]:

@@ -29,7 +29,7 @@ uniform sampler2D indirect;  // of what is opaque
 uniform sampler2D refraction;
 #endif
 #ifdef HAS_OUTER_REFLECTION
-uniform sampler2D outer_reflection;
+uniform sampler2D outer_reflection;  // a: 1 for the layer, 0 for a clear coat
 #endif
 
 layout(location = 0) out vec4 out_lit;
@@ -98,7 +98,8 @@ void main()
         light += sanitize_radiance(texelFetch(emission, texel, 0).rgb);
 #endif
 #ifdef HAS_OUTER_REFLECTION
-        light += sanitize_radiance(texelFetch(outer_reflection, texel, 0).rgb);
+        vec4 mirrored = texelFetch(outer_reflection, texel, 0);
+        light += mirrored.a > 0.5 ? sanitize_radiance(mirrored.rgb) : vec3(0.0);
 #endif
 #ifdef HAS_INDIRECT
         light += sanitize_albedo(texelFetch(albedo, texel, 0).rgb) * indirect_around(gl_FragCoord.xy);

@@ -36,7 +36,7 @@ uniform sampler2D environment_specular;  // without Fresnel's law
 uniform sampler2D smooth_normal;         // by which shadow_gbuffer knows surfaces, whatever their bumps
 #endif
 #ifdef HAS_OUTER_DEPTH
-uniform sampler2D outer_depth;           // of the clear coats and layers whose reflections are traced
+uniform sampler2D outer_depth;           // of the clear coats, or of the layer if IS_OUTER, whose reflections are traced
 #endif
 #ifdef HAS_SKY_VISIBLE
 uniform sampler2D sky_visible;           // share of the environment's light, a texel for SKY_TILE × SKY_TILE of shadow_ratio
@@ -50,7 +50,9 @@ layout(location = WRITE_SPECULAR) out vec4 out_specular;
 #endif
 
 // Share of the reflected environment that is not traced.
-#ifdef SKY_IS_REFLECTED
+#ifdef IS_OUTER
+#define SKY_SHARE (texelFetch(outer_depth, texel, 0).r == d ? 1.0 - ray_share(reflectance.a) : 1.0)
+#elif defined(SKY_IS_REFLECTED)
 #define SKY_SHARE (1.0 - ray_share(reflectance.a))
 #else
 #define SKY_SHARE 1.0
@@ -168,7 +170,7 @@ void main()
 #endif
 #if defined(LAYERS) && defined(HAS_SKY_SPECULAR)
     float coat_share = 1.0;
-#if defined(HAS_OUTER_DEPTH) && defined(HAS_CLEARCOAT)
+#if defined(HAS_OUTER_DEPTH) && defined(HAS_CLEARCOAT) && !defined(IS_OUTER)
     coat_share = texelFetch(outer_depth, texel, 0).r == d ? 1.0 - ray_share(layers.coat.a) : 1.0;
 #endif
     if (is_surface(d)) sky_layered = layered_sky(p, n, layers, coat_share);

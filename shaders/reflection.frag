@@ -15,13 +15,15 @@ layout(location = 0) out vec4 out_reflection;  // a: 0 for a clear coat, else 1
 void main()
 {
     ivec2 texel = ivec2(gl_FragCoord.xy);
-    vec3 light = reflected_light(texel, sanitize_radiance(texelFetch(indirect, texel, 0).rgb));
-    float kind = 1.0;
+    vec3 arriving = sanitize_radiance(texelFetch(indirect, texel, 0).rgb);
+    float share = 1.0, kind = 1.0;
 #ifdef OF_OUTER
     vec4 outer = texelFetch(albedo, texel, 0);
-    light *= sanitize_albedo(outer.rrr);
+    share = sanitize_albedo(outer.rrr).x;
     kind = outer.g;
+    arriving *= 1.0 - kind;  // at a layer it is not known, only at what is behind
 #endif
+    vec3 light = share * reflected_light(texel, arriving);
 #ifdef HAS_OUTER_REFLECTION
     light += sanitize_radiance(texelFetch(outer_reflection, texel, 0).rgb);
 #endif

@@ -5,7 +5,7 @@ from app.passes.reflection import make_with_reflections
 
 
 def declare(has_indirect: bool, target: str, reflection: tuple[str, ...], grid: tuple[int, int],
-            has_detail: bool) -> Pass:
+            has_detail: bool, has_clearcoat: bool) -> Pass:
     """Albedo and occlusion are read only where there is indirect light to modulate.
 
     Parameters
@@ -18,7 +18,7 @@ def declare(has_indirect: bool, target: str, reflection: tuple[str, ...], grid: 
         Whether these are gathered at full resolution too.
     """
     return Pass("composite", reads=("direct", *(("indirect", "albedo") if has_indirect else ()), *reflection),
-                optional=("emission", "specular", "outer_reflection", "background",
+                optional=("emission", "specular", *(("outer_reflection",) if has_clearcoat else ()), "background",
                           *(("occlusion",) if has_indirect else ())),
                 writes={target: Tex("f2", 4)},
                 make=make_with_reflections("composite.frag", grid, has_detail))

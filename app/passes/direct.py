@@ -43,7 +43,7 @@ def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] |
     layer : PeeledLayer or None
         What to light, instead of the G-buffer.
     sky_is_reflected : bool
-        Whether smooth surfaces reflect the environment elsewhere, by rays.
+        Whether smooth surfaces reflect the environment elsewhere, by rays; of a layer, where it is an outer surface.
     """
     prefix = "" if layer is None else layer.prefix
     writes: dict[str, Resource] = {prefix + "direct": Tex("f2", 4)}
@@ -56,11 +56,12 @@ def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] |
              *(("smooth_normal",) if layer is None and has_normal_maps and shadow_grid is not None else ()))
     defines = {**lights.defines, "SKY_TILE": f"{TILE}.0", **({"NORMAL_MAPS": 1} if has_normal_maps else {}),
                **{f"HAS_{name.upper()}": 1 for name in layers}, **({"WIDE_SHADOW_RATIO": 1} if prefix else {}),
-               **({"SKY_IS_REFLECTED": 1} if sky_is_reflected else {}),
+               **({"SKY_IS_REFLECTED" if layer is None else "IS_OUTER": 1} if sky_is_reflected else {}),
                **({"HAS_SPECULAR_SURFACES": 1} if has_specular else {})}
 
-    of_coat = ("outer_depth",) if "clearcoat" in layers and has_sky else ()
-    optional = ("sky_visible", *((*of_coat, "environment_diffuse", "environment_specular") if layer is None else ()))
+    has_outer = has_sky and (sky_is_reflected if layer is not None else "clearcoat" in layers)
+    optional = ("sky_visible", *(("outer_depth",) if has_outer else ()),
+                *(("environment_diffuse", "environment_specular") if layer is None else ()))
     return Pass(prefix + "direct", reads=reads, optional=optional, writes=writes,
                 make=lambda device, bound: _make(device, bound, defines, shadow_grid, bool(layers), layer))
 

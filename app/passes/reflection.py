@@ -71,13 +71,6 @@ def declare_march(grid: Size, extent: float, has_history: bool, prefix: str = ""
                     fast_path=always))
 
 
-def coat_needs_rays(material: Material) -> bool:
-    """Whether a material has a clear coat that is smooth enough somewhere for its reflections to be traced."""
-    coat = material.clearcoat
-    return (coat is not None and coat.strength > 0.0
-            and (coat.roughness < MAX_ROUGHNESS or coat.roughness_map is not None))
-
-
 def declare_gathering(grid: Size, has_history: bool, prefix: str = "") -> Iterator[Pass]:
     """The light at the rays' ends, gathered over frames if there is a history, and filtered."""
     light = Tex("f2", 4, size=grid)

@@ -49,19 +49,18 @@ def declare(grid: tuple[int, int], surfels: TrackedSurfels, lights: LightSet, en
     return Pass(prefix + "reflection_rays", reads=(*rays, "surfel_light", *lights.shadow_maps),
                 optional=("surfel_indirect",), writes={prefix + "reflection_traced": Tex("f4", 4, size=grid)},
                 make=lambda device, bound: (
-                    _make_on_gpu(device, bound, grid, surfels, lights, environment) if surfels.caster.shader_rays
-                    else _make(device, bound, grid, surfels, lights, environment, has_history)))
+                    _make_on_gpu(device, bound, grid, surfels, lights, environment, prefix)
+                    if surfels.caster.shader_rays else
+                    _make(device, bound, grid, surfels, lights, environment, has_history, prefix)))
 
 
 def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: TrackedSurfels, lights: LightSet,
-          environment: Environment | None, has_history: bool) -> Execute:
+          environment: Environment | None, has_history: bool, prefix: str) -> Execute:
     dither = _dither(grid)
     direct = DirectLight(device, lights, read_defines(bound), LIT_AT_ONCE, surfels.caster)
-    origins, directions = bound.reads[:2]
-    (target,) = bound.writes
 
     def execute(frame: FrameState, resources: Resources) -> None:
-        ray = _read(resources, directions)
+        ray = _read(resources, prefix + "reflection_ray")
         continues = has_history and frame.history_valid
         budget = FRAME_RAYS[frame.motion] if continues else FIRST_RAYS
         shadow_rays = SHADOW_RAYS_AT_REST if continues and frame.motion is MotionKind.NONE else 1
@@ -76,16 +75,16 @@ def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: Trac
                 return light + lookup.interpolate(of_surfels, at, facing)
 
             shift = frame.view.eye - surfels.caster.origin
-            origin = _read(resources, origins).take(rows, axis=0)[:, :3] + shift
+            origin = _read(resources, prefix + "reflection_origin").take(rows, axis=0)[:, :3] + shift
             put_rows(traced, rows, _trace(surfels.caster, light_at, environment, origin.astype(np.float32),
                                           ray.take(rows, axis=0)[:, :3]))
-        resources[target].write(traced.tobytes())
+        resources[prefix + "reflection_traced"].write(traced.tobytes())
 
     return execute
 
 
 def _make_on_gpu(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: TrackedSurfels, lights: LightSet,
-                 environment: Environment | None) -> Execute:
+                 environment: Environment | None, prefix: str) -> Execute:
     """The same with rays that shaders trace, all of them in each frame."""
     rays = surfels.caster.shader_rays
     assert rays is not None
@@ -95,8 +94,6 @@ def _make_on_gpu(device: Device, bound: BoundPass, grid: tuple[int, int], surfel
     sky = {} if environment is None else {"environment": environment_texture(device, environment)}
     rotation = 0.0 if environment is None else environment.rotation_deg / 360 % 1.0
     buffer = SurfelBuffer(device, surfels)
-    origins, directions = bound.reads[:2]
-    (target,) = bound.writes
     ends = dict(zip(("end_position", "end_normal", "end_albedo", "end_emission"),
                     (*direct.points, *(device.ctx.texture(grid, 4, dtype="f4") for _ in range(2))), strict=True))
 
@@ -105,11 +102,11 @@ def _make_on_gpu(device: Device, bound: BoundPass, grid: tuple[int, int], surfel
         trace.set(local_eye=tuple(frame.view.eye - caster.origin), sky_distance=SKY_DISTANCE * caster.extent,
                   rotation=rotation)
         rays.bind(trace)
-        traced = {"reflection_origin": resources[origins], "reflection_ray": resources[directions], **sky}
+        traced = {**{name: resources[prefix + name] for name in ("reflection_origin", "reflection_ray")}, **sky}
         run_over_grid(device, trace, grid, TRACED_SIDE, traced, tuple(ends.values()))
         drawn = direct.draw_estimate(frame, resources, frame.index)
         buffer.bind(light, surfels.lookup.smooth(_light_of(surfels, bound, resources)), with_sky=False)
-        run_over_grid(device, light, grid, 1, {**ends, **drawn}, [resources[target]])
+        run_over_grid(device, light, grid, 1, {**ends, **drawn}, [resources[prefix + "reflection_traced"]])
 
     return execute
 

@@ -25,8 +25,6 @@ const float FEW = 2.0, ENOUGH = 9.0;  // samples that averaged light counts as, 
 const float MIN_BLUR = 0.4;           // of ROUGHNESS_OF_ONE, from which pixels around count
 const float NOISELESS = 0.05, NOISY = 0.15;  // roughness, between which samples get noisy
 const float NOISY_SAMPLES = 12.0;     // of noisy ones, that averaged light counts as at least
-const float MIN_AROUND = 5.0;         // pixels of the same surface, that a speckle is told from
-const float MANY_SAMPLES = 8.0;       // of a pixel, which have no speckles
 const int ALONG = 8;                  // pixels on a line that count beyond those around
 
 uniform sampler2D reflection_detail;  // radiance; a: number of samples
@@ -91,27 +89,6 @@ vec2 straightest(ivec2 texel)
     return vec2(-sin(angle), cos(angle));
 }
 
-// Light of a pixel's own samples; while these are few, no channel of it is above or below that of all pixels around but one.
-vec3 without_speckles(ivec2 texel, vec3 n, vec4 own, int neighbours)
-{
-    vec3 lowest = vec3(HALF_MAX), low = lowest, highest = vec3(0.0), high = highest;
-    float count = 0.0;
-    for (int i = 0; i < neighbours; ++i) {
-        int k = i < 4 ? i : i + 1;
-        ivec2 at = clamp(texel + ivec2(k % 3, k / 3) - 1, ivec2(0), textureSize(reflection_detail, 0) - 1);
-        vec4 detail = texelFetch(reflection_detail, at, 0);
-        bool counts = detail.a >= 1.0 && is_finite(dot(detail, vec4(1.0))) && dot(normal_at(at), n) > SAME_NORMAL;
-        vec3 above = counts ? detail.rgb : vec3(0.0), below = counts ? detail.rgb : vec3(HALF_MAX);
-        high = max(high, min(highest, above));
-        highest = max(highest, above);
-        low = min(low, max(lowest, below));
-        lowest = min(lowest, below);
-        count += counts ? 1.0 : 0.0;
-    }
-    float share = count >= MIN_AROUND ? clamp((MANY_SAMPLES - own.a) / (MANY_SAMPLES - 1.0), 0.0, 1.0) : 0.0;
-    return mix(own.rgb, clamp(own.rgb, low, high), share);
-}
-
 // With the light of rays from the pixel and those around, which counts the more, the smoother the surface is, and the more it
 // bends. How much they count must not depend on what they have found: rare rays of much light would count less than the others.
 vec3 detailed(ivec2 texel, vec3 n, float d, float roughness, vec4 averaged)
@@ -125,15 +102,13 @@ vec3 detailed(ivec2 texel, vec3 n, float d, float roughness, vec4 averaged)
     float sharpness = 1.0 / (roughness * roughness * roughness * roughness + 8.0 * bent * bent / dot(ratio, ratio) + 1e-8);
     // A loop that need not begin takes no time, unlike a branch, which some drivers run for all.
     bool counts_any = ray_share(roughness) > 0.0 && needed > 0.0, counts_around = counts_any && blur > MIN_BLUR;
-    vec4 own = texelFetch(reflection_detail, texel, 0);
-    own.rgb = without_speckles(texel, n, own, counts_any && own.a < MANY_SAMPLES ? 8 : 0);
     vec2 along = counts_around ? straightest(texel) : vec2(0.0);
     int end = counts_around ? 9 + ALONG : counts_any ? 5 : 0;
     for (int i = counts_around ? 0 : 4; i < end; ++i) {
         int pixels = (3 + (i - 9) / 2) * (1 - 2 * (i % 2));  // along the line: 3, -3, 4, -4 ... of them
         ivec2 offset = i < 9 ? ivec2(i % 3, i / 3) - 1 : ivec2(round(along * float(pixels)));
         ivec2 at = clamp(texel + offset, ivec2(0), textureSize(reflection_detail, 0) - 1);
-        vec4 detail = i == 4 ? own : texelFetch(reflection_detail, at, 0);
+        vec4 detail = texelFetch(reflection_detail, at, 0);
         vec3 turned = normal_at(at) - n;
         float falloff = float(offset.x * offset.x + offset.y * offset.y) / max(blur * blur, 1e-3) + dot(turned, turned) * sharpness;
         float away = dot(n, surface_point(vec2(at) + 0.5, texelFetch(depth, at, 0).r) - p);

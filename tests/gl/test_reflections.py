@@ -104,19 +104,6 @@ def test_a_mirror_at_rest_becomes_as_sharp_as_the_picture(small_ember: Path, mon
     assert mixed_share(images[-1]) <= 1 / 8  # at most one pixel of each row
 
 
-def test_a_mirror_at_rest_has_few_speckles(small_ember: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where most light of the lamps is hidden, few shadow rays find the rest: light above that of all pixels around."""
-    coarsen(monkeypatch)
-    chest = box((0.3, 0.02, 0.2), (0.9, 0.5, 0.8), WHITE)
-    hidden = [PointLight((x, 0.3, z), (9.0, 9.0, 9.0), radius=0.02) for x in (0.4, 0.6, 0.8) for z in (0.3, 0.7)]
-    scene = replace(room(MIRROR, chest), lights=(LAMP, *hidden))
-    light = draw(scene, small_ember, (CAMERA,) * 17)[-1]["reflection"][30:42, 30:66].mean(axis=-1)
-    around = np.stack([np.roll(light, (y, x), (0, 1)) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0)])
-    speckles = (light > 1.2 * around.max(axis=0))[1:-1, 1:-1].mean()
-    print(f"SPECKLES {speckles:.4f}")
-    assert speckles < 0.01
-
-
 def rod(center: tuple[float, float, float], radius: float, height: float, material: Material) -> Part:
     """An upright one, without ends."""
     angle = np.linspace(0, 2 * np.pi, 65)
