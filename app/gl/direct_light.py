@@ -1,7 +1,7 @@
 """Direct light at any points: irradiance / π, with shadows by maps or rays as in the picture."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import moderngl
 import numpy as np
@@ -113,13 +113,19 @@ class DirectLight:
             light["end_traced"] = self._traced[0]
         return light
 
-    def estimate(self, frame: FrameState, resources: Resources, position: F32, normal: F32, rays: int = 1) -> F32:
+    def estimate(self, frame: FrameState, resources: Resources, position: F32, normal: F32, rays: int = 1,
+                 smooth: Callable[[F32], F32] = lambda traced: traced) -> F32:
         """Irradiance / π at N points, shape (N, 3); of lights whose shadows are traced, the mean of so many ``rays``.
 
         Of these a ratio of visible to unshadowed light would be biased, for a single ray sees one light only.
+
+        Parameters
+        ----------
+        smooth : callable, optional
+            Takes some of the noise from light of that kind, shape (N, 3).
         """
         at_once = math.prod(self._layout)
-        light = np.zeros_like(position)
+        light, of_traced = np.zeros_like(position), np.zeros_like(position)
         for number, first in enumerate(range(0, len(position), at_once)):
             rows = slice(first, first + at_once)
             count = len(position[rows])
@@ -127,8 +133,8 @@ class DirectLight:
             light[rows] = self.draw(frame, resources, None)[:count]
             first_sample = (frame.index + number) * rays
             if (traced := self.trace(frame, range(first_sample, first_sample + rays))) is not None:
-                light[rows] += traced[0].reshape(-1, 4)[:count, :3] / np.float32(math.pi)
-        return light
+                of_traced[rows] = traced[0].reshape(-1, 4)[:count, :3] / np.float32(math.pi)
+        return light if self._rays is None else light + smooth(of_traced)
 
     def _bind(self, program: Program, names: tuple[str, ...], first_unit: int) -> None:
         """Bind textures to the samplers of their names, in the units from the first one on."""

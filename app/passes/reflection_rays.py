@@ -21,7 +21,7 @@ from app.graph import BoundPass, Pass, Tex
 from app.math3d import GOLDEN_RATIO, R2, put_rows, row_dots
 from app.network.channels import HALF_MAX
 from app.passes.surfel_buffer import SurfelBuffer
-from app.raycast.caster import Caster
+from app.raycast.caster import Caster, Hits
 from app.scene import Environment
 from app.surfels.tracked import TrackedSurfels
 
@@ -30,6 +30,10 @@ FRAME_RAYS = {MotionKind.NONE: 2**15, MotionKind.CAMERA: 2**12, MotionKind.OBJEC
 SHADOW_RAYS_AT_REST = 4  # at their ends, since mirrors are shown pixel by pixel then, and nothing averages their noise
 LIT_AT_ONCE = 64, 64   # ends of rays that direct light is drawn at together, as a grid
 MAX_UNIT_ERROR = 0.1  # of a direction's squared length
+# Ends of rays whose light is averaged:
+MAX_APART = 0.1       # of a ray's length, their distance
+MAX_SLOPE = 0.1       # of the line between them over the surface at one of them
+SAME_NORMAL = 0.95    # cosine of the angle between their normals
 TRACED_SIDE = 8       # texels along the edges of what a work group of reflection_trace.comp traces
 
 
@@ -70,9 +74,10 @@ def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: Trac
             lookup = surfels.lookup
             of_surfels = lookup.smooth(_light_of(surfels, bound, resources))
 
-            def light_at(at: F32, facing: F32) -> F32:
-                light = direct.estimate(frame, resources, at, facing, shadow_rays)
-                return light + lookup.interpolate(of_surfels, at, facing)
+            def light_at(met: Bools, ends: Hits) -> F32:
+                light = direct.estimate(frame, resources, ends.position, ends.normal, shadow_rays,
+                                        lambda traced: _averaged(traced, rows[met], grid, ends))
+                return light + lookup.interpolate(of_surfels, ends.position, ends.normal)
 
             shift = frame.view.eye - surfels.caster.origin
             origin = _read(resources, prefix + "reflection_origin").take(rows, axis=0)[:, :3] + shift
@@ -135,16 +140,48 @@ def _choose(ray: F32, threshold: F32, budget: int) -> Ints:
         return rows[np.abs(row_dots(direction, direction) - 1) < MAX_UNIT_ERROR]
 
 
-def _trace(caster: Caster, light_at: Callable[[F32, F32], F32], environment: Environment | None, origin: F32,
+def _averaged(light: F32, rows: Ints, grid: tuple[int, int], ends: Hits) -> F32:
+    """The mean of light at each ray's end and at those of the texels around, if they are near and on a flat surface.
+
+    Few shadow rays say little of many lights. What is reflected stays sharp, but for traced shadows.
+
+    Parameters
+    ----------
+    rows : ndarray, int64, shape (N,)
+        Texels of a ``grid`` of width and height that the rays start from.
+    """
+    position, normal, reach = ends.position, ends.normal, MAX_APART * ends.distance
+    index = np.full((grid[1] + 2, grid[0] + 2), -1, np.int64)
+    y, x = np.divmod(rows, grid[0])
+    index[y + 1, x + 1] = np.arange(len(rows))
+    total, count = light.copy(), np.ones(len(rows), np.float32)
+    for up, right in ((0, 1), (1, 0), (1, 1), (1, -1), (0, -1), (-1, 0), (-1, -1), (-1, 1)):
+        other = index[y + 1 + up, x + 1 + right]
+        away = position.take(other, axis=0) - position
+        height, span = row_dots(away, normal), row_dots(away, away)
+        alike = ((other >= 0) & (span < reach * reach) & (height * height <= MAX_SLOPE**2 * span)
+                 & (row_dots(normal.take(other, axis=0), normal) > SAME_NORMAL))
+        total += light.take(other, axis=0) * alike[:, None]
+        count += alike
+    return np.asarray(total / count[:, None], np.float32)
+
+
+def _trace(caster: Caster, light_at: Callable[[Bools, Hits], F32], environment: Environment | None, origin: F32,
            direction: F32) -> F32:
-    """Radiance along rays and their lengths, shape (N, 4); ``light_at`` gives irradiance / π at points with normals."""
+    """Radiance along rays and their lengths, shape (N, 4).
+
+    Parameters
+    ----------
+    light_at : callable
+        Takes which of the rays meet something, and what; gives irradiance / π there.
+    """
     finite: Bools = np.asarray(np.isfinite(origin).all(axis=1))
     hits = caster.cast(np.where(finite[:, None], origin, 0), direction)
     found = np.zeros((len(origin), 4), np.float32)
     met, sky = finite & (hits.body >= 0), finite & (hits.body < 0)
     if met.any():
         at = hits.select(met)
-        found[met, :3] = at.traced_emission + at.albedo * light_at(at.position, at.normal)
+        found[met, :3] = at.traced_emission + at.albedo * light_at(met, at)
         found[met, 3] = at.distance
     if environment is not None and sky.any():
         found[sky, :3] = radiance_along(environment, direction[sky].astype(np.float64))

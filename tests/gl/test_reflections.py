@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from app.network.selection import SSGI, Model, find_model
-from app.passes import reflection
+from app.passes import reflection, reflection_rays
 from app.renderer import Renderer
 from app.scene import Camera, Environment, Material, PointLight, Scene, Texture
 from app.settings import Settings
@@ -102,6 +103,44 @@ def test_a_mirror_at_rest_becomes_as_sharp_as_the_picture(small_ember: Path, mon
     images = [image["reflection"] for image in draw(room(), small_ember, (CAMERA,) * 20)]
     assert mixed_share(images[0]) > 0.2
     assert mixed_share(images[-1]) <= 1 / 8  # at most one pixel of each row
+
+
+def test_a_mirror_at_rest_has_few_speckles(small_ember: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where most light of the lamps is hidden, few shadow rays find the rest; it stays as bright as it was."""
+    size = (192, 144)
+    coarsen(monkeypatch, size)
+    chest = box((0.3, 0.02, 0.2), (0.9, 0.5, 0.8), WHITE)
+    hidden = [PointLight((x, 0.3, z), (9.0, 9.0, 9.0), radius=0.02) for x in (0.4, 0.6, 0.8) for z in (0.3, 0.7)]
+    scene = replace(room(MIRROR, chest), lights=(LAMP, *hidden))
+
+    def seen() -> Image:
+        image = draw(scene, small_ember, (CAMERA,) * 17, size)[-1]["reflection"][60:84, 60:132]
+        return np.asarray(image.mean(axis=-1))
+
+    light = seen()
+    monkeypatch.setattr(reflection_rays, "SAME_NORMAL", 2.0)
+    noisy = seen()
+    speckles, without = (float((a > 1.2 * around(a).max(axis=0))[1:-1, 1:-1].mean()) for a in (light, noisy))
+    print(f"SPECKLES {speckles:.4f}, {without:.4f} without the mean; light {light.mean() / noisy.mean():.3f}")
+    assert without > 0.03
+    assert speckles < without / 3
+    assert light.mean() == pytest.approx(noisy.mean(), rel=0.03)
+
+
+def around(image: Image) -> Image:
+    """The eight pixels around each, shape (8, h, w)."""
+    return np.stack([np.roll(image, (y, x), (0, 1)) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0)])
+
+
+def test_only_ends_of_rays_on_one_flat_surface_share_their_light() -> None:
+    """Rays from a row of texels, of which one has no ray: two end on a floor, two on a wall, two far apart."""
+    rows = np.array([0, 1, 2, 3, 5, 6])
+    position = np.float32([[0, 0, 0], [1, 0, 0], [2, 1, 0], [2, 2, 0], [3, 0, 0], [9, 0, 0]])
+    normal = np.float32([[0, 1, 0], [0, 1, 0], [-1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, 1, 0]])
+    light = np.float32([[1, 1, 1], [3, 3, 3], [10, 0, 0], [20, 0, 0], [7, 7, 7], [8, 8, 8]])
+    ends = SimpleNamespace(position=position, normal=normal, distance=np.full(6, 20, np.float32))
+    found = reflection_rays._averaged(light, rows, (7, 1), ends)  # type: ignore[arg-type]
+    np.testing.assert_allclose(found, [[2, 2, 2], [2, 2, 2], [15, 0, 0], [15, 0, 0], [7, 7, 7], [8, 8, 8]])
 
 
 def rod(center: tuple[float, float, float], radius: float, height: float, material: Material) -> Part:
