@@ -161,7 +161,7 @@ def _averaged(light: F32, rows: Ints, grid: tuple[int, int], ends: Hits) -> F32:
         height, span = row_dots(away, normal), row_dots(away, away)
         alike = ((other >= 0) & (span < reach * reach) & (height * height <= MAX_SLOPE**2 * span)
                  & (row_dots(normal.take(other, axis=0), normal) > SAME_NORMAL))
-        total += light.take(other, axis=0) * alike[:, None]
+        total += np.where(alike[:, None], light.take(other, axis=0), 0)
         count += alike
     return np.asarray(total / count[:, None], np.float32)
 
