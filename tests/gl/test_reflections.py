@@ -220,7 +220,7 @@ def test_a_scene_without_shiny_surfaces_has_no_reflections(small_ember: Path) ->
 def test_rough_surfaces_trace_no_rays(small_ember: Path) -> None:
     names, culled = passes(room(replace(ROUGH_METAL, roughness=0.7)), small_ember)
     assert not any(name.startswith("reflection") for name in names)
-    assert culled["reflection_rays"] == "all surfaces are too rough for rays"
+    assert culled["reflection_rays"] == "all opaque surfaces are too rough for rays"
 
 
 @pytest.mark.parametrize("roughness", [0.7, 0.2])
