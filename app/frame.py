@@ -443,8 +443,7 @@ def _reflections(inputs: FrameInputs) -> Iterator[Step]:
     else:
         yield from _absent("there is no clear coat, and nothing smooth that is seen through", *OUTER_PASSES)
     if "reflection" in settings.outputs:
-        has_detail = inputs.has_reflected_rays and inputs.has_reflection_detail
-        yield reflection.declare(grid, _reflecting(inputs), has_detail)
+        yield reflection.declare(grid, _reflecting(inputs))
     else:
         yield Absent("reflection", "not asked for by --aov; composite adds reflections itself")
 
@@ -479,11 +478,9 @@ def _reflecting(inputs: FrameInputs) -> tuple[str, ...]:
 
 
 def _composite(inputs: FrameInputs) -> Pass:
-    has_detail = inputs.has_reflected_rays and inputs.has_reflection_detail
     surfaces = _reflecting(inputs) if inputs.why_no_reflections is None else ()
     return composite.declare(inputs.models.indirect is not None, "opaque_lit" if inputs.has_see_through else "lit",
-                             surfaces, reflection.grid(inputs.settings.render_size), has_detail,
-                             "clearcoat" in inputs.layers)
+                             surfaces, reflection.grid(inputs.settings.render_size))
 
 
 def _network(inputs: FrameInputs, model: Network | RepeatedNetwork, grid: Size, target: str) -> Iterator[Step]:

@@ -4,8 +4,7 @@ from app.graph import Pass, Tex
 from app.passes.reflection import make_with_reflections
 
 
-def declare(has_indirect: bool, target: str, reflection: tuple[str, ...], grid: tuple[int, int],
-            has_detail: bool, has_clearcoat: bool) -> Pass:
+def declare(has_indirect: bool, target: str, reflection: tuple[str, ...], grid: tuple[int, int]) -> Pass:
     """Albedo and occlusion are read only where there is indirect light to modulate.
 
     Parameters
@@ -14,11 +13,10 @@ def declare(has_indirect: bool, target: str, reflection: tuple[str, ...], grid: 
         What reflections are made of; none without them.
     grid : tuple of int
         Width and height of the grid of reflections.
-    has_detail : bool
-        Whether these are gathered at full resolution too.
     """
     return Pass("composite", reads=("direct", *(("indirect", "albedo") if has_indirect else ()), *reflection),
-                optional=("emission", "specular", *(("outer_reflection",) if has_clearcoat else ()), "background",
+                optional=("emission", "specular", "background",
+                          *(("outer_reflection",) if "clearcoat" in reflection else ()),
                           *(("occlusion",) if has_indirect else ())),
                 writes={target: Tex("f2", 4)},
-                make=make_with_reflections("composite.frag", grid, has_detail))
+                make=make_with_reflections("composite.frag", grid))

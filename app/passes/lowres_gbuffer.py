@@ -4,11 +4,11 @@ from app.gl.fullscreen import make_fullscreen, ratio_to
 from app.graph import Pass, Tex
 
 
-def declare(name: str, grid: tuple[int, int], normals: str = "normal",
-            depths: str = "depth") -> Pass:
+def declare(name: str, grid: tuple[int, int], normals: str = "normal", depths: str = "depth") -> Pass:
     """Over a low-resolution ``grid`` of width and height; pass and resource are called ``name``.
 
-    ``normals`` are what texels get: ``smooth_normal`` where those of one surface must be alike, whatever its bumps.
+    ``normals`` and ``depths`` are what texels get: ``smooth_normal`` where normals of one surface must be alike,
+    whatever its bumps.
     """
     return Pass(name, reads=(normals, depths), writes={name: Tex("f4", 4, size=grid)},
                 make=make_fullscreen("lowres_gbuffer.frag", lambda frame: {"ratio": ratio_to(grid, frame)},

@@ -50,12 +50,12 @@ def declare_march(grid: Size, extent: float, has_history: bool, prefix: str = ""
 
     Parameters
     ----------
-    prefix : str
-        ``outer_`` for rays of outer surfaces (``outer_surface``) instead of those of the G-buffer.
     extent : float
         The scene's longest edge in scene units.
     has_history : bool
         Whether frames are gathered. Then each has other rays; otherwise they are fixed per texel.
+    prefix : str
+        ``outer_`` for rays of outer surfaces (``outer_surface``) instead of those of the G-buffer.
     """
     texels = Tex("f4", 4, size=grid)
     surfaces = "reflection_gbuffer", "normal", "depth", "albedo", "specular_roughness"
@@ -125,21 +125,24 @@ def surfaces_read(has_rays: bool, has_detail: bool, has_clearcoat: bool) -> tupl
             *(("reflection_detail",) if has_rays and has_detail else ()))
 
 
-def make_with_reflections(fragment: str, grid: Size, has_detail: bool, defines: Mapping[str, object] | None = None,
+def make_with_reflections(fragment: str, grid: Size, defines: Mapping[str, object] | None = None,
                           strip: str = "") -> Callable[[Device, BoundPass], Execute]:
-    """``Pass.make`` of a full-screen pass with ``reflected_light.glsl``; at rest it has a shader of its own."""
+    """``Pass.make`` of a full-screen pass with ``reflected_light.glsl``; with detail, at rest it has another shader."""
     def draw(variant: dict[str, object]) -> Callable[[Device, BoundPass], Execute]:
         return make_fullscreen(fragment, lambda frame: {"ratio": ratio_to(grid, frame)}, {**(defines or {}), **variant},
                                strip)
 
     def make(device: Device, bound: BoundPass) -> Execute:
-        moving, resting = draw({})(device, bound), draw({"AT_REST": 1})(device, bound)
+        moving = draw({})(device, bound)
+        if strip + "reflection_detail" not in bound.reads:
+            return moving
+        resting = draw({"AT_REST": 1})(device, bound)
         return lambda frame, resources: (resting if _is_at_rest(frame) else moving)(frame, resources)
 
-    return make if has_detail else draw({})
+    return make
 
 
-def declare(grid: Size, surfaces: tuple[str, ...], has_detail: bool) -> Pass:
+def declare(grid: Size, surfaces: tuple[str, ...]) -> Pass:
     """What is seen of reflections, at full resolution; of those of opaque surfaces, what ``composite`` adds by itself.
 
     Parameters
@@ -148,7 +151,7 @@ def declare(grid: Size, surfaces: tuple[str, ...], has_detail: bool) -> Pass:
         What ``surfaces_read`` gives.
     """
     return Pass("reflection", reads=("indirect", *surfaces), optional=("outer_reflection",),
-                writes={"reflection": Tex("f2", 4)}, make=make_with_reflections("reflection.frag", grid, has_detail))
+                writes={"reflection": Tex("f2", 4)}, make=make_with_reflections("reflection.frag", grid))
 
 
 def declare_outer(grid: Size, has_detail: bool, prefix: str) -> Pass:
@@ -156,7 +159,7 @@ def declare_outer(grid: Size, has_detail: bool, prefix: str) -> Pass:
     reads = "albedo", *surfaces_read(True, has_detail, has_clearcoat=False)
     return Pass(prefix + "reflection", reads=("indirect", *(prefix + name for name in reads)),
                 writes={prefix + "reflection": Tex("f2", 4)},
-                make=make_with_reflections("reflection.frag", grid, has_detail, {"OF_OUTER": 1}, prefix))
+                make=make_with_reflections("reflection.frag", grid, {"OF_OUTER": 1}, prefix))
 
 
 def _is_at_rest(frame: FrameState) -> bool:

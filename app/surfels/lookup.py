@@ -62,10 +62,8 @@ class SurfelLookup:
             How many surfels count at a point. On the surfaces of two rooms, the mean error against all surfels was 2 %
             with 8 of them and 0.6 % with 16, which take twice as long.
         """
-        position = position - self._center
-        cells = self._find_cells(position, normal)  # first, since it may add candidates
-        near = self._candidates[:, :candidates].T.take(cells, axis=1)
-        return _mean(self._weights(position, normal, near), light, near)
+        near, weights = self._nearest(position, normal, candidates)
+        return _mean(weights, light, near)
 
     def interpolate_seen(self, light: F32, position: F32, normal: F32, caster: Caster) -> tuple[F32, Bools]:
         """The same of those surfels alone that the points see, and whether they see any that matters, shape (N,).
@@ -75,10 +73,7 @@ class SurfelLookup:
         caster : Caster
             Of the scene that the surfels are on.
         """
-        centred = position - self._center
-        cells = self._find_cells(centred, normal)  # first, since it may add candidates
-        near = self._candidates.T.take(cells, axis=1)
-        weights = self._weights(centred, normal, near)
+        near, weights = self._nearest(position, normal, MAX_CANDIDATES)
         weights[weights < MIN_TESTED] = 0
         rank, point = np.nonzero(weights)
         surfel = near[rank, point]
@@ -106,6 +101,13 @@ class SurfelLookup:
                 smooth = self.interpolate(smooth, *self._surfels, MAX_CANDIDATES)
             self._smoothed = light, smooth
         return self._smoothed[1]
+
+    def _nearest(self, position: F32, normal: F32, candidates: int) -> tuple[Ints, F32]:
+        """The surfels that count most at points (N, 3) of local space, and their weights, both shape (K, N)."""
+        position = position - self._center
+        cells = self._find_cells(position, normal)  # first, since it may add candidates
+        near = self._candidates[:, :candidates].T.take(cells, axis=1)
+        return near, self._weights(position, normal, near)
 
     def _weights(self, position: F32, normal: F32, near: Ints) -> F32:
         """Weights that sum to 1, shape (K, N), of surfels ``near`` (K, N) at points (N, 3); docs/ember.md."""
