@@ -36,6 +36,9 @@ uniform sampler2D outer_specular_roughness;
 #define outer_albedo albedo
 #define outer_specular_roughness specular_roughness
 #endif
+#ifdef HAS_PEEL0_DEPTH
+uniform sampler2D peel0_depth;  // of the nearest layer of what is seen through
+#endif
 uniform vec2 ratio;          // full-resolution texels per low-resolution texel
 uniform vec2 noise_offset;   // of the two noise patterns in this frame
 uniform vec2 inside;         // where in a texel its ray starts, in [0, 1), so that frames cover it
@@ -64,12 +67,21 @@ bool is_behind(vec3 at)
     return is_surface(there) && marched_depth(at.z) > there + BIAS * depth_scale(there);
 }
 
+#ifdef HAS_PEEL0_DEPTH
+bool is_behind_layer(vec3 at)
+{
+    float there = texelFetch(peel0_depth, clamp(ivec2(at.xy), ivec2(0), textureSize(peel0_depth, 0) - 1), 0).r;
+    return is_surface(there) && marched_depth(at.z) > there + BIAS * depth_scale(there);
+}
+#endif
+
 bool is_shiny(vec4 reflectance)
 {
     return ray_share(reflectance.a) > 0.0 && max(max(reflectance.r, reflectance.g), reflectance.b) > 0.0;
 }
 
-// Length at which the ray from p along l meets what the screen shows, or NOT_SHOWN.
+// Length at which the ray from p along l meets what the screen shows, or NOT_SHOWN, also where a layer that is seen through may
+// be on the way: only traced rays are tinted.
 float march(vec3 p, vec3 l, float jitter)
 {
     vec3 view = mat3(view_from_relative) * p, along = mat3(view_from_relative) * l;
@@ -79,7 +91,10 @@ float march(vec3 p, vec3 l, float jitter)
     vec2 moves = to.xy - from.xy, room = mix(from.xy, image.xy - from.xy, greaterThan(moves, vec2(0.0)));
     float border = min(min(room.x / max(abs(moves.x), 1e-6), room.y / max(abs(moves.y), 1e-6)), 1.0);
     float begin = START * ratio.x / max(length(moves), 1e-6);
-    bool behind = false;
+    bool behind = false, crosses = false;
+#ifdef HAS_PEEL0_DEPTH
+    bool starts_behind = is_behind_layer(from);
+#endif
     float before = begin, at = begin;
     int i = 0;
     do {
@@ -87,8 +102,11 @@ float march(vec3 p, vec3 l, float jitter)
         before = at;
         at = mix(begin, border, share * share);
         behind = is_behind(mix(from, to, at));
-    } while (!behind && ++i < steps);
-    if (!behind || begin >= border) return NOT_SHOWN;
+#ifdef HAS_PEEL0_DEPTH
+        crosses = is_behind_layer(mix(from, to, at)) != starts_behind;
+#endif
+    } while (!behind && !crosses && ++i < steps);
+    if (!behind || crosses || begin >= border) return NOT_SHOWN;
     for (int j = 0; j < refinements; ++j) {
         float middle = 0.5 * (before + at);
         bool is_hit = is_behind(mix(from, to, middle));

@@ -9,7 +9,7 @@ const float MIN_RATIO = 1e-4;        // of a ray's length to the depth where it 
 
 uniform sampler2D reflection_origin;  // relative space; a: 1, -1 on another surface than the texel's
 uniform sampler2D reflection_ray;     // direction; a: length if the screen shows the end
-uniform sampler2D reflection_traced;  // radiance; a: length, 0 where no ray was traced
+uniform sampler2D reflection_traced;  // radiance; a: length, negative where it passes glass, 0 where no ray was traced
 uniform sampler2D normal;
 uniform sampler2D depth;
 uniform sampler2D direct;
@@ -63,8 +63,8 @@ void main()
     vec4 traced = texelFetch(reflection_traced, low, 0);
     vec4 origin = texelFetch(reflection_origin, low, 0);
     float here = -(mat3(view_from_relative) * origin.xyz).z;
-    bool is_shown = ray.a > 0.0 && is_finite(ray.a), is_traced = !is_shown && traced.a > 0.0 && is_finite(traced.a);
-    float t = is_shown ? ray.a : is_traced ? traced.a : 0.0;
+    bool is_shown = ray.a > 0.0 && is_finite(ray.a), is_traced = !is_shown && traced.a != 0.0 && is_finite(traced.a);
+    float t = is_shown ? ray.a : is_traced ? abs(traced.a) : 0.0;
     vec3 end = origin.xyz + t * ray.xyz;
     vec3 view = mat3(view_from_relative) * end;
     ivec2 texel = ivec2(floor(project(view, lens.xy, lens.zw).xy));
@@ -74,7 +74,7 @@ void main()
     vec3 n = sanitize_normal(texelFetch(normal, texel, 0).xyz);
     float away = dot(n, end - surface_point(vec2(texel) + 0.5, d));
     bool seen = inside && is_surface(d) && dot(n, ray.xyz) < 0.0
-        && (is_shown || (abs(away) <= PLANE_TOLERANCE * depth_scale(d)
+        && (is_shown || (traced.a > 0.0 && abs(away) <= PLANE_TOLERANCE * depth_scale(d)
             && !is_metallic(texelFetch(albedo, texel, 0).rgb, texelFetch(specular_roughness, texel, 0).rgb)));
     vec3 light = seen ? sent_by(texel) : is_traced ? sanitize_radiance(traced.rgb) : vec3(0.0);
     bool counts = is_surface(here) && (seen ? is_known(texel) : is_traced && is_finite(dot(traced.rgb, vec3(1.0))));

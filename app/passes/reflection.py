@@ -60,7 +60,7 @@ def declare_march(grid: Size, extent: float, has_history: bool, prefix: str = ""
     texels = Tex("f4", 4, size=grid)
     surfaces = "reflection_gbuffer", "normal", "depth", "albedo", "specular_roughness"
     starts = tuple(prefix + name for name in surfaces) if prefix else ()
-    return Pass(prefix + "reflection_march", reads=(*surfaces, *starts),
+    return Pass(prefix + "reflection_march", reads=(*surfaces, *starts), optional=("peel0_depth",),
                 writes={prefix + "reflection_origin": texels, prefix + "reflection_ray": texels},
                 make=make_fullscreen("reflection_march.frag", lambda frame: {
                     "ratio": ratio_to(grid, frame), "noise_phase": frame.noise_phase, "steps": MARCH_STEPS,

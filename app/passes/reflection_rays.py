@@ -74,10 +74,10 @@ def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: Trac
             lookup = surfels.lookup
             of_surfels = lookup.smooth(_light_of(surfels, bound, resources))
 
-            def light_at(met: Bools, ends: Hits) -> F32:
-                light = direct.estimate(frame, resources, ends.position, ends.normal, shadow_rays,
-                                        lambda traced: _averaged(traced, rows[met], grid, ends))
-                return light + lookup.interpolate(of_surfels, ends.position, ends.normal)
+            def light_at(hits: Hits, ends: Ints) -> F32:
+                light = direct.estimate(frame, resources, hits.position, hits.normal, shadow_rays,
+                                        lambda traced: _averaged(traced, rows.take(ends), grid, hits))
+                return light + lookup.interpolate(of_surfels, hits.position, hits.normal)
 
             shift = frame.view.eye - surfels.caster.origin
             origin = _read(resources, prefix + "reflection_origin").take(rows, axis=0)[:, :3] + shift
@@ -140,52 +140,60 @@ def _choose(ray: F32, threshold: F32, budget: int) -> Ints:
         return rows[np.abs(row_dots(direction, direction) - 1) < MAX_UNIT_ERROR]
 
 
-def _averaged(light: F32, rows: Ints, grid: tuple[int, int], ends: Hits) -> F32:
+def _averaged(light: F32, rows: Ints, grid: tuple[int, int], hits: Hits) -> F32:
     """The mean of light at each ray's end and at those of the texels around, if they are near and on a flat surface.
 
     Few shadow rays say little of many lights. What is reflected stays sharp, but for traced shadows.
 
     Parameters
     ----------
+    light : ndarray, float32, shape (M, 3)
+        At ``hits``; those that are not the end of a ray keep theirs.
     rows : ndarray, int64, shape (N,)
-        Texels of a ``grid`` of width and height that the rays start from.
+        Texels of a ``grid`` of width and height that the rays start from whose ends are the first hits.
     """
-    position, normal, reach = ends.position, ends.normal, MAX_APART * ends.distance
+    ends = len(rows)
+    position, normal, reach = hits.position[:ends], hits.normal[:ends], MAX_APART * hits.distance[:ends]
     index = np.full((grid[1] + 2, grid[0] + 2), -1, np.int64)
     y, x = np.divmod(rows, grid[0])
-    index[y + 1, x + 1] = np.arange(len(rows))
-    total, count = light.copy(), np.ones(len(rows), np.float32)
+    index[y + 1, x + 1] = np.arange(ends)
+    total, count = light.copy(), np.ones(len(light), np.float32)
     for up, right in ((0, 1), (1, 0), (1, 1), (1, -1), (0, -1), (-1, 0), (-1, -1), (-1, 1)):
         other = index[y + 1 + up, x + 1 + right]
         away = position.take(other, axis=0) - position
         height, span = row_dots(away, normal), row_dots(away, away)
         alike = ((other >= 0) & (span < reach * reach) & (height * height <= MAX_SLOPE**2 * span)
                  & (row_dots(normal.take(other, axis=0), normal) > SAME_NORMAL))
-        total += np.where(alike[:, None], light.take(other, axis=0), 0)
-        count += alike
+        total[:ends] += np.where(alike[:, None], light.take(other, axis=0), 0)
+        count[:ends] += alike
     return np.asarray(total / count[:, None], np.float32)
 
 
-def _trace(caster: Caster, light_at: Callable[[Bools, Hits], F32], environment: Environment | None, origin: F32,
+def _trace(caster: Caster, light_at: Callable[[Hits, Ints], F32], environment: Environment | None, origin: F32,
            direction: F32) -> F32:
-    """Radiance along rays and their lengths, shape (N, 4).
+    """Radiance along rays and their lengths, to what is most seen, shape (N, 4); negative where they pass something.
 
     Parameters
     ----------
     light_at : callable
-        Takes which of the rays meet something, and what; gives irradiance / π there.
+        Takes what is met, and which of the rays end at the first of it; gives irradiance / π there.
     """
     finite: Bools = np.asarray(np.isfinite(origin).all(axis=1))
-    hits = caster.cast(np.where(finite[:, None], origin, 0), direction)
+    met = caster.cast_through(np.where(finite[:, None], origin, 0), direction)
     found = np.zeros((len(origin), 4), np.float32)
-    met, sky = finite & (hits.body >= 0), finite & (hits.body < 0)
-    if met.any():
-        at = hits.select(met)
-        found[met, :3] = at.traced_emission + at.albedo * light_at(met, at)
-        found[met, 3] = at.distance
-    if environment is not None and sky.any():
-        found[sky, :3] = radiance_along(environment, direction[sky].astype(np.float64))
-    found[sky, 3] = SKY_DISTANCE * caster.extent
+    is_sky = met.hits.body < 0
+    seen = np.flatnonzero(finite.take(met.ray) & ~is_sky)
+    if len(seen):
+        at, ray, share = met.hits.select(seen), met.ray.take(seen), met.share.take(seen, axis=0)
+        np.add.at(found[:, :3], ray, share * (at.traced_emission + at.albedo * light_at(at, ray[seen < len(origin)])))
+    sky = np.flatnonzero(finite & is_sky[:len(origin)])
+    if environment is not None and len(sky):
+        found[sky, :3] += met.share.take(sky, axis=0) * radiance_along(environment, direction[sky].astype(np.float64))
+    distance = np.where(is_sky, SKY_DISTANCE * caster.extent, met.hits.distance)
+    order = np.argsort(met.share.sum(axis=1))  # the last one of a ray is the one most seen
+    found[met.ray[order], 3] = distance[order]
+    found[met.ray[len(origin):], 3] *= -1
+    found[~finite, 3] = 0
     return found
 
 

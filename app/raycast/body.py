@@ -224,16 +224,33 @@ class Body:
     def is_passed(self, triangle: Ints, uv: F32, directions: F32, is_tinted: bool = False) -> Bools:
         """Whether what moves along ``directions`` goes through the surface there, shape (N,).
 
-        It passes culled backs, and holes of masks; blended and transmissive surfaces are tested against a hash of the
-        hit (Wyman and McGuire 2017). They let pass as much as they do on the mean of the channels, or of the brightest
-        channel where what passes is tinted then.
+        What passes in part is tested against a hash of the hit (Wyman and McGuire 2017). As much passes as does on the
+        mean of the channels, or of the brightest channel where what passes is tinted then.
         """
         passed: Bools = np.zeros(len(triangle), np.bool_)
+        met, share = self._passing_where_passable(triangle, uv, directions)
+        passed[met] = ~(1 - (share.max if is_tinted else share.mean)(axis=1) > _hash(uv[met]))
+        return passed
+
+    def passing(self, triangle: Ints, uv: F32, directions: F32) -> F32:
+        """Shares of light along ``directions`` that go on behind the surface there, or the void, shape (N, 3)."""
+        shares = np.zeros((len(triangle), 3), np.float32)
+        met, share = self._passing_where_passable(triangle, uv, directions)
+        put_rows(shares, met, share)
+        return shares
+
+    def _passing_where_passable(self, triangle: Ints, uv: F32, directions: F32) -> tuple[Ints, F32]:
+        """Indices of the hits on what light can pass, and the shares that do, shape (M, 3).
+
+        Light passes culled backs, holes of masks, and blended and transmissive surfaces in part.
+        """
         met = np.flatnonzero(triangle >= 0)
-        material = self.material[triangle[met]]
-        backs = met[self.one_sided[material]]
-        passed[backs] = ~self._is_front(triangle[backs], directions[backs])
-        for index, rows in self._by_material(met[self.alpha_tested[material]], triangle):
+        material = self.material.take(triangle.take(met))
+        met = met[(self.one_sided | self.alpha_tested)[material]]
+        triangle, uv = triangle.take(met), uv.take(met, axis=0)
+        material = self.material.take(triangle)
+        shares = np.zeros((len(met), 3), np.float32)
+        for index, rows in self._by_material(np.flatnonzero(self.alpha_tested[material]), triangle):
             m = self.materials[index]
             at = triangle[rows], uv[rows]
             alpha = np.full(len(rows), m.alpha, np.float32)
@@ -241,13 +258,14 @@ class Body:
                 alpha *= self._interpolate(self.colors, *at)[:, 3]
             if m.albedo_map is not None:
                 alpha *= sample_nearest(m.albedo_map, self._interpolate(self.uvs[0], *at))[:, 3]
-            if m.is_see_through:  # some rays pass, as much light as does
-                share = self._passing(m, *at)[0]
-                opacity = (alpha if m.is_blended else 1.0) * (1 - (share.max if is_tinted else share.mean)(axis=1))
-                passed[rows] |= ~(opacity > _hash(uv[rows]))
+            if m.is_see_through:
+                coverage = alpha[:, None] if m.is_blended else np.float32(1)
+                shares[rows] = np.nan_to_num(1 - coverage * (1 - self._passing(m, *at)[0]), nan=1.0).clip(0, 1)
             if m.alpha_cutoff is not None:
-                passed[rows] |= ~(alpha >= m.alpha_cutoff)
-        return passed
+                shares[rows[~(alpha >= m.alpha_cutoff)]] = 1
+        backs = np.flatnonzero(self.one_sided[material])
+        shares[backs[~self._is_front(triangle[backs], directions.take(met[backs], axis=0))]] = 1
+        return met, shares
 
     def _tint(self, triangle: Ints, uv: F32, directions: F32) -> F32:
         """Light in each channel over that in the brightest one, (N, 3), where rays of ``directions`` pass surfaces."""

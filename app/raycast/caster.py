@@ -6,7 +6,7 @@ that an animation moves or deforms a last one, which is built anew when it chang
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -77,6 +77,33 @@ class Hits:
         """The hits at indices, or at a mask."""
         indices = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows
         return Hits(*(values.take(indices, axis=0) for values in vars(self).values()))
+
+    def put(self, rows: Ints, hits: Hits) -> None:
+        """Replace the hits at indices."""
+        for target, values in zip(vars(self).values(), vars(hits).values(), strict=True):
+            if target.ndim == 1:
+                target[rows] = values
+            else:
+                put_rows(target, rows, values)
+
+
+@dataclass(frozen=True, eq=False)
+class MetHits:
+    """What N rays meet on their way and where they end, M hits in all.
+
+    Attributes
+    ----------
+    hits : Hits
+        First the ends of the rays, in order.
+    ray : ndarray of int, shape (M,)
+        The ray that each is on.
+    share : ndarray, float32, shape (M, 3)
+        In ``Caster.cast_through``'s result: of the radiance of each, what arrives at the ray's origin.
+    """
+
+    hits: Hits
+    ray: Ints
+    share: F32
 
 
 def concatenate(parts: Sequence[Hits]) -> Hits:
@@ -188,18 +215,34 @@ class Caster:
         t_max : ndarray, float32, shape (N,), optional
             Distance at which each ray ends, in lengths of its direction; default infinite.
         """
+        return self._cast(origins, directions, range(len(self.bodies)) if bodies is None else bodies, t_max, None)
+
+    def cast_through(self, origins: F32, directions: F32) -> MetHits:
+        """Find all that is seen along rays: the nearest surface that nothing passes, and those that some light passes.
+
+        Parameters
+        ----------
+        origins, directions : ndarray, float32, shape (N, 3)
+            In local space.
+        """
+        ray, passing = np.arange(len(origins)), np.zeros_like(origins)
+        passed: list[MetHits] = []
+        parts = [MetHits(self._cast(origins, directions, range(len(self.bodies)), None, passed), ray, passing), *passed]
+        met = MetHits(concatenate([p.hits for p in parts]), *(np.concatenate(values) for values in zip(
+            *((p.ray, p.share) for p in parts), strict=True)))
+        return _in_front(met, len(origins))
+
+    def _cast(self, origins: F32, directions: F32, bodies: Iterable[int], t_max: F32 | None,
+              passed: list[MetHits] | None) -> Hits:
+        """``cast``, which adds what is passed in part, and the share that is, instead of choosing rays that pass."""
         count = len(origins)
         position, normal, albedo, emission = np.zeros((4, count, 3), np.float32)
         distance = np.full(count, np.inf, np.float32) if t_max is None else t_max.copy()
         hits = Hits(position, normal, albedo, emission, distance, np.full(count, -1, np.int64),
                     np.zeros(count, np.bool_), np.full(count, -1, np.int64), np.zeros((count, 2), np.float32))
-        for index in range(len(self.bodies)) if bodies is None else bodies:
-            self._cast_at(index, origins, directions, hits)
-        met = hits.body >= 0
-        hits.distance[~met] = np.inf
-        rows = np.flatnonzero(met)
-        along = directions.take(rows, axis=0) * hits.distance.take(rows)[:, None]
-        put_rows(hits.position, rows, origins.take(rows, axis=0) + along)
+        for index in bodies:
+            self._cast_at(index, origins, directions, hits, passed)
+        hits.distance[hits.body < 0] = np.inf
         return hits
 
     def transmitted(self, origins: F32, vectors: F32, proxies_block: bool) -> F32:
@@ -277,7 +320,7 @@ class Caster:
         """How far rays go on behind what they pass, shape (N,), in lengths of their directions."""
         return np.asarray(self.ray_epsilon / np.maximum(row_lengths(directions), 1e-30), np.float32)
 
-    def _cast_at(self, index: int, origins: F32, directions: F32, hits: Hits) -> None:
+    def _cast_at(self, index: int, origins: F32, directions: F32, hits: Hits, passed: list[MetHits] | None) -> None:
         """Update ``hits`` where body ``index`` is nearer than its distance."""
         body, matrix = self.bodies[index], self.matrices[index]
         inverse = affine_inverse(matrix)
@@ -289,23 +332,29 @@ class Caster:
         if index != STATIC:
             start = (start @ inverse[:3, :3].T + inverse[:3, 3]).astype(np.float32)
             along = (along @ inverse[:3, :3].T).astype(np.float32)
-        passed = np.zeros(len(rows), np.float32)
+        from_start = np.zeros(len(rows), np.float32)
+
         for _ in range(MAX_PASSED):
-            distance, triangle, uv, face = body.cast(start + along * passed[:, None], along,
-                                                     hits.distance[rows] - passed)
-            goes_on = body.is_passed(triangle, uv, along)
-            met = np.flatnonzero((triangle >= 0) & ~goes_on)
-            to, at, bary = rows.take(met), triangle.take(met), uv.take(met, axis=0)
-            surface = body.interact(at, bary, face.take(met, axis=0), along.take(met, axis=0))
-            put_rows(hits.normal, to, transform_normals(surface.normal, matrix) if index != STATIC else surface.normal)
-            for target, values in ((hits.albedo, surface.albedo), (hits.emission, surface.emission), (hits.uv, bary)):
-                put_rows(target, to, values)
-            hits.body[to], hits.triangle[to] = index, at
-            hits.distance[to] = (passed + distance).take(met)
-            hits.is_light_proxy[to] = body.is_light_proxy(at)
+            distance, triangle, uv, face = body.cast(start + along * from_start[:, None], along,
+                                                     hits.distance[rows] - from_start)
+            share = None if passed is None else body.passing(triangle, uv, along)
+            goes_on = body.is_passed(triangle, uv, along) if share is None else (share > 0).any(axis=1)
+            is_seen = ~goes_on if share is None else (share < 1).any(axis=1)
+            seen = np.flatnonzero((triangle >= 0) & is_seen)
+            to, at, bary, away = rows.take(seen), triangle.take(seen), uv.take(seen, axis=0), from_start + distance
+            surface = body.interact(at, bary, face.take(seen, axis=0), along.take(seen, axis=0))
+            normal = transform_normals(surface.normal, matrix) if index != STATIC else surface.normal
+            position = origins.take(to, axis=0) + directions.take(to, axis=0) * away.take(seen)[:, None]
+            found = Hits(position, normal, surface.albedo, surface.emission, away.take(seen),
+                         np.full(len(seen), index, np.int64), body.is_light_proxy(at), at, bary)
+            if passed is not None and share is not None:
+                is_passed = goes_on.take(seen)
+                passed.append(MetHits(found.select(is_passed), to[is_passed], share[seen[is_passed]]))
+                to, found = to[~is_passed], found.select(~is_passed)
+            hits.put(to, found)
             if not goes_on.any():
                 return
-            passed = (passed + distance + step)[goes_on]
+            from_start = (away + step)[goes_on]
             rows, start, along, step = rows[goes_on], start[goes_on], along[goes_on], step[goes_on]
 
 
@@ -398,3 +447,22 @@ def _rays_towards(center: F32, radius: float, origins: F32, directions: F32, t_m
     inside = row_dots(to, to) <= radius**2
     near = along - radius / np.sqrt(square) <= t_max
     return np.flatnonzero(inside | ((off <= radius**2) & (along > 0) & near))
+
+
+def _in_front(met: MetHits, rays: int) -> MetHits:
+    """What lies in front of the rays' ends, and the share of its light that arrives; ``met`` has those that pass it."""
+    end = met.hits.distance[:rays]
+    kept = np.flatnonzero((np.arange(len(met.ray)) < rays) | (met.hits.distance < end.take(met.ray)))
+    hits, ray, share = met.hits.select(kept), met.ray.take(kept), met.share.take(kept, axis=0)
+    order = np.lexsort((hits.distance, ray))
+    order = order[rays <= order]  # what is passed, from the nearest on
+    first = np.searchsorted(ray.take(order), np.arange(rays))
+    rank = np.arange(len(order)) - first.take(ray.take(order))
+    arriving, left = np.ones_like(share), np.ones((rays, 3), np.float32)
+    for number in range(rank.max(initial=-1) + 1):
+        rows = order[rank == number]
+        on = ray.take(rows)
+        arriving[rows] = left.take(on, axis=0) * (1 - share.take(rows, axis=0).mean(axis=1, keepdims=True))
+        left[on] *= share.take(rows, axis=0)
+    arriving[:rays] = left
+    return MetHits(hits, ray, arriving)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from app.network.selection import SSGI, Model, find_model
 from app.passes import reflection, reflection_rays
 from app.renderer import Renderer
-from app.scene import Camera, Environment, Material, PointLight, Scene, Texture
+from app.scene import Camera, Environment, Material, PointLight, Scene, Texture, Transmission
 from app.settings import Settings
 from tests.gl.scenes import Part, box, make_scene, quad
 
@@ -335,3 +335,32 @@ def test_a_floor_at_a_slant_is_not_blurred_sideways() -> None:
             widths.append(float(np.minimum(lit, 1 - lit)[120:300].sum()))
     print(f"EDGE {widths[7]:.2f}, {widths[15]:.2f} and {widths[-1]:.2f} pixels")
     assert abs(widths[15] / widths[-1] - 1) < 0.01
+
+
+BLACK = Material("black", albedo=(0.0, 0.0, 0.0))
+VEIL = replace(BLACK, is_blended=True, alpha=0.5)
+STAINED = replace(BLACK, albedo=(0.25, 0.5, 1.0), transmission=Transmission(1.0))
+
+
+@pytest.mark.parametrize(("material", "passing"), [(VEIL, (0.5,) * 3), (STAINED, (0.25, 0.5, 1.0))],
+                         ids=["veil", "stained glass"])
+def test_mirrors_show_what_is_behind_glass_in_its_tint(material: Material, passing: tuple[float, float, float],
+                                                       small_ember: Path) -> None:
+    """Without noise: no ray is chosen to pass or not."""
+    before_sky = quad((-4, -4, 1), (0, 9, 0), (9, 0, 0), material), quad((-1, 0, -1), (2, 0, 0), (0, 2, 0), MIRROR)
+    scene = replace(make_scene(before_sky, camera=CAMERA), environment=Environment(np.ones((8, 16, 3), np.float32)))
+    seen = draw(scene, small_ember)[-1]["reflection"][24:48, 36:60]
+    np.testing.assert_allclose(seen, np.broadcast_to(passing, seen.shape), rtol=0.01)
+
+
+def test_a_floor_shows_what_is_behind_a_veil_in_its_tint(small_ember: Path) -> None:
+    """Also where the picture shows the end of the ray."""
+    glossy, bright = replace(BLACK, roughness=0.0, specular=(0.04,) * 3), replace(BLACK, emission=(1.0, 1.0, 1.0))
+    parts = quad((-4, 0, 1), (9, 0, 0), (0, 0, -2), glossy), quad((-4, 0, -1), (9, 0, 0), (0, 4, 0), bright)
+    veil = quad((-4, 0.15, -0.95), (9, 0, 0), (0, 4, 0), VEIL)
+    camera = Camera((0.0, 0.6, 1.0), (0.0, 0.2, -1.0), fov_y_deg=50.0)
+    bare, veiled = (draw(make_scene([*parts, *front], camera=camera), small_ember, (camera,))[-1]["reflection"]
+                    for front in ((), (veil,)))
+    reflecting = slice(52, 68), slice(8, 88)
+    assert bare[reflecting].min() > 0.03
+    np.testing.assert_allclose(veiled[reflecting], 0.5 * bare[reflecting], rtol=0.02)
