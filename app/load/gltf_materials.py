@@ -135,7 +135,7 @@ class MaterialReader:
         strength = _share(spec.get("clearcoatFactor", 0.0))
         if not strength:
             return None
-        self._builder.approximation("KHR_materials_clearcoat: coats of glass, and behind it, mirror lights and the sky only")
+        self._builder.approximation("KHR_materials_clearcoat: coats of and behind glass mirror lights and the sky only")
         normal = spec.get("clearcoatNormalTexture")
         return Clearcoat(
             strength, _share(spec.get("clearcoatRoughnessFactor", 0.0)),
