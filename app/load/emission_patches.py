@@ -70,6 +70,8 @@ class Patches:
     two_sided : ndarray, bool, shape (N,)
         Whether a patch with a normal emits to both sides.
     piece : ndarray of int, shape (N,)
+    area : ndarray, float64, shape (N,)
+        That emits, on both sides if both do.
     """
 
     power: F64
@@ -78,6 +80,7 @@ class Patches:
     normal: F64
     two_sided: Bools
     piece: Ints
+    area: F64
 
     @property
     def weight(self) -> F64:
@@ -151,8 +154,9 @@ def make_patches(triangles: EmissiveTriangles, patch: Ints) -> Patches:
     covariance = _sum_by(patch, (weight[:, None, None] * second).reshape(-1, 9)).reshape(-1, 3, 3)
     first = np.unique(patch, return_index=True)[1]
     two_sided = triangles.two_sided[first]
+    area = _sum_by(patch, ((1 + triangles.two_sided) * np.linalg.norm(normals, axis=1))[:, None])[:, 0]
     return Patches(_sum_by(patch, power), position, covariance / total[:, None, None],
-                   _lobes(patch, weight, unit, total, two_sided), two_sided, triangles.piece[first])
+                   _lobes(patch, weight, unit, total, two_sided), two_sided, triangles.piece[first], area)
 
 
 def _lobes(patch: Ints, weight: F64, unit: F64, total: F64, two_sided: Bools) -> F64:

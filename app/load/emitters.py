@@ -11,13 +11,15 @@ import numpy as np
 
 from app.arrays import F64, Bools, Ints
 from app.load.emission import mean_radiance
-from app.load.emission_patches import EmissiveTriangles, divide_into_patches, make_patches
+from app.load.emission_patches import EmissiveTriangles, Patches, divide_into_patches, make_patches
 from app.load.emission_points import place_points
 from app.load.emissive_pieces import Pieces, find_pieces
 from app.load.exact_rectangles import find_rectangles
+from app.load.geometry import place
 from app.load.light_clusters import cluster_patches
 from app.load.light_fit import Receivers
 from app.load.light_proxies import ProxySplitter
+from app.load.light_views import Views, find_views
 from app.load.receivers import sample_receivers, surround
 from app.load.scene_builder import MAX_COORDINATE, SceneBuilder, vector
 from app.scene import EmissionPoints, Instance, Light, Material, Mesh, PointLight, RectLight
@@ -61,7 +63,7 @@ def find_emitters(builder: SceneBuilder) -> None:
     small, patch = divide_into_patches(triangles, np.isin(np.arange(count), list(rectangles)))
     patches = make_patches(small, patch)
     exact = {int(np.flatnonzero(patches.piece == number)[0]): light for number, light in rectangles.items()}
-    clusters = cluster_patches(patches, _receivers(builder, emitters, set(emissive)), exact)
+    clusters = cluster_patches(patches, _views(builder, emitters, set(emissive), patches), exact)
     approximate: dict[Light, EmissionPoints] = {}
     hides_itself = _find_bent(triangles)
     exact_pieces, lights = [], []
@@ -142,8 +144,7 @@ def _collect(builder: SceneBuilder, instances: list[int]) -> _Emitters | None:
 
 def _to_world(mesh: Mesh, instance: Instance, material: Material, pieces: Pieces, first: int) -> EmissiveTriangles:
     """The triangles of an instance, whose pieces are counted from ``first``."""
-    positions = mesh.positions.astype(np.float64) @ instance.transform[:3, :3].T + instance.transform[:3, 3]
-    corners = positions[mesh.triangles]
+    corners = place(mesh, instance)[mesh.triangles]
     turned = (pieces.is_inside_out & material.double_sided)[pieces.label]  # of a closed piece only the outside counts
     turned ^= np.linalg.det(instance.transform[:3, :3]) < 0
     corners[turned] = corners[turned][:, ::-1]
@@ -157,13 +158,14 @@ def _sort(triangles: EmissiveTriangles) -> Ints:
     return np.lexsort([*triangles.radiance.T, *triangles.corners.reshape(-1, 9).T]).astype(np.int64)
 
 
-def _receivers(builder: SceneBuilder, emitters: _Emitters, emissive: set[int]) -> Iterator[Receivers]:
-    """Points on other surfaces, and points around the emitters, relative to the emitters' origin."""
+def _views(builder: SceneBuilder, emitters: _Emitters, emissive: set[int], patches: Patches) -> Iterator[Views]:
+    """From other surfaces, and from around the emitters, relative to the emitters' origin."""
     surfaces = sample_receivers(builder, emissive)
     if len(surfaces.position):
-        yield Receivers(surfaces.position - emitters.origin, surfaces.normal)
+        receivers = Receivers(surfaces.position - emitters.origin, surfaces.normal)
+        yield find_views(builder, emissive, receivers, patches, emitters.origin)
     corners = emitters.triangles.corners.reshape(-1, 3)
-    yield surround(corners.min(axis=0), corners.max(axis=0))
+    yield Views(surround(corners.min(axis=0), corners.max(axis=0)), np.ones((1, 1)))
 
 
 def _translate(light: Light, offset: F64) -> Light:

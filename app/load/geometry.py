@@ -1,4 +1,4 @@
-"""Cleaning of meshes: finite corners, triangles with an area, and normals that are unit length or zero."""
+"""Cleaning of meshes: finite corners, triangles with an area, and unit or zero normals; their places."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from app.arrays import F64, Bools, Ints
 from app.math3d import unit_rows
+from app.scene import Instance, Mesh
 
 _MIN_NORMAL_LENGTH = 1e-6
 _FLAT_COSINE = 1 - 1e-6  # between the normals of triangles in one plane
@@ -88,6 +89,11 @@ def clean(mesh: RawMesh) -> CleanMesh:
         dropped_normals=dropped_normals,
         source=None if mesh.source is None else mesh.source[used],
     )
+
+
+def place(mesh: Mesh, instance: Instance) -> F64:
+    """Positions of an instance's mesh in world space, shape (V, 3)."""
+    return np.asarray(mesh.positions.astype(np.float64) @ instance.transform[:3, :3].T + instance.transform[:3, 3])
 
 
 def face_vectors(positions: F64, triangles: NDArray[np.integer]) -> F64:

@@ -29,10 +29,11 @@ class Receivers:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """One light or two, and their irradiance at R receivers, float64, shape (R, 3), in W/m²."""
+    """One light or two, their irradiance at R receivers, float64, shape (R, 3), in W/m², and the area that emits."""
 
     lights: tuple[Light, ...]
     irradiance: F64
+    area: float
 
 
 def fit_lights(patches: Patches, rows: Ints, receivers: Receivers) -> Iterator[Fit]:
@@ -60,7 +61,7 @@ def fit_lights(patches: Patches, rows: Ints, receivers: Receivers) -> Iterator[F
             share = shares[2] / (shares[1] + shares[2])
             one = _fit_rectangle(share * power, center, covariance, first, True, receivers)
             other = _fit_rectangle((1 - share) * power, center, covariance, second, True, receivers)
-            yield Fit(one.lights + other.lights, one.irradiance + other.irradiance)
+            yield Fit(one.lights + other.lights, one.irradiance + other.irradiance, one.area + other.area)
 
 
 def form_factors(patches: Patches, receivers: Receivers) -> F64:
@@ -105,9 +106,10 @@ def _sphere_form(cosine: F64, h: F64) -> F64:
 
 def _fit_sphere(power: F64, center: F64, covariance: F64, receivers: Receivers) -> Fit:
     radius = float(np.sqrt(np.trace(covariance)))
-    patch = Patches(power[None], center[None], covariance[None], np.zeros((1, 3)), np.zeros(1, bool), np.zeros(1, int))
+    patch = Patches(power[None], center[None], covariance[None], np.zeros((1, 3)), np.zeros(1, bool), np.zeros(1, int),
+                    np.array([4 * np.pi * radius**2]))
     return Fit((PointLight(vector(center), color(power / (4 * np.pi)), radius),),
-               form_factors(patch, receivers) * power)
+               form_factors(patch, receivers) * power, float(patch.area[0]))
 
 
 def _fit_rectangle(power: F64, center: F64, covariance: F64, axis: F64, two_sided: bool,
@@ -125,7 +127,8 @@ def _fit_rectangle(power: F64, center: F64, covariance: F64, axis: F64, two_side
     u, v = width * u, height * v
     radiance = power / (np.pi * max(width * height, 1e-300) * (2 if two_sided else 1))
     light = RectLight(vector(center), vector(u), vector(v), color(radiance), two_sided)
-    return Fit((light,), form_factors(_divide(light, axis), receivers).mean(axis=1, keepdims=True) * power)
+    parts = _divide(light, axis)
+    return Fit((light,), form_factors(parts, receivers).mean(axis=1, keepdims=True) * power, float(parts.area.sum()))
 
 
 def _divide(light: RectLight, axis: F64) -> Patches:
@@ -135,8 +138,10 @@ def _divide(light: RectLight, axis: F64) -> Patches:
     s, t = (x.reshape(-1, 1) for x in np.meshgrid(at, at))
     u, v = np.asarray(light.edge_u), np.asarray(light.edge_v)
     covariance = (np.outer(u, u) + np.outer(v, v)) / (12 * count)
+    area = np.linalg.norm(np.cross(u, v)) * (2 if light.two_sided else 1)
     return Patches(np.ones((count, 3)), np.asarray(light.center) + s * u + t * v, np.tile(covariance, (count, 1, 1)),
-                   np.tile(axis, (count, 1)), np.full(count, light.two_sided), np.zeros(count, int))
+                   np.tile(axis, (count, 1)), np.full(count, light.two_sided), np.zeros(count, int),
+                   np.full(count, area / count))
 
 
 def _orient(axis: F64) -> F64:

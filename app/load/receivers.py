@@ -3,7 +3,7 @@
 import numpy as np
 
 from app.arrays import F64
-from app.load.geometry import face_vectors
+from app.load.geometry import face_vectors, place
 from app.load.light_fit import Receivers
 from app.load.scene_builder import SceneBuilder
 
@@ -20,7 +20,7 @@ def sample_receivers(builder: SceneBuilder, skipped: set[int]) -> Receivers:
             continue
         mesh = builder.meshes[instance.mesh]
         step = -(-len(mesh.triangles) // MAX_TRIANGLES)
-        positions = mesh.positions.astype(np.float64) @ instance.transform[:3, :3].T + instance.transform[:3, 3]
+        positions = place(mesh, instance)
         corners.append(positions[mesh.triangles[::step]])
         areas.append(step * np.linalg.norm(face_vectors(positions, mesh.triangles[::step]), axis=1))
     area = np.concatenate([np.zeros(0), *areas])

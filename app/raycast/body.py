@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.arrays import F32, F64, Bools, Ints
+from app.embree import Triangles
 from app.math3d import normal_matrix, put_rows, row_dots, row_lengths, unit_rows
 from app.network.channels import HALF_MAX
-from app.raycast.embree import Triangles
 from app.raycast.prefiltered_textures import PrefilteredTextures, sample_nearest
 from app.scene import Instance, Material, Scene, Texture
 from app.specular_albedo import MEAN_COSINE, specular_albedo

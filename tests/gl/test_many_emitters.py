@@ -12,7 +12,7 @@ import pytest
 import trimesh
 
 from app.load import load_scene
-from app.load.light_clusters import MAX_LIGHTS
+from app.load.light_tree import MAX_LIGHTS
 from app.scene import Camera, CameraPath, Scene
 from tests.gl.scenes import draw
 

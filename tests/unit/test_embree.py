@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from app.embree import Triangles
 from app.raycast import embree
-from app.raycast.embree import Triangles
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
 

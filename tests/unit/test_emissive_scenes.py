@@ -10,7 +10,7 @@ import pytest
 
 from app.errors import SettingsError
 from app.load.emissive_pieces import find_pieces
-from app.load.light_clusters import MAX_LIGHTS
+from app.load.light_tree import MAX_LIGHTS
 from app.raycast.caster import Caster, Hits
 from app.scene import Scene
 from export.dataset.scene_key import scene_key

@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[2]
 APP_LAYERS = (
     {"errors", "arrays", "paths", "data"},
     {"scene", "settings", "extras", "graph"},
-    {"math3d"},
+    {"math3d", "embree"},
     {"environment", "sky_parts", "radiance_scale", "simple_meshes", "specular_albedo", "animation"},
     {"io", "gl"},
     {"network", "load"},

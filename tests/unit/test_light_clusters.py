@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from app.load.emitters import find_emitters
 from app.load.geometry import RawMesh
-from app.load.light_clusters import MAX_LIGHTS
+from app.load.light_tree import MAX_LIGHTS
 from app.load.scene_builder import SceneBuilder
 from app.scene import Light, Material, PointLight, RectLight
 

@@ -8,7 +8,7 @@ import trimesh
 
 from app.load import load_scene
 from app.load.emissive_pieces import find_pieces
-from app.load.light_clusters import MAX_LIGHTS
+from app.load.light_tree import MAX_LIGHTS
 from app.scene import Mesh, PointLight, RectLight
 from tests.unit.load_helpers import TRIANGLE, Gltf, write_obj
 
