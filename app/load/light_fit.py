@@ -15,6 +15,7 @@ RECT_SAMPLES = 6           # patches along each edge of a rectangle, for its irr
 MIN_MEAN_NORMAL = 1e-3     # below it a rectangle has no front
 MIN_SECOND_SHARE = 0.02    # of the emission, across the main direction, that is worth a second rectangle
 MIN_RECT_WIDTH = 1e-3      # of a rectangle's longer edge
+MAX_ELONGATION = 3.0       # of patches that a sphere may stand for: their deviation along and across
 MAX_SQUARENESS_ERROR = 1e-6  # relative difference of variances below which a rectangle's direction is arbitrary
 CHUNK = 2**12              # patches at once, which bounds the memory
 
@@ -39,8 +40,8 @@ class Fit:
 def fit_lights(patches: Patches, rows: Ints, receivers: Receivers) -> Iterator[Fit]:
     """Lights with the power and variances of the patches ``rows``.
 
-    A sphere; if the patches have normals, also a rectangle that emits to one side or to both, and two such rectangles
-    at a right angle, as a tube looks like.
+    A sphere, unless they form a line; if the patches have normals, also a rectangle that emits to one side or to both,
+    and two such rectangles at a right angle, as a tube looks like.
     """
     weight, position, normal = patches.weight[rows], patches.position[rows], patches.normal[rows]
     power, total = patches.power[rows].sum(axis=0), weight.sum()
@@ -48,7 +49,9 @@ def fit_lights(patches: Patches, rows: Ints, receivers: Receivers) -> Iterator[F
     away = position - center
     covariance = (np.einsum("n,nij->ij", weight, patches.covariance[rows])
                   + np.einsum("n,ni,nj->ij", weight, away, away)) / total
-    yield _fit_sphere(power, center, covariance, receivers)
+    variances = np.linalg.eigvalsh(covariance)
+    if variances[2] <= MAX_ELONGATION**2 * variances[1] or not normal.any():
+        yield _fit_sphere(power, center, covariance, receivers)
     flux = weight @ normal
     length = float(np.linalg.norm(flux))
     if length > MIN_MEAN_NORMAL * total and not patches.two_sided[rows].any():
