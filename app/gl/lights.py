@@ -30,7 +30,8 @@ SUNK = 1e-3      # share of the scene's height by which what is not level may li
 MAX_THROW = 0.5  # of half the scene's size: blockers of parallel light farther away are not searched
 IN_PLANE = 1e-4  # of a rectangle's size: points so near its plane count as in it, or rounding would decide their side
 
-POINT_ROWS = 3   # of texels for the emission points of a light
+POINT_ROWS = 4   # of texels for the emission points of a light
+POINT_LEVELS = 6  # of the tree of its points below the root, as LEVELS in light_sampling.glsl
 POINTS_UNIT = 14  # texture unit of the emission points, beyond those of what passes read
 
 TRANSMITTANCE_MAPS = "shadow_transmittance", "shadow_transmittance_depth"
@@ -120,13 +121,14 @@ class LightSet:
         """A texture with ``POINT_ROWS`` rows for each traced light that only approximates emissive surfaces."""
         if not self._points:
             return None
-        width = max(len(points.area) for points in self._points.values())
+        width = max(2 << POINT_LEVELS, max(len(points.area) for points in self._points.values()))
         texels = np.zeros((len(self._points), POINT_ROWS, width, 4), np.float32)
-        for (positions, normals, intensities), points in zip(texels, self._points.values(), strict=True):
+        for (positions, normals, intensities, nodes), points in zip(texels, self._points.values(), strict=True):
             count = len(points.area)
             positions[:count] = np.concatenate([points.offset, points.area[:, None] / np.float32(math.pi)], axis=1)
             normals[:count] = np.concatenate([points.normal, points.two_sided[:, None]], axis=1)
             intensities[:count, :3] = points.intensity
+            nodes[:2 << POINT_LEVELS] = _tree(positions[:count])
         return self._ctx.texture((width, texels.shape[0] * POINT_ROWS), 4, texels.tobytes(), dtype="f4")
 
     def bind_emission_points(self, program: Program) -> None:
@@ -283,6 +285,34 @@ class _Parallel:
     direction: F64
     center: F64
     half: float
+
+
+def _tree(points: F32) -> F64:
+    """Balls around equal parts of points in order: node k has the halves 2 k and 2 k + 1, and the root is 1.
+
+    Parameters
+    ----------
+    points : ndarray, float32, shape (N, 4)
+        Position and squared radius.
+
+    Returns
+    -------
+    ndarray, float64, shape (2 << POINT_LEVELS, 4)
+        Mean position, and mean square of the distance from there; row 0 is unused.
+    """
+    nodes = np.zeros((2 << POINT_LEVELS, 4))
+    squares = np.square(points[:, :3].astype(np.float64)).sum(axis=1) + points[:, 3]
+    sums = np.cumsum(np.concatenate([points[:, :3], squares[:, None]], axis=1), axis=0, dtype=np.float64)
+    sums = np.concatenate([np.zeros((1, 4)), sums])
+    for level in range(POINT_LEVELS + 1):
+        part = np.arange(1 << level) * len(points) / (1 << level)
+        first = part.astype(np.int64)
+        end = np.maximum(np.ceil(part + len(points) / (1 << level)).astype(np.int64), first + 1)
+        means = (sums[end] - sums[first]) / (end - first)[:, None]
+        means[:, 3] -= np.square(means[:, :3]).sum(axis=1)
+        nodes[1 << level:2 << level] = means
+    nodes[:, 3] = np.maximum(nodes[:, 3], 0)
+    return nodes
 
 
 def _level_floors(boxes: F64, tolerance: float) -> Bools:
