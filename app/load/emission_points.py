@@ -8,7 +8,7 @@ from app.arrays import F64, Ints
 from app.load.emission_patches import EmissiveTriangles
 from app.scene import EmissionPoints, Light, PointLight, RectLight
 
-POINTS = 1024  # of a light
+POINTS = 2048  # of a light
 MIN_POWER = 1e-300
 R2 = np.array([0.7548776662466927, 0.5698402909980532])  # Roberts 2018, "The Unreasonable Effectiveness of Quasirandom
                                                          # Sequences"

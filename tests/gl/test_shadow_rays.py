@@ -13,7 +13,7 @@ from app.gl.frame_state import MotionKind
 from app.passes import shadow_rays
 from app.passes.shadow_rays import filter_shift
 from app.renderer import Renderer
-from app.scene import Camera, Environment, Light, Material, PointLight, RectLight, Scene, SpotLight
+from app.scene import Camera, EmissionPoints, Environment, Light, Material, PointLight, RectLight, Scene, SpotLight
 from app.settings import Settings
 from export.dataset.scenes.found_emitters import with_found_emitters
 from tests.gl.closed_forms import F64
@@ -228,6 +228,33 @@ def test_lights_and_parts_of_the_sky_that_give_nothing_change_no_choice(side: in
     assert both.mean() == pytest.approx(alone.mean(), rel=2e-3)
     free = draw(replace(make_scene([floor(3.0)], [], ABOVE), environment=sky), SIZE, ("direct",))["direct"]
     assert abs(alone.mean() / free.mean() - 1) > 0.02  # the wall counts
+
+
+def test_rays_find_the_near_part_of_a_long_light() -> None:
+    """A plate 5 cm below a tube of 12 m, whose light comes from a hundredth of the tube: its estimate and its noise."""
+    tube = box((-6, 0.05, -0.01), (12, 0.02, 0.02), Material(albedo=(0.0,) * 3, emission=WHITE))
+    scene = with_found_emitters(make_scene([quad((-6, 0, 0.1), (12, 0, 0), (0, 0, -0.2)), floor(20.0), tube]))
+    camera = Camera((0.0, 0.04, 0.12), (0.0, 0.0, 0.0), fov_y_deg=40.0)
+    estimates = []
+    with Renderer(scene, Settings((96, 72), ("direct", "position"))) as renderer:
+        for _ in range(16):
+            images = renderer.render(camera)
+            estimates.append(renderer.resource("shadow_unshadowed")[30:, :, 1])
+    at = images["position"][30::6, ::12].reshape(-1, 3).astype(np.float64)
+    expected = sum(received_from(points, light, at) for light, points in scene.approximate_lights.items())
+    estimate = np.mean(estimates, axis=0)[::6, ::12].ravel()
+    assert estimate.mean() == pytest.approx(float(np.mean(expected)), rel=0.05)
+    assert np.median([rows.std(axis=1) / rows.mean(axis=1) for rows in estimates]) < 0.1
+
+
+def received_from(points: EmissionPoints, light: Light, at: F64) -> F64:
+    """Unshadowed irradiance of emission points at points that face up."""
+    assert isinstance(light, RectLight)
+    to = np.asarray(light.center) + points.offset.astype(np.float64) - at[:, None]
+    square = (to * to).sum(axis=2)
+    emitted, received = np.maximum(-(to * points.normal).sum(axis=2), 0), np.maximum(to[..., 1], 0)
+    sent = points.intensity[:, 1] / (square + points.area / np.pi)
+    return np.asarray((sent * emitted * received / square).sum(axis=1))
 
 
 def pass_and_pane() -> tuple[Scene, Camera]:

@@ -82,11 +82,12 @@ def emissive(double_sided: bool = False) -> list[Material]:
     return [Material(), *(Material(emission=c, double_sided=double_sided) for c in COLORS)]
 
 
-def lights_of(mesh: trimesh.Trimesh, colors: NDArray[np.int64], double_sided: bool = False) -> list[Light]:
-    """The lights of a mesh in a room, with each face in one of ``COLORS``."""
+def lights_of(mesh: trimesh.Trimesh, colors: NDArray[np.int64], double_sided: bool = False,
+              walls: Iterable[trimesh.Trimesh] = ()) -> list[Light]:
+    """The lights of a mesh in a room, with each face in one of ``COLORS``, and with other ``walls`` in it."""
     builder = SceneBuilder("test", materials=emissive(double_sided))
-    walls = trimesh.creation.box(extents=ROOM)
-    parts = [(walls.vertices, walls.faces[:, ::-1], 0)]
+    room = trimesh.creation.box(extents=ROOM)
+    parts = [(room.vertices, room.faces[:, ::-1], 0), *((w.vertices, w.faces, 0) for w in walls)]
     parts += [(mesh.vertices, mesh.faces[colors == c], c + 1) for c in np.unique(colors)]
     for vertices, faces, material in parts:
         index = builder.add_mesh("part", RawMesh(np.asarray(vertices, np.float64), np.asarray(faces)), material)
@@ -221,6 +222,45 @@ def test_a_two_sided_open_shape_emits_to_both_sides() -> None:
     lights = lights_of(mesh, np.zeros(len(mesh.faces), np.int64), double_sided=True)
     np.testing.assert_allclose(power_of(lights), 2 * np.pi * mesh.area * np.array(COLORS[0]), rtol=1e-6)
     assert all(isinstance(light, RectLight) and light.two_sided for light in lights)
+
+
+def tubes(rows: Iterable[tuple[float, float]], count: int) -> trimesh.Trimesh:
+    """Rows along x at heights and depths (y, z), of tubes that fill half of each row."""
+    tube = trimesh.creation.cylinder(0.016, 5.6 / count / 2, sections=12)
+    tube.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [0, 1, 0]))
+    return copies(tube, [(5.6 * (i + 0.5) / count - 2.8, y, z) for y, z in rows for i in range(count)])
+
+
+def test_rows_of_tubes_are_lines() -> None:
+    """More tubes than lights: each light stands for tubes of one row, so that a glossy floor shows the rows."""
+    rows = (1.2, -0.6), (1.2, 0.6)
+    mesh = tubes(rows, 20)
+    lights = lights_of(mesh, np.zeros(len(mesh.faces), np.int64))
+    for light in lights:
+        assert isinstance(light, RectLight)
+        np.testing.assert_allclose(np.abs(light.center[1:]), rows[1], atol=1e-3)
+        assert abs(light.edge_u[0]) > 10 * np.linalg.norm(light.edge_v)
+    assert len(lights) < MAX_LIGHTS
+    assert mean_error(mesh, np.zeros(len(mesh.faces), np.int64), lights) < 0.09  # crossed rectangles are no tubes
+
+
+def test_emitters_that_little_sees_get_few_lights() -> None:
+    """Strong ones in a case, whose six sides are a fourth of all surfaces that receive light, and weak ones outside."""
+    case = trimesh.creation.box(extents=(1.0, 1.0, 1.0))
+    case.apply_translation((2.4, -0.9, 1.9))
+    inside = copies(trimesh.creation.icosphere(1, 0.04), np.random.default_rng(0).uniform(
+        (2.0, -1.3, 1.5), (2.8, -0.5, 2.3), (24, 3)))
+    mesh = trimesh.util.concatenate([inside, tubes([(1.2, -1.5), (0.9, 0.0), (1.2, 1.5)], 6)])
+    colors = np.zeros(len(mesh.faces), np.int64)
+    open_lights, hidden_lights = (lights_of(mesh, colors, walls=walls) for walls in ((), (case,)))
+    in_case, hidden = (sum(light_center(light)[0] > 1.9 and light_center(light)[2] > 1.4 for light in lights)
+                       for lights in (open_lights, hidden_lights))
+    assert hidden < in_case
+    np.testing.assert_allclose(power_of(hidden_lights), np.pi * mesh.area * np.array(COLORS[0]), rtol=1e-6)
+
+
+def light_center(light: Light) -> F64:
+    return np.asarray(light.center if isinstance(light, RectLight) else light.position)
 
 
 def test_ten_thousand_pieces_take_about_a_second() -> None:
