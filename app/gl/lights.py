@@ -31,7 +31,7 @@ MAX_THROW = 0.5  # of half the scene's size: blockers of parallel light farther 
 IN_PLANE = 1e-4  # of a rectangle's size: points so near its plane count as in it, or rounding would decide their side
 
 POINT_ROWS = 4   # of texels for the emission points of a light
-POINT_LEVELS = 6  # of the tree of its points below the root, as LEVELS in light_sampling.glsl
+POINT_LEVELS = 5  # of the tree of its points below the root
 POINTS_UNIT = 14  # texture unit of the emission points, beyond those of what passes read
 
 TRANSMITTANCE_MAPS = "shadow_transmittance", "shadow_transmittance_depth"
@@ -202,6 +202,7 @@ class LightSet:
         }
         return {"LIGHT_COUNT": len(self.lights), "MAPPED_COUNT": len(self.mapped),
                 "RECTS_BEGIN": len(self.lights) - rect_count,
+                **({"POINT_LEVELS": POINT_LEVELS} if self._points else {}),
                 **{name: 1 for name in sorted(flags) if flags[name]}}
 
     def upload(self, eye: F64) -> None:

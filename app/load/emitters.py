@@ -11,7 +11,7 @@ import numpy as np
 
 from app.arrays import F64, Bools, Ints
 from app.load.emission import mean_radiance
-from app.load.emission_patches import EmissiveTriangles, Patches, divide_into_patches, make_patches
+from app.load.emission_patches import EmissiveTriangles, divide_into_patches, make_patches
 from app.load.emission_points import place_points
 from app.load.emissive_pieces import Pieces, find_pieces
 from app.load.exact_rectangles import find_rectangles
@@ -63,7 +63,7 @@ def find_emitters(builder: SceneBuilder) -> None:
     small, patch = divide_into_patches(triangles, np.isin(np.arange(count), list(rectangles)))
     patches = make_patches(small, patch)
     exact = {int(np.flatnonzero(patches.piece == number)[0]): light for number, light in rectangles.items()}
-    clusters = cluster_patches(patches, _views(builder, emitters, set(emissive), patches), exact)
+    clusters = cluster_patches(patches, _views(builder, emitters, set(emissive), small, patch), exact)
     approximate: dict[Light, EmissionPoints] = {}
     hides_itself = _find_bent(triangles)
     exact_pieces, lights = [], []
@@ -158,12 +158,13 @@ def _sort(triangles: EmissiveTriangles) -> Ints:
     return np.lexsort([*triangles.radiance.T, *triangles.corners.reshape(-1, 9).T]).astype(np.int64)
 
 
-def _views(builder: SceneBuilder, emitters: _Emitters, emissive: set[int], patches: Patches) -> Iterator[Views]:
+def _views(builder: SceneBuilder, emitters: _Emitters, emissive: set[int], triangles: EmissiveTriangles,
+           patch: Ints) -> Iterator[Views]:
     """From other surfaces, and from around the emitters, relative to the emitters' origin."""
     surfaces = sample_receivers(builder, emissive)
     if len(surfaces.position):
         receivers = Receivers(surfaces.position - emitters.origin, surfaces.normal)
-        yield find_views(builder, emissive, receivers, patches, emitters.origin)
+        yield find_views(builder, emissive, receivers, triangles, patch, emitters.origin)
     corners = emitters.triangles.corners.reshape(-1, 3)
     yield Views(surround(corners.min(axis=0), corners.max(axis=0)), np.ones((1, 1)))
 

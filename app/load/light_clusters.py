@@ -3,7 +3,7 @@
 Trees of clusters, of which a cut is used, as in lightcuts (Walter et al. 2005). The error of a cluster is measured
 rather than bounded: it is the difference of irradiance between its lights and its patches at points on the scene's
 surfaces, as far as these see the patches (as in Hašan, Pellacini and Bala 2007, "Matrix Row-Column Sampling for the
-Many-Light Problem"). The cut with the least error for each number of lights follows by dynamic programming.
+Many-Light Problem"). The cuts with the least error and cost for each number of lights follow by dynamic programming.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -22,7 +22,8 @@ MAX_ERROR = 0.01              # of the irradiance, at which more lights are not 
 MAX_EXCESS = 1.05             # times the least error, for which fewer lights will do
 NORMAL_SCALES = (0.3, 3.0)    # sizes of a cluster that a unit of difference between normals counts as
 MIN_IRRADIANCE = 1e-100       # W/m², summed over receivers; less is none
-SPREAD_COST = 0.1             # of light that leaves an area far larger than that of its patches, which highlights show
+SPREAD_COST = 0.2             # of light that leaves an area far larger than that of its patches, which highlights show
+MAX_SPREAD = 4.0              # times the patches' area, up to which it costs nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,12 +51,14 @@ def cluster_patches(patches: Patches, views: Iterable[Views], exact: Mapping[int
     exact : mapping of int to Light
         Lights of patches that are exact, if the patch is alone.
     """
+    if len(exact) == len(patches.piece) <= MAX_LIGHTS:
+        return [Cluster(np.array([number]), (exact[number],)) for number in range(len(exact))]
     measure = _Measure(patches, views, exact)
     groups = list(_first_groups(patches))
     scales = NORMAL_SCALES if patches.normal.any() else NORMAL_SCALES[:1]
     trees = [build_tree(patches, measure.fit, groups, scale, MAX_ERROR / 2) for scale in scales]
     if len(groups) < len(np.unique(patches.piece)):
-        trees.append(build_tree_of_pieces(patches, measure.fit, scales, MAX_ERROR / 2))
+        trees.append(build_tree_of_pieces(patches, measure.fit, MAX_ERROR / 2))
     errors = np.stack([tree.least_errors for tree in trees])
     enough = errors.min(axis=0) <= max(MAX_ERROR, MAX_EXCESS * float(errors.min()))
     count = int(np.argmax(enough))  # the smallest
@@ -105,5 +108,6 @@ class _Measure:
 
     def _measured(self, fit: Fit, rows: Ints, irradiance: F64, importance: F64) -> MeasuredFit:
         error = float(importance @ np.abs(fit.irradiance - irradiance).sum(axis=1))
-        spread = 1 - min(float(self._patches.area[rows].sum()) / max(fit.area, MIN_IRRADIANCE), 1.0)
+        area = float(self._patches.area[rows].sum())
+        spread = max(1 - MAX_SPREAD * area / fit.area, 0.0) if fit.area > 0 else 0.0
         return MeasuredFit(error, error + SPREAD_COST * spread * float(importance @ irradiance.sum(axis=1)), fit.lights)

@@ -46,6 +46,11 @@ class Node:
         """Of its own fits."""
         return min(fit.error for fit in self.fits)
 
+    @property
+    def least_cost(self) -> float:
+        """The same of the cost."""
+        return min(fit.cost for fit in self.fits)
+
     @cached_property
     def least_errors(self) -> F64:
         """The least error with at most 0, 1, 2 … ``MAX_LIGHTS`` lights."""
@@ -94,12 +99,12 @@ def build_tree(patches: Patches, fit: FitLights, groups: Sequence[Ints], normal_
     return reduce(lambda a, b: Node(np.concatenate([a.patches, b.patches]), [], (a, b)), roots)
 
 
-def build_tree_of_pieces(patches: Patches, fit: FitLights, normal_scales: Sequence[float], enough: float) -> Node:
-    """A tree of whole pieces, divided so that the halves' lights have the least error: a row of tubes is a line."""
+def build_tree_of_pieces(patches: Patches, fit: FitLights, enough: float) -> Node:
+    """A tree of whole pieces, divided so that the halves' lights cost least: a row of tubes is a line."""
     def halve(node: Node) -> tuple[Node, Node]:
-        sides = _sides_of_pieces(patches, node.patches, normal_scales)
+        sides = _sides_of_pieces(patches, node.patches)
         pairs = [halves(node, side) for side in sides]
-        return pairs[_first_smallest(np.array([one.least_error + other.least_error for one, other in pairs]))]
+        return pairs[_first_smallest(np.array([one.least_cost + other.least_cost for one, other in pairs]))]
 
     def halves(node: Node, side: Bools) -> tuple[Node, Node]:
         one, other = (Node(rows, fit(rows)) for rows in (node.patches[side], node.patches[~side]))
@@ -137,19 +142,17 @@ def cut(node: Node, count: int) -> Iterator[tuple[Node, tuple[Light, ...]]]:
     yield from cut(other, count - first)
 
 
-def _sides_of_pieces(patches: Patches, rows: Ints, normal_scales: Sequence[float]) -> Iterator[Bools]:
-    """Different divisions of the patches ``rows`` that leave pieces whole, as one side of each."""
+def _sides_of_pieces(patches: Patches, rows: Ints) -> Iterator[Bools]:
+    """Different divisions of the patches ``rows`` in space that leave pieces whole, as one side of each."""
     piece, weight = np.unique(patches.piece[rows], return_inverse=True)[1].reshape(-1), patches.weight[rows]
     total = np.bincount(piece, weight).astype(np.float64)
-    position, normal = (np.stack([np.bincount(piece, weight * column) for column in values[rows].T], axis=1)
-                        / total[:, None] for values in (patches.position, patches.normal))
+    position = np.stack([np.bincount(piece, weight * values) for values in patches.position[rows].T], axis=1)
     known: set[bytes] = set()
-    for scale in normal_scales:
-        for side in _divisions(position, normal, total, scale)[1]:
-            code = (side ^ side[0]).tobytes()
-            if side.any() and not side.all() and code not in known:
-                known.add(code)
-                yield side[piece]
+    for side in _divisions(position / total[:, None], np.zeros_like(position), total, 0.0)[1]:
+        code = (side ^ side[0]).tobytes()
+        if side.any() and not side.all() and code not in known:
+            known.add(code)
+            yield side[piece]
 
 
 def _divisions(position: F64, normal: F64, weight: F64, normal_scale: float) -> tuple[Sequence[float], Sequence[Bools]]:

@@ -190,7 +190,7 @@ def _trace(caster: Caster, light_at: Callable[[Hits, Ints], F32], environment: E
     if environment is not None and len(sky):
         found[sky, :3] += met.share.take(sky, axis=0) * radiance_along(environment, direction[sky].astype(np.float64))
     distance = np.where(is_sky, SKY_DISTANCE * caster.extent, met.hits.distance)
-    order = np.argsort(met.share.sum(axis=1))  # the last one of a ray is the one most seen
+    order = np.argsort(met.share.sum(axis=1), kind="stable")  # the last one of a ray is the one most seen
     found[met.ray[order], 3] = distance[order]
     found[met.ray[len(origin):], 3] *= -1
     found[~finite, 3] = 0

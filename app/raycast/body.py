@@ -229,7 +229,7 @@ class Body:
         """
         passed: Bools = np.zeros(len(triangle), np.bool_)
         met, share = self._passing_where_passable(triangle, uv, directions)
-        passed[met] = ~(1 - (share.max if is_tinted else share.mean)(axis=1) > _hash(uv[met]))
+        passed[met] = ~(1 - (share.max if is_tinted else share.mean)(axis=1) > hash_uv(uv[met]))
         return passed
 
     def passing(self, triangle: Ints, uv: F32, directions: F32) -> F32:
@@ -382,7 +382,7 @@ def _reflectance(base: F32, matte: F32, dielectric: F32, roughness: F32, metalli
     return np.asarray(specular + np.minimum(matte * (1 - metallic), 1 - specular))
 
 
-def _hash(uv: F32) -> F32:
+def hash_uv(uv: F32) -> F32:
     """Numbers in [0, 1) that differ from hit to hit, shape (N,)."""
     bits = np.ascontiguousarray(uv, np.float32).view(np.uint32).astype(np.uint64)
     mixed = (bits[:, 0] * np.uint64(0x9E3779B1) ^ bits[:, 1] * np.uint64(0x85EBCA77)) * np.uint64(0xC2B2AE3D27D4EB4F)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from app.arrays import F32, F64, Bools, Ints
 from app.math3d import affine_inverse, normal_matrix, put_rows, row_dots, row_lengths, translation, unit_rows
-from app.raycast.body import MAX_PASSED, Body
+from app.raycast.body import MAX_PASSED, Body, hash_uv
 from app.raycast.prefiltered_textures import PrefilteredTextures
 from app.scene import Instance, Scene
 
@@ -88,8 +88,8 @@ class Hits:
 
 
 @dataclass(frozen=True, eq=False)
-class MetHits:
-    """What N rays meet on their way and where they end, M hits in all.
+class SeenHits:
+    """What is seen along N rays: where they end, and some of what they pass; M hits in all.
 
     Attributes
     ----------
@@ -98,12 +98,21 @@ class MetHits:
     ray : ndarray of int, shape (M,)
         The ray that each is on.
     share : ndarray, float32, shape (M, 3)
-        In ``Caster.cast_through``'s result: of the radiance of each, what arrives at the ray's origin.
+        Of the radiance of each, what arrives at the ray's origin.
     """
 
     hits: Hits
     ray: Ints
     share: F32
+
+
+@dataclass(frozen=True, eq=False)
+class _Passed:
+    """Surfaces that light passes in part: hits, the ray that each is on, and the shares that pass, shape (M, 3)."""
+
+    hits: Hits
+    ray: Ints
+    passing: F32
 
 
 def concatenate(parts: Sequence[Hits]) -> Hits:
@@ -217,23 +226,31 @@ class Caster:
         """
         return self._cast(origins, directions, range(len(self.bodies)) if bodies is None else bodies, t_max, None)
 
-    def cast_through(self, origins: F32, directions: F32) -> MetHits:
-        """Find all that is seen along rays: the nearest surface that nothing passes, and those that some light passes.
+    def cast_through(self, origins: F32, directions: F32) -> SeenHits:
+        """Find the nearest surface along rays that nothing passes, and one of those before it that some light passes.
+
+        That one is chosen as often as it is seen, and stands for all of the ray.
 
         Parameters
         ----------
         origins, directions : ndarray, float32, shape (N, 3)
             In local space.
         """
-        ray, passing = np.arange(len(origins)), np.zeros_like(origins)
-        passed: list[MetHits] = []
-        parts = [MetHits(self._cast(origins, directions, range(len(self.bodies)), None, passed), ray, passing), *passed]
-        met = MetHits(concatenate([p.hits for p in parts]), *(np.concatenate(values) for values in zip(
-            *((p.ray, p.share) for p in parts), strict=True)))
-        return _in_front(met, len(origins))
+        found: list[_Passed] = []
+        ends = self._cast(origins, directions, range(len(self.bodies)), None, found)
+        found.append(_Passed(ends.select(np.zeros(0, np.int64)), np.zeros(0, np.int64), np.zeros((0, 3), np.float32)))
+        hits = concatenate([p.hits for p in found])
+        ray, passing = np.concatenate([p.ray for p in found]), np.concatenate([p.passing for p in found])
+        rows = np.flatnonzero(hits.distance < ends.distance.take(ray))
+        rows = rows[np.lexsort((hits.distance.take(rows), ray.take(rows)))]
+        share, left = _arriving(ray.take(rows), passing.take(rows, axis=0), len(origins))
+        chosen, factor = _choose_one(ray.take(rows), share.mean(axis=1), hits.uv.take(rows, axis=0))
+        rows, share = rows.take(chosen), share.take(chosen, axis=0) * factor[:, None]
+        return SeenHits(concatenate([ends, hits.select(rows)]),
+                        np.concatenate([np.arange(len(origins)), ray.take(rows)]), np.concatenate([left, share]))
 
     def _cast(self, origins: F32, directions: F32, bodies: Iterable[int], t_max: F32 | None,
-              passed: list[MetHits] | None) -> Hits:
+              passed: list[_Passed] | None) -> Hits:
         """``cast``, which adds what is passed in part, and the share that is, instead of choosing rays that pass."""
         count = len(origins)
         position, normal, albedo, emission = np.zeros((4, count, 3), np.float32)
@@ -320,7 +337,7 @@ class Caster:
         """How far rays go on behind what they pass, shape (N,), in lengths of their directions."""
         return np.asarray(self.ray_epsilon / np.maximum(row_lengths(directions), 1e-30), np.float32)
 
-    def _cast_at(self, index: int, origins: F32, directions: F32, hits: Hits, passed: list[MetHits] | None) -> None:
+    def _cast_at(self, index: int, origins: F32, directions: F32, hits: Hits, passed: list[_Passed] | None) -> None:
         """Update ``hits`` where body ``index`` is nearer than its distance."""
         body, matrix = self.bodies[index], self.matrices[index]
         inverse = affine_inverse(matrix)
@@ -333,7 +350,6 @@ class Caster:
             start = (start @ inverse[:3, :3].T + inverse[:3, 3]).astype(np.float32)
             along = (along @ inverse[:3, :3].T).astype(np.float32)
         from_start = np.zeros(len(rows), np.float32)
-
         for _ in range(MAX_PASSED):
             distance, triangle, uv, face = body.cast(start + along * from_start[:, None], along,
                                                      hits.distance[rows] - from_start)
@@ -349,7 +365,7 @@ class Caster:
                          np.full(len(seen), index, np.int64), body.is_light_proxy(at), at, bary)
             if passed is not None and share is not None:
                 is_passed = goes_on.take(seen)
-                passed.append(MetHits(found.select(is_passed), to[is_passed], share[seen[is_passed]]))
+                passed.append(_Passed(found.select(is_passed), to[is_passed], share[seen[is_passed]]))
                 to, found = to[~is_passed], found.select(~is_passed)
             hits.put(to, found)
             if not goes_on.any():
@@ -449,20 +465,43 @@ def _rays_towards(center: F32, radius: float, origins: F32, directions: F32, t_m
     return np.flatnonzero(inside | ((off <= radius**2) & (along > 0) & near))
 
 
-def _in_front(met: MetHits, rays: int) -> MetHits:
-    """What lies in front of the rays' ends, and the share of its light that arrives; ``met`` has those that pass it."""
-    end = met.hits.distance[:rays]
-    kept = np.flatnonzero((np.arange(len(met.ray)) < rays) | (met.hits.distance < end.take(met.ray)))
-    hits, ray, share = met.hits.select(kept), met.ray.take(kept), met.share.take(kept, axis=0)
-    order = np.lexsort((hits.distance, ray))
-    order = order[rays <= order]  # what is passed, from the nearest on
-    first = np.searchsorted(ray.take(order), np.arange(rays))
-    rank = np.arange(len(order)) - first.take(ray.take(order))
-    arriving, left = np.ones_like(share), np.ones((rays, 3), np.float32)
+def _arriving(ray: Ints, passing: F32, count: int) -> tuple[F32, F32]:
+    """Shares that arrive of surfaces in order along each of ``count`` rays, shape (M, 3), and of what is behind them.
+
+    Parameters
+    ----------
+    ray : ndarray of int, shape (M,)
+        Ascending.
+    passing : ndarray, float32, shape (M, 3)
+        Shares of light that each surface lets pass.
+    """
+    share, left = np.empty_like(passing), np.ones((count, 3), np.float32)
+    rank = np.arange(len(ray)) - np.searchsorted(ray, ray)
     for number in range(rank.max(initial=-1) + 1):
-        rows = order[rank == number]
+        rows = np.flatnonzero(rank == number)
         on = ray.take(rows)
-        arriving[rows] = left.take(on, axis=0) * (1 - share.take(rows, axis=0).mean(axis=1, keepdims=True))
-        left[on] *= share.take(rows, axis=0)
-    arriving[:rays] = left
-    return MetHits(hits, ray, arriving)
+        share[rows] = left.take(on, axis=0) * (1 - passing.take(rows, axis=0).mean(axis=1, keepdims=True))
+        left[on] *= passing.take(rows, axis=0)
+    return share, left
+
+
+def _choose_one(ray: Ints, weight: F32, uv: F32) -> tuple[Ints, F32]:
+    """One of the rows of each ray that has any, as often as its weight says, and by what its light counts then.
+
+    Parameters
+    ----------
+    ray : ndarray of int, shape (M,)
+        Ascending.
+    weight : ndarray, float32, shape (M,)
+    uv : ndarray, float32, shape (M, 2)
+        Which the choice depends on alone.
+    """
+    if not len(ray):
+        return ray, weight
+    first = np.flatnonzero(np.diff(ray, prepend=-1))
+    sums = np.cumsum(weight, dtype=np.float64)
+    before = sums.take(first) - weight.take(first)
+    total = np.diff(np.append(before, sums[-1]))
+    wanted = before + hash_uv(uv.take(first, axis=0)) * total
+    chosen = np.clip(np.searchsorted(sums, wanted, side="right"), first, np.append(first[1:], len(ray)) - 1)
+    return chosen, np.asarray(total / np.maximum(weight.take(chosen), 1e-6), np.float32)

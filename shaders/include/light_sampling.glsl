@@ -13,7 +13,6 @@ const float LUMINANCE_FLOOR = 1e-30;
 const int POINT_CANDIDATES = 4;        // of emission points, of which one is chosen, as of the environment's directions
 
 #ifdef HAS_EMISSION_POINTS
-const int LEVELS = 6;                  // of the tree of a light's points below its root
 const float EVEN_SHARE_OF_HALVES = 0.1;  // of the choice of a half that knows nothing of it
 
 uniform sampler2D emission_points;  // a light has four rows: offset from its centre and squared radius of a disc of the
@@ -145,19 +144,19 @@ float importance(int node, int row, vec3 to_light, vec3 n)
     return max(dot(vector, n) + sqrt(ball.w), 0.0) * inversesqrt(square) / square;
 }
 
-// Where in the order of a light's points, in [0, 1), one is chosen for pick in [0, 1), and the density there: down the tree, by
-// which half is nearer (as in Conty Estevez and Kulla 2018, "Importance Sampling of Many Lights with Adaptive Tree Splitting").
-struct Part {
-    float first;    // of the chosen part of the points
-    float density;  // over that of points spread evenly
-    float pick;     // what is left of it
+// A place in the order of a light's points.
+struct Place {
+    float at;       // in [0, 1)
+    float density;  // over that of places spread evenly
 };
 
-Part choose_part(int row, vec3 to_light, vec3 n, float pick)
+// The place that is chosen for pick in [0, 1): down the tree, by which half is nearer (as in Conty Estevez and Kulla 2018,
+// "Importance Sampling of Many Lights with Adaptive Tree Splitting").
+Place choose_place(int row, vec3 to_light, vec3 n, float pick)
 {
     int node = 1;
     float density = 1.0;
-    for (int level = 0; level < LEVELS; ++level) {
+    for (int level = 0; level < POINT_LEVELS; ++level) {
         float one = importance(2 * node, row, to_light, n), total = one + importance(2 * node + 1, row, to_light, n);
         float share = mix(total > 0.0 ? one / total : 0.5, 0.5, EVEN_SHARE_OF_HALVES);
         bool is_first = pick < share;
@@ -165,7 +164,7 @@ Part choose_part(int row, vec3 to_light, vec3 n, float pick)
         pick = min(is_first ? pick / share : (pick - share) / (1.0 - share), 0.99999994);
         node = 2 * node + (is_first ? 0 : 1);
     }
-    return Part(float(node) / float(1 << LEVELS) - 1.0, density, pick);
+    return Place((float(node) + pick) / float(1 << POINT_LEVELS) - 1.0, density);
 }
 
 // A point of the surfaces that a light only approximates: what holds them, and they themselves, may be in the way.
@@ -174,24 +173,23 @@ LightSample sample_emission_points(Light light, vec3 to_light, vec3 n, vec2 s)
     int row = int(light.tile.x);
     LightSample chosen = LightSample(to_light, vec3(0.0), true);
     float total = 0.0, chosen_target = 0.0, pick = s.y;
-    Part part = choose_part(row, to_light, n, s.x);
     for (int i = 0; i < POINT_CANDIDATES; ++i) {
-        float within = fract(part.pick + float(i) / float(POINT_CANDIDATES)) / float(1 << LEVELS);
-        int index = int(min((part.first + within) * light.tile.y, light.tile.y - 1.0));
+        Place place = choose_place(row, to_light, n, fract(s.x + float(i) / float(POINT_CANDIDATES)));
+        int index = int(min(place.at * light.tile.y, light.tile.y - 1.0));
         vec4 at = texelFetch(emission_points, ivec2(index, row), 0);
         vec4 facing = texelFetch(emission_points, ivec2(index, row + 1), 0);
         vec3 intensity = texelFetch(emission_points, ivec2(index, row + 2), 0).rgb;
         vec3 vector = to_light + at.xyz;
         float square = max(dot(vector, vector), 1e-30), emitted = -dot(vector, facing.xyz);
         float cosines = (facing.w > 0.5 ? abs(emitted) : max(emitted, 0.0)) * max(dot(vector, n), 0.0) / square;
-        vec3 received = intensity * (light.tile.y * cosines / (square + at.w));
+        vec3 received = intensity * (light.tile.y * cosines / ((square + at.w) * place.density));
         float target = luminance(received);
         bool take = replaces(target, total, pick);
         chosen.vector = take ? vector : chosen.vector;
         chosen.light = take ? received : chosen.light;
         chosen_target = take ? target : chosen_target;
     }
-    chosen.light *= total / (float(POINT_CANDIDATES) * part.density * max(chosen_target, LUMINANCE_FLOOR));
+    chosen.light *= total / (float(POINT_CANDIDATES) * max(chosen_target, LUMINANCE_FLOOR));
     return chosen;
 }
 #endif

@@ -374,23 +374,29 @@ def test_glass_sends_back_what_it_does_not_let_through(factor: float, metallic: 
     assert emitted[glass] == pytest.approx(emitted[opaque], rel=0.3)  # few rays meet clear glass
 
 
-def test_what_a_ray_passes_counts_as_much_as_what_it_ends_at_is_seen() -> None:
-    """From the nearest on, also on different bodies; not what is behind the end."""
+def test_what_a_ray_passes_counts_as_much_as_it_is_seen() -> None:
+    """From the nearest on, also on different bodies; not what is behind the end. One stands for all of a ray."""
     veil = Material(albedo=(0.2,) * 3, is_blended=True, alpha=0.25)
     glass = Material(albedo=(0.25, 0.64, 0.81), transmission=Transmission(1.0))
     moving = wall(veil, (-1, -1, 1), slide((0, 1), ((0, 0, 0), (1, 0, 0))))
     scene = make_scene([wall(glass), moving, wall(corner=(-1, -1, -1)), wall(veil, (-1, -1, -2))])
     caster = Caster(scene)
-    tint = np.array([0.25, 0.64, 0.81])
-    origins = (np.array([(0.1, 0.2, 3.0), (0.1, 0.2, -1.5), (5.0, 0.0, 0.5)]) - caster.origin).astype(np.float32)
-    met = caster.cast_through(origins, np.array([(0, 0, -1), (0, 0, -1), (-1, 0, 0)], np.float32))
-    np.testing.assert_allclose(met.hits.distance[:3], [4, np.inf, np.inf], rtol=1e-4)
-    rows = [0, 1, *(np.flatnonzero((met.ray == ray) & np.isclose(met.hits.distance, distance, rtol=1e-3))[0]
-                    for ray, distance in ((0, 2), (0, 3), (1, 0.5)))]
-    np.testing.assert_allclose(met.share[rows], [
-        0.75 * tint, [0.75] * 3, [0.25] * 3, [0.75 * (1 - tint.mean())] * 3, [0.25] * 3], rtol=1e-4)
-    assert len(met.ray) == 6 and met.share[2].tolist() == [1, 1, 1]
-    np.testing.assert_allclose(met.hits.albedo[rows[2]], 0.2, rtol=1e-5)
+    count, tint = 4000, np.array([0.25, 0.64, 0.81])
+    start = np.concatenate([np.random.default_rng(0).uniform(-0.9, 0.9, (count, 2)), np.full((count, 1), 3.0)], axis=1)
+    origins = (np.concatenate([start, [(0.1, 0.2, -1.5), (5.0, 0.0, 0.5)]]) - caster.origin).astype(np.float32)
+    seen = caster.cast_through(origins, np.array([(0, 0, -1)] * (count + 1) + [(-1, 0, 0)], np.float32))
+    np.testing.assert_allclose(seen.hits.distance[:count + 2], [4.0] * count + [np.inf] * 2, rtol=1e-4)
+    np.testing.assert_allclose(seen.share[:count], np.tile(0.75 * tint, (count, 1)), rtol=1e-4)
+    np.testing.assert_allclose(seen.share[count:count + 2], [[0.75] * 3, [1.0] * 3], rtol=1e-4)
+    assert seen.ray.tolist() == [*range(count + 2), *range(count + 1)]
+    passed, share = seen.hits.distance[count + 2:-1], seen.share[count + 2:-1]
+    of_veil, of_glass = 0.25, 0.75 * (1 - tint.mean())
+    np.testing.assert_allclose(share, of_veil + of_glass, rtol=1e-4)
+    for distance, expected in ((2, of_veil), (3, of_glass)):
+        at = np.isclose(passed, distance, rtol=1e-3)
+        assert share[at, 0].sum() / count == pytest.approx(expected, abs=0.02)
+    np.testing.assert_allclose(seen.hits.albedo[count + 2:-1][passed < 2.5], 0.2, rtol=1e-5)
+    np.testing.assert_allclose((seen.hits.distance[-1], *seen.share[-1]), (0.5, 0.25, 0.25, 0.25), rtol=1e-3)
 
 
 def test_a_ray_that_starts_on_a_light_proxy_gets_past_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,9 +11,12 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
+from app.load.emission_patches import EmissiveTriangles
 from app.load.emitters import find_emitters
 from app.load.geometry import RawMesh
+from app.load.light_fit import Receivers
 from app.load.light_tree import MAX_LIGHTS
+from app.load.light_views import MIN_SHARE, find_views
 from app.load.scene_builder import SceneBuilder
 from app.scene import Light, Material, PointLight, RectLight
 
@@ -82,12 +85,11 @@ def emissive(double_sided: bool = False) -> list[Material]:
     return [Material(), *(Material(emission=c, double_sided=double_sided) for c in COLORS)]
 
 
-def lights_of(mesh: trimesh.Trimesh, colors: NDArray[np.int64], double_sided: bool = False,
-              walls: Iterable[trimesh.Trimesh] = ()) -> list[Light]:
-    """The lights of a mesh in a room, with each face in one of ``COLORS``, and with other ``walls`` in it."""
+def lights_of(mesh: trimesh.Trimesh, colors: NDArray[np.int64], double_sided: bool = False) -> list[Light]:
+    """The lights of a mesh in a room, with each face in one of ``COLORS``."""
     builder = SceneBuilder("test", materials=emissive(double_sided))
-    room = trimesh.creation.box(extents=ROOM)
-    parts = [(room.vertices, room.faces[:, ::-1], 0), *((w.vertices, w.faces, 0) for w in walls)]
+    walls = trimesh.creation.box(extents=ROOM)
+    parts = [(walls.vertices, walls.faces[:, ::-1], 0)]
     parts += [(mesh.vertices, mesh.faces[colors == c], c + 1) for c in np.unique(colors)]
     for vertices, faces, material in parts:
         index = builder.add_mesh("part", RawMesh(np.asarray(vertices, np.float64), np.asarray(faces)), material)
@@ -244,23 +246,27 @@ def test_rows_of_tubes_are_lines() -> None:
     assert mean_error(mesh, np.zeros(len(mesh.faces), np.int64), lights) < 0.09  # crossed rectangles are no tubes
 
 
-def test_emitters_that_little_sees_get_few_lights() -> None:
-    """Strong ones in a case, whose six sides are a fourth of all surfaces that receive light, and weak ones outside."""
-    case = trimesh.creation.box(extents=(1.0, 1.0, 1.0))
-    case.apply_translation((2.4, -0.9, 1.9))
-    inside = copies(trimesh.creation.icosphere(1, 0.04), np.random.default_rng(0).uniform(
-        (2.0, -1.3, 1.5), (2.8, -0.5, 2.3), (24, 3)))
-    mesh = trimesh.util.concatenate([inside, tubes([(1.2, -1.5), (0.9, 0.0), (1.2, 1.5)], 6)])
-    colors = np.zeros(len(mesh.faces), np.int64)
-    open_lights, hidden_lights = (lights_of(mesh, colors, walls=walls) for walls in ((), (case,)))
-    in_case, hidden = (sum(light_center(light)[0] > 1.9 and light_center(light)[2] > 1.4 for light in lights)
-                       for lights in (open_lights, hidden_lights))
-    assert hidden < in_case
-    np.testing.assert_allclose(power_of(hidden_lights), np.pi * mesh.area * np.array(COLORS[0]), rtol=1e-6)
-
-
-def light_center(light: Light) -> F64:
-    return np.asarray(light.center if isinstance(light, RectLight) else light.position)
+def test_receivers_see_emitters_past_no_wall() -> None:
+    """A panel in a ceiling, a bulb around its opaque core, and a lamp in a case, from points of the room."""
+    core, case = trimesh.creation.icosphere(1, 0.02), trimesh.creation.box(extents=(0.5, 0.5, 0.5))
+    case.apply_translation((2.0, -1.0, 1.5))
+    builder = SceneBuilder("test", materials=emissive())
+    for mesh in (trimesh.creation.box(extents=ROOM), core, case):
+        index = builder.add_mesh("part", RawMesh(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)), 0)
+        assert index is not None
+        builder.add_instance("part", index, np.eye(4))
+    panel = copies(downward_quad(0.3), [(0.0, ROOM[1] / 2, 0.5)])
+    lamp = copies(trimesh.creation.icosphere(1, 0.05), [(2.0, -1.0, 1.5)])
+    parts = panel, trimesh.creation.icosphere(1, 0.05), lamp
+    patch = np.repeat(np.arange(3), [len(part.faces) for part in parts])
+    triangles = EmissiveTriangles(np.concatenate([part.triangles for part in parts]), np.ones((len(patch), 3)),
+                                  np.zeros(len(patch), bool), patch)
+    points, normals = wall_points(50)
+    below = points[:, 1] < ROOM[1] / 2 - 1e-6
+    views = find_views(builder, set(), Receivers(points[below], normals[below]), triangles, patch, np.zeros(3))
+    of_panel, of_bulb, of_lamp = views.visibility.T
+    assert (of_panel == 1).all() and (of_lamp == MIN_SHARE).all()
+    assert (of_bulb == 1).mean() > 0.9  # from elsewhere the few points that are looked at face away
 
 
 def test_ten_thousand_pieces_take_about_a_second() -> None:
