@@ -21,6 +21,7 @@ from app.scene import Light
 MAX_ERROR = 0.01              # of the irradiance, at which more lights are not worth their time
 MAX_EXCESS = 1.05             # times the least error, for which fewer lights will do
 NORMAL_SCALES = (0.3, 3.0)    # sizes of a cluster that a unit of difference between normals counts as
+MAX_PIECES = 2**10            # of which a tree of pieces is built; it takes longer than the others
 MIN_IRRADIANCE = 1e-100       # W/m², summed over receivers; less is none
 SPREAD_COST = 0.2             # of light that leaves an area far larger than that of its patches, which highlights show
 MAX_SPREAD = 4.0              # times the patches' area, up to which it costs nothing
@@ -57,7 +58,7 @@ def cluster_patches(patches: Patches, views: Iterable[Views], exact: Mapping[int
     groups = list(_first_groups(patches))
     scales = NORMAL_SCALES if patches.normal.any() else NORMAL_SCALES[:1]
     trees = [build_tree(patches, measure.fit, groups, scale, MAX_ERROR / 2) for scale in scales]
-    if len(groups) < len(np.unique(patches.piece)):
+    if len(groups) < len(np.unique(patches.piece)) <= MAX_PIECES:
         trees.append(build_tree_of_pieces(patches, measure.fit, MAX_ERROR / 2))
     errors = np.stack([tree.least_errors for tree in trees])
     enough = errors.min(axis=0) <= max(MAX_ERROR, MAX_EXCESS * float(errors.min()))

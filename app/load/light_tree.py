@@ -90,9 +90,7 @@ def build_tree(patches: Patches, fit: FitLights, groups: Sequence[Ints], normal_
     def halve(node: Node) -> tuple[Node, Node]:
         rows = node.patches
         gains, sides = _divisions(patches.position[rows], patches.normal[rows], patches.weight[rows], normal_scale)
-        side = sides[_first_largest(np.array(gains))]
-        one, other = (Node(rows, fit(rows)) for rows in (node.patches[side], node.patches[~side]))
-        return one, other
+        return _halves(node, sides[_first_largest(np.array(gains))], fit)
 
     roots = [Node(rows, fit(rows)) for rows in groups]
     _grow(roots, halve, lambda node: len(node.patches) > 1, enough)
@@ -102,18 +100,18 @@ def build_tree(patches: Patches, fit: FitLights, groups: Sequence[Ints], normal_
 def build_tree_of_pieces(patches: Patches, fit: FitLights, enough: float) -> Node:
     """A tree of whole pieces, divided so that the halves' lights cost least: a row of tubes is a line."""
     def halve(node: Node) -> tuple[Node, Node]:
-        sides = _sides_of_pieces(patches, node.patches)
-        pairs = [halves(node, side) for side in sides]
+        pairs = [_halves(node, side, fit) for side in _sides_of_pieces(patches, node.patches)]
         return pairs[_first_smallest(np.array([one.least_cost + other.least_cost for one, other in pairs]))]
-
-    def halves(node: Node, side: Bools) -> tuple[Node, Node]:
-        one, other = (Node(rows, fit(rows)) for rows in (node.patches[side], node.patches[~side]))
-        return one, other
 
     every = np.arange(len(patches.piece))
     root = Node(every, fit(every))
     _grow([root], halve, lambda node: len(np.unique(patches.piece[node.patches])) > 1, enough)
     return root
+
+
+def _halves(node: Node, side: Bools, fit: FitLights) -> tuple[Node, Node]:
+    one, other = (Node(rows, fit(rows)) for rows in (node.patches[side], node.patches[~side]))
+    return one, other
 
 
 def _grow(leaves: Iterable[Node], halve: Callable[[Node], tuple[Node, Node]], is_divisible: Callable[[Node], bool],
