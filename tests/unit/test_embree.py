@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from app import embree
 from app.embree import Triangles
-from app.raycast import embree
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
 
