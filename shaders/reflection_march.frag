@@ -60,18 +60,22 @@ float marched_depth(float k)
 #endif
 }
 
+bool is_beyond(vec3 at, float there)
+{
+    return is_surface(there) && marched_depth(at.z) > there + BIAS * depth_scale(there);
+}
+
 bool is_behind(vec3 at)
 {
     ivec2 low = clamp(ivec2(at.xy / ratio), ivec2(0), textureSize(reflection_gbuffer, 0) - 1);
-    float there = texelFetch(reflection_gbuffer, low, 0).a;
-    return is_surface(there) && marched_depth(at.z) > there + BIAS * depth_scale(there);
+    return is_beyond(at, texelFetch(reflection_gbuffer, low, 0).a);
 }
 
 #ifdef HAS_PEEL0_DEPTH
 bool is_behind_layer(vec3 at)
 {
-    float there = texelFetch(peel0_depth, clamp(ivec2(at.xy), ivec2(0), textureSize(peel0_depth, 0) - 1), 0).r;
-    return is_surface(there) && marched_depth(at.z) > there + BIAS * depth_scale(there);
+    ivec2 texel = clamp(ivec2(at.xy), ivec2(0), textureSize(peel0_depth, 0) - 1);
+    return is_beyond(at, texelFetch(peel0_depth, texel, 0).r);
 }
 #endif
 

@@ -14,7 +14,7 @@ import numpy as np
 from app.arrays import F64, Ints
 from app.load.emission_patches import Patches
 from app.load.light_fit import Fit, fit_lights, form_factors
-from app.load.light_tree import MAX_LIGHTS, TIE, MeasuredFit, build_tree, build_tree_of_pieces, cut
+from app.load.light_tree import MAX_LIGHTS, MeasuredFit, build_tree, build_tree_of_pieces, cut, first_smallest
 from app.load.light_views import Views
 from app.scene import Light
 
@@ -63,8 +63,7 @@ def cluster_patches(patches: Patches, views: Iterable[Views], exact: Mapping[int
     errors = np.stack([tree.least_errors for tree in trees])
     enough = errors.min(axis=0) <= max(MAX_ERROR, MAX_EXCESS * float(errors.min()))
     count = int(np.argmax(enough))  # the smallest
-    costs = np.array([tree.least_costs[count] for tree in trees])
-    best = trees[int(np.argmax(costs <= costs.min() * (1 + TIE)))]
+    best = trees[first_smallest(np.array([tree.least_costs[count] for tree in trees]))]
     return [Cluster(node.patches, lights) for node, lights in cut(best, count)]
 
 

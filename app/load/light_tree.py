@@ -101,7 +101,7 @@ def build_tree_of_pieces(patches: Patches, fit: FitLights, enough: float) -> Nod
     """A tree of whole pieces, divided so that the halves' lights cost least: a row of tubes is a line."""
     def halve(node: Node) -> tuple[Node, Node]:
         pairs = [_halves(node, side, fit) for side in _sides_of_pieces(patches, node.patches)]
-        return pairs[_first_smallest(np.array([one.least_cost + other.least_cost for one, other in pairs]))]
+        return pairs[first_smallest(np.array([one.least_cost + other.least_cost for one, other in pairs]))]
 
     every = np.arange(len(patches.piece))
     root = Node(every, fit(every))
@@ -135,7 +135,7 @@ def cut(node: Node, count: int) -> Iterator[tuple[Node, tuple[Light, ...]]]:
         return
     assert node.halves is not None, "a leaf has lights"
     one, other = node.halves
-    first = _first_smallest(_add(one.least_costs, other.least_costs)[count])
+    first = first_smallest(_add(one.least_costs, other.least_costs)[count])
     yield from cut(one, first)
     yield from cut(other, count - first)
 
@@ -192,7 +192,7 @@ def _split_along(key: F64, features: F64, weight: F64) -> tuple[float, Bools]:
     return 0.0 if same.all() else float(gain[best]), side
 
 
-def _first_smallest(values: F64) -> int:
+def first_smallest(values: F64) -> int:
     """Index of the first value that is smallest but for rounding."""
     return int(np.argmax(values <= values.min() * (1 + TIE)))
 

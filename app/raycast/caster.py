@@ -350,6 +350,7 @@ class Caster:
             start = (start @ inverse[:3, :3].T + inverse[:3, 3]).astype(np.float32)
             along = (along @ inverse[:3, :3].T).astype(np.float32)
         from_start = np.zeros(len(rows), np.float32)
+        passed = passed if body.has_passable else None
         for _ in range(MAX_PASSED):
             distance, triangle, uv, face = body.cast(start + along * from_start[:, None], along,
                                                      hits.distance[rows] - from_start)
