@@ -23,6 +23,7 @@ from app.passes import (
     front_motion,
     gbuffer,
     labels,
+    layer_light,
     lowres_gbuffer,
     missed_pixels,
     network,
@@ -87,8 +88,9 @@ NO_TAA = "switched off by --no-taa"
 NOTHING_TRACED = "the shadows of all lights are in maps"
 SHADOW_RAY_PASSES = ("shadow_gbuffer", "shadow_rays", "shadow_history", "shadow_filter_near", "shadow_filter_far")
 MAX_LAYERS = 4  # of blended and transmissive surfaces; farther ones of a pixel are not drawn
+LAYER_LIGHT_PASSES = (*(f"peel{k}_lowres_gbuffer" for k in range(MAX_LAYERS)), "layer_light")
 LAYER_PASSES = (*(f"peel{k}_{name}" for k in range(MAX_LAYERS) for name in ("gbuffer", "direct", "blend")),
-                "front_motion")
+                *LAYER_LIGHT_PASSES, "front_motion")
 CUBE_PASSES = ("cube_gbuffer", "cube_shadow_rays", "cube_direct", "cube_background")
 GRADIENT_PASSES = ("gradient_filter_near", "gradient_filter_far")
 GATHER_PASSES = ("surfel_pack_globals", "surfel_indirect", "gather_rays", "gather_history", *GRADIENT_PASSES)
@@ -221,6 +223,11 @@ class FrameInputs:
         return reflection.has_detail(reflection.grid(size), size, self.settings.taa)
 
     @property
+    def gathers_reflections(self) -> bool:
+        """Whether pixels of a still get reflections of their own one after another."""
+        return self.has_reflection_detail and (self.has_reflected_rays or self.has_outer_reflections)
+
+    @property
     def indirect_grid(self) -> Size | None:
         """Width and height of the grid that indirect light is computed on; None without a model."""
         model, size = self.models.indirect, self.settings.render_size
@@ -279,7 +286,7 @@ def _steps(inputs: FrameInputs, finished: str) -> Iterator[Step]:
     if settings.taa:
         prefix = "front_" if inputs.has_see_through else ""
         yield from taa.declare(scene.environment is not None, prefix + "motion", prefix + "depth", inputs.has_textures,
-                               settings.size, is_upscaled=settings.render_scale < 1)
+                               settings.size, settings.render_scale < 1, inputs.gathers_reflections)
         yield sharpen.declare(settings.size) if inputs.has_textures else Absent("sharpen", "no material has a texture")
     else:
         yield from _absent(NO_TAA, "taa", "sharpen")
@@ -297,10 +304,18 @@ def _peeled_layers(inputs: FrameInputs) -> Iterator[Step]:
     shadow_grid = shadow_rays.grid(inputs.settings.render_size) if inputs.is_traced else None
     for before, layer in zip((None, *layers), layers, strict=False):
         yield gbuffer.declare_peeled(inputs.scene, inputs.layers, layer, before)
-        # A model shades the G-buffer only, so layers have the environment's light without shadows then.
+        # A model shades the G-buffer only, so layers reflect the environment without shadows then.
         yield direct.declare(inputs.lights, inputs.has_specular, shadow_grid, inputs.scene.environment is not None,
                              inputs.layers, inputs.has_normal_maps, layer,
-                             inputs.has_outer_reflections and layer.index == 0)
+                             inputs.has_outer_reflections and layer.index == 0, inputs.has_surfel_indirect)
+    if inputs.has_surfel_indirect:
+        grid = layer_light.grid(inputs.settings.render_size)
+        for layer in layers:
+            yield lowres_gbuffer.declare(layer.prefix + "lowres_gbuffer", grid, layer.prefix + "normal",
+                                         layer.prefix + "depth")
+        yield layer_light.declare(layers, grid, inputs.surfels)
+    else:
+        yield from _absent("the model gives no light of surfels", *LAYER_LIGHT_PASSES)
     behind = "opaque_lit"
     for layer in reversed(layers):
         result = layer.prefix + "lit" if layer.index else "lit"

@@ -9,6 +9,7 @@ const float GOLDEN_ANGLE = 2.39996323;
 const float MIN_BLUR = 0.5;  // pixels
 const int INDIRECT_TAPS = 8;
 const float INDIRECT_RADIUS = 24.0;  // pixels
+const float SAME_DEPTH = 0.05;       // relative difference of depths of one surface
 
 uniform sampler2D behind;
 uniform sampler2D albedo;
@@ -24,6 +25,9 @@ uniform sampler2D emission;
 #endif
 #ifdef HAS_INDIRECT
 uniform sampler2D indirect;  // of what is opaque
+#endif
+#ifdef HAS_ARRIVING
+uniform sampler2D arriving;  // diffuse light on a coarse grid; a: depth of the layer there, 0 for none
 #endif
 #ifdef HAS_REFRACTION
 uniform sampler2D refraction;
@@ -77,6 +81,22 @@ vec3 indirect_around(vec2 pixel)
 }
 #endif
 
+#ifdef HAS_ARRIVING
+// Interpolated between the texels around that show the layer, or otherwise light.
+vec3 arriving_at(vec2 pixel, float d, vec3 otherwise)
+{
+    vec2 size = vec2(textureSize(arriving, 0)), at = pixel * image.zw * size - 0.5, first = floor(at) - 1.0;
+    vec4 sum = vec4(0.0);
+    for (int i = 0; i < 16; ++i) {
+        vec2 t = first + vec2(i % 4, i / 4), closeness = max(1.0 - 0.5 * abs(t - at), 0.0);
+        vec4 light = texelFetch(arriving, ivec2(clamp(t, vec2(0.0), size - 1.0)), 0);
+        float apart = (light.a - d) / (SAME_DEPTH * d), weight = closeness.x * closeness.y / (1.0 + apart * apart);
+        sum += light.a > 0.0 && is_finite(dot(light, vec4(1.0))) ? vec4(light.rgb, 1.0) * weight : vec4(0.0);
+    }
+    return sum.a > 0.0 ? sanitize_radiance(sum.rgb / sum.a) : otherwise;
+}
+#endif
+
 void main()
 {
     ivec2 texel = ivec2(gl_FragCoord.xy);
@@ -102,7 +122,11 @@ void main()
         light += mirrored.a > 0.5 ? sanitize_radiance(mirrored.rgb) : vec3(0.0);
 #endif
 #ifdef HAS_INDIRECT
-        light += sanitize_albedo(texelFetch(albedo, texel, 0).rgb) * indirect_around(gl_FragCoord.xy);
+        vec3 diffuse = indirect_around(gl_FragCoord.xy);
+#ifdef HAS_ARRIVING
+        diffuse = arriving_at(gl_FragCoord.xy, d, diffuse);
+#endif
+        light += sanitize_albedo(texelFetch(albedo, texel, 0).rgb) * diffuse;
 #endif
     }
     out_lit = vec4(min(light, HALF_MAX), 1.0);

@@ -159,7 +159,7 @@ void main()
         traced_layered += layered_light(lights[m], p, n, irradiance(lights[m], p, n), layers);
 #endif
     vec3 of_lights = traced, of_sky = vec3(0.0), sky_glossy = vec3(0.0), sky_layered = vec3(0.0);
-#ifdef HAS_SKY_IRRADIANCE
+#if defined(HAS_SKY_IRRADIANCE) && !defined(SKY_IS_GATHERED)
     if (is_surface(d)) of_sky = unshadowed_sky_irradiance(n);
     traced += of_sky;
 #endif

@@ -93,12 +93,15 @@ void main()
     float kept = accumulated.a * mix(0.25, 1.0, share);
 #endif
     history = max(rgb(mean + offset * share), 0.0);
-    float frames = keep ? min(kept + 1.0, still ? STILL_FRAMES : MOVING_FRAMES) : 1.0;
+    float frames = keep ? min(kept + 1.0, still ? STILL_FRAMES : MOVING_FRAMES) : 1.0, weight = 1.0 / frames;
 
     out_deviation = 0.0;
 #ifdef SETTLED
     float change = ycocg(now - history).x, variance_before = share < 1.0 ? 0.0 : spread * spread;
-    if (keep) out_deviation = min(sqrt((1.0 - 1.0 / frames) * (variance_before + change * change / frames)), HALF_MAX);
+#ifdef GATHERS_REFLECTIONS  // pixel by pixel, so that later frames have more of them and count more: in proportion to their number
+    if (still) weight = 2.0 / (frames + 1.0);
+#endif
+    if (keep) out_deviation = min(sqrt((1.0 - weight) * (variance_before + change * change * weight)), HALF_MAX);
 #endif
 #ifdef WRITE_RESAMPLED
     vec2 fraction = fract(back);  // half a texel blurs most, a whole one not at all
@@ -107,5 +110,5 @@ void main()
     resamplings = is_finite(resamplings) ? max(resamplings, 0.0) + blur : blur;
     out_resampled = keep ? min(resamplings, MOVING_FRAMES) * (1.0 - 1.0 / frames) : 0.0;
 #endif
-    out_taa = vec4(keep ? min(mix(history, now, 1.0 / frames), HALF_MAX) : now, frames);
+    out_taa = vec4(keep ? min(mix(history, now, weight), HALF_MAX) : now, frames);
 }

@@ -70,7 +70,7 @@ def catalogue() -> dict[str, Case]:
         replace(_settled("shaded_glass", scenes.glass(), UNSHADOWED), size=(64, 48), stages=("peel0_direct",)),
         replace(_settled("parallel", scenes.parallel(scenes.dusk(), 2.6), PROBE), size=(96, 72),
                 stages=PARALLEL_STAGES),
-        replace(_settled("parallel_glass", scenes.parallel(scenes.glass(), 2.6), SSGI), size=(96, 72),
+        replace(_settled("parallel_glass", scenes.parallel(scenes.glass(), 2.6), SSGI), size=(80, 60),
                 stages=PARALLEL_GLASS_STAGES),
         replace(_settled("labels", scenes.glass(), None), size=(96, 72), stages=("labels",), outputs=LABELS),
         *(replace(_single(name.replace("-", "_"), scenes.area_lights(), None), size=(96, 72), stages=("tonemap",),
@@ -102,6 +102,8 @@ def catalogue() -> dict[str, Case]:
     # Light on bumps, and rays that shaders trace; the networks are those of cases above.
     bumps = replace(_settled("bumps", scenes.materials(), find_model("final-gather")), size=(64, 48),
                     stages=BUMPS_STAGES)
+    lit_glass = replace(_settled("lit_glass", scenes.glass(), ember), size=(40, 30),
+                        stages=("layer_light", "peel0_blend"))
     on_gpu = [
         replace(bumps, name="bumps_on_gpu", rays="gpu", stages=("gather_rays",)),
         replace(_settled("gathered_on_gpu", scenes.room(), find_model("final-gather")), size=(64, 48), rays="gpu",
@@ -113,7 +115,7 @@ def catalogue() -> dict[str, Case]:
     ]
     used = {case.model for case in cases}
     others = [NetworkCase(_alone(name, file), file) for name, file in bundled_models().items() if file not in used]
-    every = (*with_networks(cases), mapped, bumps, *on_gpu, *others, CopyCase())
+    every = (*with_networks(cases), mapped, bumps, lit_glass, *on_gpu, *others, CopyCase())
     by_name = {case.name: case for case in every}
     assert len(by_name) == len(every), "two cases have the same name"
     return by_name

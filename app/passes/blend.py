@@ -14,7 +14,8 @@ from app.math3d import R2
 def declare(layer: PeeledLayer, behind: str, result: str, has_indirect: bool) -> Pass:
     """Lay ``layer`` over the resource ``behind``.
 
-    Indirect light is that of opaque surfaces around. What rough surfaces transmit is blurred by mipmaps of ``behind``.
+    Indirect light is that of opaque surfaces around where what arrives at the layer is not known. What rough surfaces
+    transmit is blurred by mipmaps of ``behind``.
     """
     prefix = layer.prefix
 
@@ -42,7 +43,7 @@ def declare(layer: PeeledLayer, behind: str, result: str, has_indirect: bool) ->
     # The nearest layer mirrors what is around it.
     mirrored = () if layer.index else ("outer_reflection",)
     own = ("albedo", "direct", "depth", "passage")
-    optional = ("emission", "specular", "refraction")
+    optional = ("emission", "specular", "refraction", "arriving")
     return Pass(prefix + "blend", reads=(behind, "depth", *(prefix + name for name in own),
                                          *(("indirect",) if has_indirect else ())),
                 optional=(*(prefix + name for name in optional), *mirrored), writes={result: Tex("f2", 4)}, make=make)

@@ -24,7 +24,7 @@ LTC_UNIT = 32  # texture unit of the table of specular lobes, beyond the 16 or 3
 
 def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] | None, has_sky: bool,
             layers: tuple[str, ...], has_normal_maps: bool, layer: PeeledLayer | None = None,
-            sky_is_reflected: bool = False) -> Pass:
+            sky_is_reflected: bool = False, sky_is_gathered: bool = False) -> Pass:
     """On the screen; specular light only where a material has a specular lobe.
 
     With TAA each frame samples penumbrae at other points; without it the points are fixed per texel, so that static
@@ -44,6 +44,8 @@ def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] |
         What to light, instead of the G-buffer.
     sky_is_reflected : bool
         Whether smooth surfaces reflect the environment elsewhere, by rays; of a layer, where it is an outer surface.
+    sky_is_gathered : bool
+        Whether diffuse light of the environment is added elsewhere.
     """
     prefix = "" if layer is None else layer.prefix
     writes: dict[str, Resource] = {prefix + "direct": Tex("f2", 4)}
@@ -57,6 +59,7 @@ def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] |
     defines = {**lights.defines, "SKY_TILE": f"{TILE}.0", **({"NORMAL_MAPS": 1} if has_normal_maps else {}),
                **{f"HAS_{name.upper()}": 1 for name in layers}, **({"WIDE_SHADOW_RATIO": 1} if prefix else {}),
                **({"SKY_IS_REFLECTED" if layer is None else "IS_OUTER": 1} if sky_is_reflected else {}),
+               **({"SKY_IS_GATHERED": 1} if sky_is_gathered else {}),
                **({"HAS_SPECULAR_SURFACES": 1} if has_specular else {})}
 
     has_outer = has_sky and (sky_is_reflected if layer is not None else "clearcoat" in layers)

@@ -19,7 +19,6 @@ from app.gl.lights import LightSet
 from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
 from app.math3d import GOLDEN_RATIO, R2, put_rows, row_dots
-from app.network.channels import HALF_MAX
 from app.passes.surfel_buffer import SurfelBuffer
 from app.raycast.caster import Caster, Hits
 from app.scene import Environment
@@ -34,6 +33,8 @@ MAX_UNIT_ERROR = 0.1  # of a direction's squared length
 MAX_APART = 0.1       # of a ray's length, their distance
 MAX_SLOPE = 0.1       # of the line between them over the surface at one of them
 SAME_NORMAL = 0.95    # cosine of the angle between their normals
+MIN_OTHERS = 4        # around, by whose mean the light of one is limited
+MAX_OVER_OTHERS = 4.0  # times that mean and that of all ends: rare light beside emitters would be dots
 TRACED_SIDE = 8       # texels along the edges of what a work group of reflection_trace.comp traces
 
 
@@ -117,12 +118,9 @@ def _make_on_gpu(device: Device, bound: BoundPass, grid: tuple[int, int], surfel
 
 
 def _light_of(surfels: TrackedSurfels, bound: BoundPass, resources: Resources) -> F32:
-    """Indirect light of the surfels, and that of the sky, shape (S, 3)."""
-    world = surfels.world
-    indirect = resources.rows("surfel_indirect") if "surfel_indirect" in bound.reads else world.emissive_irradiance
-    sent = world.sky_irradiance + indirect
-    is_known = (sent < HALF_MAX).all(axis=1, keepdims=True)  # a network may have made it of what is no number
-    return np.asarray(np.where(is_known, sent, 0).clip(0), np.float32)
+    """Light that arrives at the surfels, but for that of lights, shape (S, 3)."""
+    return surfels.arriving_light(resources.rows("surfel_indirect") if "surfel_indirect" in bound.reads
+                                  else surfels.world.emissive_irradiance)
 
 
 def _read(resources: Resources, name: str) -> F32:
@@ -157,16 +155,25 @@ def _averaged(light: F32, rows: Ints, grid: tuple[int, int], hits: Hits) -> F32:
     index = np.full((grid[1] + 2, grid[0] + 2), -1, np.int64)
     y, x = np.divmod(rows, grid[0])
     index[y + 1, x + 1] = np.arange(ends)
-    total, count = light.copy(), np.ones(len(light), np.float32)
+    around, count = np.zeros_like(light[:ends]), np.zeros((ends, 1), np.float32)
+    neighbours: list[tuple[Ints, Bools]] = []
     for up, right in ((0, 1), (1, 0), (1, 1), (1, -1), (0, -1), (-1, 0), (-1, -1), (-1, 1)):
         other = index[y + 1 + up, x + 1 + right]
         away = position.take(other, axis=0) - position
         height, span = row_dots(away, normal), row_dots(away, away)
         alike = ((other >= 0) & (span < reach * reach) & (height * height <= MAX_SLOPE**2 * span)
-                 & (row_dots(normal.take(other, axis=0), normal) > SAME_NORMAL))
-        total[:ends] += np.where(alike[:, None], light.take(other, axis=0), 0)
-        count[:ends] += alike
-    return np.asarray(total / count[:, None], np.float32)
+                 & (row_dots(normal.take(other, axis=0), normal) > SAME_NORMAL))[:, None]
+        neighbours.append((other, alike))
+        around += np.where(alike, light.take(other, axis=0), 0)
+        count += alike
+    limited = light.copy()
+    most = MAX_OVER_OTHERS * (around / np.maximum(count, 1) + light.mean(axis=0))
+    limited[:ends] = np.where(count >= MIN_OTHERS, np.minimum(light[:ends], most), light[:ends])
+    total = limited.copy()
+    for other, alike in neighbours:
+        total[:ends] += np.where(alike, limited.take(other, axis=0), 0)
+    total[:ends] /= 1 + count
+    return total
 
 
 def _trace(caster: Caster, light_at: Callable[[Hits, Ints], F32], environment: Environment | None, origin: F32,

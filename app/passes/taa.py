@@ -15,7 +15,7 @@ MOMENTS = "guide_mean", "guide_deviation"
 
 
 def declare(has_sky: bool, motion: str, depth: str, is_sharpened: bool, size: tuple[int, int],
-            is_upscaled: bool) -> Iterator[Pass]:
+            is_upscaled: bool, gathers_reflections: bool) -> Iterator[Pass]:
     """The history is 32-bit, since hundreds of static frames accumulate in it.
 
     Parameters
@@ -30,6 +30,8 @@ def declare(has_sky: bool, motion: str, depth: str, is_sharpened: bool, size: tu
         Width and height of the image.
     is_upscaled : bool
         Whether frames are smaller than the image.
+    gathers_reflections : bool
+        Whether pixels of a still get reflections of their own one after another.
     """
     def uniforms(frame: FrameState) -> dict[str, object]:
         always: dict[str, object] = {"history_valid": frame.history_valid, "near": frame.view.near}
@@ -40,11 +42,15 @@ def declare(has_sky: bool, motion: str, depth: str, is_sharpened: bool, size: tu
         return {**always, "previous_lens": frame.previous.half_size,
                 "previous_from_view": np.linalg.inv(_shear(frame.previous)) @ rotation @ _shear(frame.view)}
 
+    defines = {"SKY": 1} if has_sky else {}
+    if gathers_reflections:
+        defines["GATHERS_REFLECTIONS"] = 1
+
     def reprojecting(shader: str) -> Callable[[Device, BoundPass], Execute]:
         """In two variants, so that what settled frames need costs nothing while something moves."""
         def make(device: Device, bound: BoundPass) -> Execute:
             unsettled, settled = (make_fullscreen(
-                shader, uniforms, {**({"SKY": 1} if has_sky else {}), **variant},
+                shader, uniforms, {**defines, **variant},
                 samplers={motion: "motion", depth + PREVIOUS: "depth_prev"})(device, bound)
                 for variant in ({}, {"SETTLED": 1}))
             return lambda frame, resources: (settled if frame.settled else unsettled)(frame, resources)

@@ -8,8 +8,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from app.arrays import F64
+from app.arrays import F32, F64
 from app.math3d import View
+from app.network.channels import HALF_MAX
 from app.raycast.caster import Caster
 from app.scene import Scene
 from app.surfels.lookup import SurfelLookup
@@ -55,6 +56,15 @@ class TrackedSurfels:
         if self._lookup is None or self._lookup[0] != self.version:
             self._lookup = self.version, SurfelLookup(self.world)
         return self._lookup[1]
+
+    def arriving_light(self, indirect: F32) -> F32:
+        """Irradiance / π at the surfels without that of lights, shape (S, 3): that of the sky, and ``indirect`` light.
+
+        A network may have made the latter of what is no number; such surfels have none at all.
+        """
+        sent = self.world.sky_irradiance + indirect
+        is_known = (sent < HALF_MAX).all(axis=1, keepdims=True)
+        return np.asarray(np.where(is_known, sent, 0).clip(0), np.float32)
 
     def forget_lookup(self) -> None:
         """Begin the next lookup anew: what it remembers depends on the points that were looked up before."""

@@ -22,9 +22,11 @@ const float EDGE = 0.3;               // radians, that the turn to another surfa
 const float MIN_LOBE = 5e-3;          // radians
 const float ROUGHNESS_OF_ONE = 0.05;  // at which one sample of a pixel's own counts as much as all light that is averaged
 const float FEW = 2.0, ENOUGH = 9.0;  // samples that averaged light counts as, between which those of pixels lose their weight
-const float MIN_BLUR = 0.4;           // of ROUGHNESS_OF_ONE, from which pixels around count
+const float MIN_BLUR = 0.4;           // of ROUGHNESS_OF_ONE, from which pixels along count too
 const float NOISELESS = 0.05, NOISY = 0.15;  // roughness, between which samples get noisy
 const float NOISY_SAMPLES = 12.0;     // of noisy ones, that averaged light counts as at least
+const float EVEN = 1e-4, BUMPY = 1e-2;  // bumpiness, between which samples get noisy
+const float UNSAMPLED = 0.1;          // samples that averaged light counts as, at least, in pixels without one
 const int ALONG = 8;                  // pixels on a line that count beyond those around
 
 uniform sampler2D reflection_detail;  // radiance; a: number of samples
@@ -79,6 +81,21 @@ float bend(ivec2 texel, vec3 n)
     return max(max(turn(n, texel - right), turn(n, texel + right)), max(turn(n, texel - up), turn(n, texel + up)));
 }
 
+// How much the normals of two pixels on both sides differ from a steady turn, squared; 0 beside an edge.
+float unsteadiness(vec3 n, vec3 before, vec3 after)
+{
+    vec3 bump = before + after - 2.0 * n;
+    return min(dot(n, before), dot(n, after)) > SAME_NORMAL ? dot(bump, bump) : 0.0;
+}
+
+// The same in both directions of the image: bumps, of which a pixel shows one by chance.
+float bumpiness(ivec2 texel, vec3 n)
+{
+    ivec2 right = ivec2(1, 0), up = ivec2(0, 1);
+    return max(unsteadiness(n, normal_at(texel - right), normal_at(texel + right)),
+               unsteadiness(n, normal_at(texel - up), normal_at(texel + up)));
+}
+
 // The direction in which the normal changes least, as along a rod: the eigenvector of the smaller eigenvalue of squared changes.
 vec2 straightest(ivec2 texel)
 {
@@ -96,21 +113,29 @@ vec3 detailed(ivec2 texel, vec3 n, float d, float roughness, vec4 averaged)
     float blur = roughness / ROUGHNESS_OF_ONE, bent = bend(texel, n), bends = 0.5 * bent / max(roughness * roughness, MIN_LOBE);
     float flatness = 1.0 / (1.0 + bends * bends), known = averaged.a * blur * blur * flatness * flatness;
     float needed = 1.0 - smoothstep(FEW, ENOUGH, known);
-    known = max(known + NOISY_SAMPLES * smoothstep(NOISELESS, NOISY, roughness) * averaged.a, 1e-6);
+    // Bumps count as noise: a pixel's own ray sees one of many.
+    float bumps = bumpiness(texel, n), bumpy = smoothstep(EVEN, BUMPY, bumps);
+    float own = max(texelFetch(reflection_detail, texel, 0).a, 0.0);
+    known += NOISY_SAMPLES * max(smoothstep(NOISELESS, NOISY, roughness), bumpy) * averaged.a;
+    known = max(known, own < 1.0 ? UNSAMPLED * averaged.a : 0.0);
+    known = max(known, 1e-6);
     vec4 sum = vec4(averaged.rgb, 1.0) * known;
     vec3 p = surface_point(gl_FragCoord.xy, d);
-    float sharpness = 1.0 / (roughness * roughness * roughness * roughness + 8.0 * bent * bent / dot(ratio, ratio) + 1e-8);
+    // In squared pixels. Few samples are aliased, unless those around count too.
+    float spread = blur * blur + 1.0 / (1.0 + own) + 2.0 * bumpy;
+    float sharpness = 1.0 / (roughness * roughness * roughness * roughness + 8.0 * bent * bent / dot(ratio, ratio)
+                             + 4.0 * bumps + 1e-8);
     // A loop that need not begin takes no time, unlike a branch, which some drivers run for all.
-    bool counts_any = ray_share(roughness) > 0.0 && needed > 0.0, counts_around = counts_any && blur > MIN_BLUR;
-    vec2 along = counts_around ? straightest(texel) : vec2(0.0);
-    int end = counts_around ? 9 + ALONG : counts_any ? 5 : 0;
-    for (int i = counts_around ? 0 : 4; i < end; ++i) {
+    bool counts_any = ray_share(roughness) > 0.0 && needed > 0.0, counts_along = counts_any && blur > MIN_BLUR;
+    vec2 along = counts_along ? straightest(texel) : vec2(0.0);
+    int end = counts_along ? 9 + ALONG : counts_any ? 9 : 0;
+    for (int i = 0; i < end; ++i) {
         int pixels = (3 + (i - 9) / 2) * (1 - 2 * (i % 2));  // along the line: 3, -3, 4, -4 ... of them
         ivec2 offset = i < 9 ? ivec2(i % 3, i / 3) - 1 : ivec2(round(along * float(pixels)));
         ivec2 at = clamp(texel + offset, ivec2(0), textureSize(reflection_detail, 0) - 1);
         vec4 detail = texelFetch(reflection_detail, at, 0);
         vec3 turned = normal_at(at) - n;
-        float falloff = float(offset.x * offset.x + offset.y * offset.y) / max(blur * blur, 1e-3) + dot(turned, turned) * sharpness;
+        float falloff = float(offset.x * offset.x + offset.y * offset.y) / spread + dot(turned, turned) * sharpness;
         float away = dot(n, surface_point(vec2(at) + 0.5, texelFetch(depth, at, 0).r) - p);
         float rougher = (texelFetch(specular_roughness, at, 0).a - roughness) / ROUGHNESS_SIGMA;
         float weight = detail.a * needed * exp(-falloff - rougher * rougher);

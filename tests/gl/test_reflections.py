@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from app.frame import FrameInputs
 from app.network.selection import SSGI, Model, find_model
 from app.passes import reflection, reflection_rays
 from app.renderer import Renderer
@@ -100,9 +101,40 @@ def mixed_share(reflection: Image) -> float:
 
 def test_a_mirror_at_rest_becomes_as_sharp_as_the_picture(small_ember: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     coarsen(monkeypatch)
-    images = [image["reflection"] for image in draw(room(), small_ember, (CAMERA,) * 20)]
-    assert mixed_share(images[0]) > 0.2
+    beside = replace(CAMERA, eye=(0.01, *CAMERA.eye[1:]))
+    images = [image["reflection"] for image in draw(room(), small_ember, (beside, *(CAMERA,) * 20))]
+    assert mixed_share(images[1]) > 0.2
     assert mixed_share(images[-1]) <= 1 / 8  # at most one pixel of each row
+
+
+def test_frames_with_more_reflections_count_more_in_a_still(small_ember: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the first frames at rest, few pixels of a mirror have light of their own."""
+    coarsen(monkeypatch)
+
+    def seen(frames: int) -> Image:
+        return draw(room(), small_ember, (CAMERA,) * frames)[-1]["final"][24:48, 24:72]
+
+    settled, still = seen(128), seen(17)
+    monkeypatch.setattr(FrameInputs, "gathers_reflections", False)
+    weighted, equal = (float(np.abs(image - settled).mean()) for image in (still, seen(17)))
+    print(f"STILL {weighted:.4f} from a settled one, {equal:.4f} where all frames count alike")
+    assert weighted < 0.9 * equal
+
+
+def test_bumps_in_a_mirror_are_averaged(small_ember: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each pixel shows one of many; those beside it show others."""
+    coarsen(monkeypatch)
+    slopes = np.random.default_rng(1).normal(0.0, 0.04, (256, 256, 2))
+    normals = np.concatenate([slopes, np.ones((256, 256, 1))], axis=2)
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    texture = Texture(np.concatenate([normals / 2 + 0.5, np.ones((256, 256, 1))], axis=2).astype(np.float32))
+    scene = room(replace(MIRROR, normal_map=texture))
+    front = replace(scene.meshes[0], normals=np.tile(np.float32((0, 0, 1)), (6, 1)),
+                    tangents=np.tile(np.float32((1, 0, 0, 1)), (6, 1)))
+    image = draw(replace(scene, meshes=(front, *scene.meshes[1:])), small_ember, (CAMERA,) * 17)[-1]["reflection"]
+    mixed = image[30:42, 40:56, 0] / image[30:42, 40:56].sum(axis=-1)
+    print(f"BUMPS {np.abs(np.diff(mixed, axis=0)).mean():.4f}")
+    assert 0.001 < np.abs(np.diff(mixed, axis=0)).mean() < 0.06
 
 
 def test_a_mirror_at_rest_has_few_speckles(small_ember: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.network.selection import UNSHADOWED
+from app.network.selection import UNSHADOWED, find_model
 from app.renderer import Renderer
 from app.scene import (
     Camera,
@@ -243,6 +243,36 @@ def test_texels_without_a_layer_are_black_whatever_they_were() -> None:
         for name in written:
             assert not renderer.resource(name)[0, 0, :3].any()
         assert not any(renderer._non_finite.values())
+
+
+def hall(curtain: Material) -> Scene:
+    """A room of 4 m, open at -z, whose opening a curtain covers, on a bright lawn below a bright sky, from inside."""
+    grey, lawn = Material(albedo=(0.6, 0.5, 0.4)), Material(albedo=(0.3, 0.8, 0.2))
+    parts = [quad((-2, 0, 2), (4, 0, 0), (0, 0, -4), grey), quad((-2, 3, -2), (4, 0, 0), (0, 0, 4), grey),
+             quad((-2, 0, -2), (0, 3, 0), (0, 0, 4), grey), quad((2, 0, 2), (0, 3, 0), (0, 0, -4), grey),
+             quad((2, 0, 2), (-4, 0, 0), (0, 3, 0), grey), quad((-2, 0, -2), (4, 0, 0), (0, 3, 0), curtain),
+             quad((-20, -0.01, -2), (40, 0, 0), (0, 0, -40), lawn)]
+    lamp = PointLight((0.0, 2.5, 0.5), (3.0, 3.0, 3.0))
+    camera = Camera((0.0, 1.5, 1.5), (0.0, 1.5, -2.0), fov_y_deg=40.0)
+    sky = np.full((4, 8, 3), (2.0, 3.0, 4.0), np.float32)
+    return replace(make_scene(parts, [lamp], camera), environment=Environment(sky))
+
+
+@pytest.mark.parametrize("model", ["small_ember", "final-gather"])
+def test_a_curtain_is_lit_by_its_room(model: str, request: pytest.FixtureRequest) -> None:
+    """One that lets next to nothing pass looks like an opaque one, whatever is outside."""
+    network = request.getfixturevalue(model) if model == "small_ember" else find_model(model)
+    scenes = (hall(veil((0.8, 0.8, 0.8), 0.999)),
+              hall(Material(albedo=(0.8, 0.8, 0.8))))
+    seen, opaque = (draw(scene, (96, 72), model=network)["final"][18:54, 24:72].mean(axis=(0, 1)) for scene in scenes)
+    np.testing.assert_allclose(seen, opaque, rtol=0.15)
+
+
+def test_a_veil_alone_below_a_sky_is_lit_by_it() -> None:
+    """There are no surfaces but itself to know light from; half of a white sky is what arrives."""
+    veiled = quad((-0.5, 0.0, 0.5), (1.0, 0, 0), (0, 0, -1.0), veil((0.5,) * 3, 0.999))
+    scene = replace(make_scene([veiled], camera=SLANTED), environment=Environment(np.ones((4, 8, 3), np.float32)))
+    np.testing.assert_allclose(middle(scene, model=find_model("final-gather")), 0.5, rtol=0.1)
 
 
 def test_a_model_that_shades_the_environment_leaves_panes_their_sky() -> None:
