@@ -31,6 +31,8 @@ _SUPPORTED_EXTENSIONS = MATERIAL_EXTENSIONS | {
     "KHR_lights_punctual", "EXT_mesh_gpu_instancing", "KHR_mesh_quantization", "KHR_draco_mesh_compression",
     "EXT_meshopt_compression", "KHR_texture_basisu"}
 
+_OUT_OF_REACH = f"has a coordinate that is no number, or beyond {MAX_COORDINATE:g}"
+
 
 def read_gltf(path: Path, builder: SceneBuilder) -> None:
     """Fill ``builder`` from a glTF or GLB file."""
@@ -231,7 +233,9 @@ class _Reader:
         camera = self._lens(spec, name)
         if camera is None:
             return
-        _check_translation(world)
+        if not _is_in_reach(world):
+            self._builder.notice(f"camera {name!r} {_OUT_OF_REACH}, and is ignored")
+            return
         if self._poses.tree.moves[index] and self._poses.period > 0:
             cameras[name] = CameraPath((0.0,), (camera,), NodePlacement(self._poses.tree, index, np.eye(4)))
         else:
@@ -256,7 +260,8 @@ class _Reader:
         """A light; None for one without a direction."""
         kind = spec["type"]
         power = color(np.asarray(spec.get("color", (1, 1, 1)), np.float64) * spec.get("intensity", 1.0))
-        _check_translation(world)
+        if not _is_in_reach(world):
+            raise ValueError(f"light {spec.get('name', kind)!r} {_OUT_OF_REACH}")
         position, axes = vector(world[:3, 3]), unit_columns(world[:3, :3])
         if "range" in spec:
             self._builder.approximation("KHR_lights_punctual: lights reach beyond their range, with squared distance")
@@ -278,9 +283,9 @@ class _Reader:
         return SpotLight(position, direction, power, inner, outer)
 
 
-def _check_translation(world: F64) -> None:
-    if not np.abs(world[:3, 3]).max() < MAX_COORDINATE:
-        raise ValueError(f"a camera or light has a coordinate beyond {MAX_COORDINATE:g}")
+def _is_in_reach(world: F64) -> bool:
+    """Whether a node's place, in its matrix to world space, is one of numbers that can be computed with."""
+    return bool(np.abs(world[:3, 3]).max() < MAX_COORDINATE)
 
 
 def _flip_v(uvs: F64 | None) -> F64 | None:

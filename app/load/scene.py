@@ -186,6 +186,8 @@ def _read(path: Path, variant: str | None, animation: str | None) -> SceneBuilde
 def _reason(error: Exception) -> str:
     """What an error that a reader met says about the file."""
     match error:
+        case json.JSONDecodeError() if not error.doc.strip():
+            return "it is empty"
         case json.JSONDecodeError():
             return f"it is not JSON at line {error.lineno}, column {error.colno}"
         case UnicodeDecodeError():
@@ -194,6 +196,8 @@ def _reason(error: Exception) -> str:
             return f"{error} is missing"
         case TypeError() | AttributeError():
             return "a value is of the wrong kind"
+        case ValueError() if str(error).startswith("could not convert string"):
+            return "a text is where a number is expected"
         case struct.error():
             return "it ends too early"
         case RecursionError():

@@ -164,13 +164,16 @@ def test_a_camera_rolls_with_its_node(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("is_animated", [False, True])
-def test_a_camera_far_outside_is_an_error(tmp_path: Path, is_animated: bool) -> None:
+@pytest.mark.parametrize("x", [1e18, math.nan])
+def test_a_camera_out_of_reach_is_ignored(tmp_path: Path, x: float, is_animated: bool) -> None:
+    """Another camera of the file can still be drawn from."""
     gltf = Gltf()
-    add_nodes(gltf, {"camera": 0, "translation": [1e18, 0, 0]})
+    add_nodes(gltf, {"camera": 0, "name": "lost", "translation": [x, 0, 0]}, {"camera": 0, "name": "eye"})
     if is_animated:
         animate(gltf, 1, "scale", [[1, 1, 1], [2, 2, 2]])
-    with pytest.raises(SceneError, match="coordinate beyond"):
-        load_scene(gltf.save(tmp_path))
+    scene = load_scene(gltf.save(tmp_path))
+    assert list(scene.cameras) == ["eye"]
+    assert any("'lost' has a coordinate that is no number, or beyond 1e+15" in notice for notice in scene.notices)
 
 
 def test_a_camera_of_a_matrix_without_a_direction_keeps_its_own(tmp_path: Path) -> None:
