@@ -196,7 +196,7 @@ class Body:
             start = origins.take(rows, axis=0) + passed[:, None] * along
             distance, triangle, uv, _ = self._cast((self._passable,), start, along, 1 - passed)
             met = triangle >= 0
-            passes = met & self.is_passed(triangle, uv, -along, tint is not None)  # light comes from the other end
+            passes = met & self._is_passed(triangle, uv, -along, tint is not None)  # light comes from the other end
             if not proxies_block:
                 passes |= met & self.is_light_proxy(triangle)
             occluded[rows[met & ~passes]] = True
@@ -221,7 +221,7 @@ class Body:
         along = unit_rows(b - a)
         return origin, np.stack([along, np.cross(normal, along), normal], axis=2).astype(np.float32)
 
-    def is_passed(self, triangle: Ints, uv: F32, directions: F32, is_tinted: bool = False) -> Bools:
+    def _is_passed(self, triangle: Ints, uv: F32, directions: F32, is_tinted: bool) -> Bools:
         """Whether what moves along ``directions`` goes through the surface there, shape (N,).
 
         What passes in part is tested against a hash of the hit (Wyman and McGuire 2017). As much passes as does on the
@@ -231,6 +231,19 @@ class Body:
         met, share = self._passing_where_passable(triangle, uv, directions)
         passed[met] = ~(1 - (share.max if is_tinted else share.mean)(axis=1) > hash_uv(uv[met]))
         return passed
+
+    def passed_and_tint(self, triangle: Ints, uv: F32, directions: F32) -> tuple[Bools, F32]:
+        """Whether rays along ``directions`` go through the surface, shape (N,), as often as light does on the mean.
+
+        And light in each channel over that mean for those that do, 1 for others, shape (N, 3).
+        """
+        passed, tint = np.zeros(len(triangle), np.bool_), np.ones((len(triangle), 3), np.float32)
+        met, share = self._passing_where_passable(triangle, uv, directions)
+        mean = share.mean(axis=1)
+        passes = ~(1 - mean > hash_uv(uv[met]))
+        passed[met] = passes
+        tint[met[passes]] = share[passes] / np.maximum(mean[passes, None], np.float32(MIN_OPACITY))
+        return passed, tint
 
     def passing(self, triangle: Ints, uv: F32, directions: F32) -> F32:
         """Shares of light along ``directions`` that go on behind the surface there, or the void, shape (N, 3)."""

@@ -35,6 +35,7 @@ class Hits:
     position, normal : ndarray, float32, shape (N, 3)
         The shading normal has unit length and lies on the side of the ray's origin.
     albedo, emission : ndarray, float32, shape (N, 3)
+        Tinted by what the ray has passed, unless it came from ``cast_through``.
     distance : ndarray, float32, shape (N,)
         In lengths of the ray's direction; infinite for the sky.
     body : ndarray of int, shape (N,)
@@ -262,13 +263,13 @@ class Caster:
         hits.distance[hits.body < 0] = np.inf
         return hits
 
-    def transmitted(self, origins: F32, vectors: F32, proxies_block: bool) -> F32:
+    def transmitted(self, origins: F32, vectors: F32, proxies_block: bool, bodies: Sequence[int] | None = None) -> F32:
         """Shares of light that arrive from the end of each vector at its origin, shape (N, 3), tinted on the way.
 
         Parameters are those of ``is_occluded``.
         """
         share = np.ones((len(origins), 3), np.float32)
-        share[self.is_occluded(origins, vectors, proxies_block, tint=share)] = 0.0
+        share[self.is_occluded(origins, vectors, proxies_block, bodies, share)] = 0.0
         return share
 
     def is_occluded(self, origins: F32, vectors: F32, proxies_block: bool,
@@ -351,18 +352,24 @@ class Caster:
             along = (along @ inverse[:3, :3].T).astype(np.float32)
         from_start = np.zeros(len(rows), np.float32)
         passed = passed if body.has_passable else None
+        # Of what rays have passed; those that show what they pass are told its share instead.
+        tint = np.ones((len(rows), 3), np.float32) if body.has_passable and passed is None else None
         for _ in range(MAX_PASSED):
             distance, triangle, uv, face = body.cast(start + along * from_start[:, None], along,
                                                      hits.distance[rows] - from_start)
             share = None if passed is None else body.passing(triangle, uv, along)
-            goes_on = body.is_passed(triangle, uv, along) if share is None else (share > 0).any(axis=1)
+            goes_on = np.zeros(len(triangle), np.bool_) if share is None else (share > 0).any(axis=1)
+            if tint is not None:
+                goes_on, passing = body.passed_and_tint(triangle, uv, along)
+                tint = tint * passing
             is_seen = ~goes_on if share is None else (share < 1).any(axis=1)
             seen = np.flatnonzero((triangle >= 0) & is_seen)
             to, at, bary, away = rows.take(seen), triangle.take(seen), uv.take(seen, axis=0), from_start + distance
             surface = body.interact(at, bary, face.take(seen, axis=0), along.take(seen, axis=0))
             normal = transform_normals(surface.normal, matrix) if index != STATIC else surface.normal
             position = origins.take(to, axis=0) + directions.take(to, axis=0) * away.take(seen)[:, None]
-            found = Hits(position, normal, surface.albedo, surface.emission, away.take(seen),
+            behind = np.float32(1) if tint is None else tint.take(seen, axis=0)
+            found = Hits(position, normal, behind * surface.albedo, behind * surface.emission, away.take(seen),
                          np.full(len(seen), index, np.int64), body.is_light_proxy(at), at, bary)
             if passed is not None and share is not None:
                 is_passed = goes_on.take(seen)
@@ -372,6 +379,7 @@ class Caster:
             if not goes_on.any():
                 return
             from_start = (away + step)[goes_on]
+            tint = None if tint is None else tint[goes_on]
             rows, start, along, step = rows[goes_on], start[goes_on], along[goes_on], step[goes_on]
 
 

@@ -41,9 +41,9 @@ class _Rays:
     direction: F32
     light: F32
 
-    def sum(self, count: int, seen: Bools | None = None) -> F32:
-        """The light of all rays, or of those that are ``seen``, on each of ``count`` surfels, shape (count, 3)."""
-        light = self.light if seen is None else self.light * seen[:, None]
+    def sum(self, count: int, share: F32 | None = None) -> F32:
+        """Light of the rays, or ``share`` of it, shape (R, 3), on each of ``count`` surfels, shape (count, 3)."""
+        light = self.light if share is None else self.light * share
         sums = [np.bincount(self.surfel, channel, count) for channel in light.T]
         return np.stack(sums, axis=1).astype(np.float32)
 
@@ -65,23 +65,23 @@ class SkyRays:
         is_static = surfels.anchors.body == STATIC
         self._count, self._moving = len(is_static), np.flatnonzero(~is_static)
         self._start = np.random.default_rng(0).random((self._count, 2), np.float32)
-        self._static, self._open_past_static = self._trace_static(np.flatnonzero(is_static))
+        self._static, self._past_static = self._trace_static(np.flatnonzero(is_static))
 
     def irradiance(self) -> F32:
         """Irradiance / π, shape (N, 3), for the bodies' current matrices, W/(sr m²)."""
         moving = self._corrected(self._rays(*self._points(self._moving, 0, RAYS // SHARE)))
-        is_open = self._trace(moving, range(len(self._caster.bodies)))
-        return self._static.sum(self._count, self._past_moving_bodies()) + moving.sum(self._count, is_open)
+        arriving = self._trace(moving, range(len(self._caster.bodies)))
+        return self._static.sum(self._count, self._past_moving_bodies()) + moving.sum(self._count, arriving)
 
-    def _trace_static(self, surfels: Ints) -> tuple[_Rays, Bools]:
-        """The rays of ``surfels``, which are on the static body, and which of them end nowhere on it."""
+    def _trace_static(self, surfels: Ints) -> tuple[_Rays, F32]:
+        """The rays of ``surfels``, which are on the static body, and the shares of their light that pass it, (R, 3)."""
         first = self._rays(*self._points(surfels, 0, RAYS))
-        is_open = self._trace(first, [STATIC])
+        share = self._trace(first, [STATIC])
         if not len(surfels):
-            return first, is_open
-        light, visible = first.sum(self._count), first.sum(self._count, is_open)
+            return first, share
+        light, visible = first.sum(self._count), first.sum(self._count, share)
         sees_little = visible.sum(axis=1) < OPEN * light.sum(axis=1)
-        guide = _Guide(self._surfels.current(), first, is_open, self._caster.extent)
+        guide = _Guide(self._surfels.current(), first, share, self._caster.extent)
         guided = surfels[sees_little[surfels] & guide.is_known[surfels]]
         surfel, at = self._points(guided, RAYS, GUIDED_RAYS)
         more = self._rays(surfel, guide.warp(surfel, at))
@@ -90,7 +90,7 @@ class SkyRays:
         density = RAYS + GUIDED_RAYS * guide.density(rays.surfel[is_guided], rays.part[is_guided])
         light = np.concatenate([self._corrected(first).light, more.light])
         light[is_guided] = rays.light[is_guided] / np.asarray(density, np.float32)[:, None]
-        return replace(rays, light=light), np.concatenate([is_open, self._trace(more, [STATIC])])
+        return replace(rays, light=light), np.concatenate([share, self._trace(more, [STATIC])])
 
     def _corrected(self, rays: _Rays) -> _Rays:
         """Rays whose light sums to the unshadowed light of their surfels, which is known exactly.
@@ -123,30 +123,29 @@ class SkyRays:
         return _Rays(surfel[rows], part_of(at.take(rows, axis=0)), direction.take(rows, axis=0),
                      light.take(rows, axis=0) * (cosine[rows, None] / np.float32(math.pi)))
 
-    def _past_moving_bodies(self) -> Bools:
-        """Which rays of surfels on the static body end nowhere."""
-        moving, is_open = range(STATIC + 1, len(self._caster.bodies)), self._open_past_static.copy()
-        rows = np.flatnonzero(is_open)
+    def _past_moving_bodies(self) -> F32:
+        """The shares of light of the rays of surfels on the static body that pass all bodies, shape (R, 3)."""
+        moving, share = range(STATIC + 1, len(self._caster.bodies)), self._past_static.copy()
+        rows = np.flatnonzero(share.any(axis=1))
         origin = self._origins().take(self._static.surfel[rows], axis=0)
         direction, may_meet = self._static.direction.take(rows, axis=0), np.zeros(len(rows), bool)
         for index in moving:
             center, radius = self._caster.bounding_sphere(index)
             to = np.asarray(center, np.float32) - origin
             may_meet |= may_meet_sphere(to, row_dots(to, direction)[:, None], radius)[:, 0]
-        is_open[rows[may_meet]] = self._trace(self._static, moving, rows[may_meet])
-        return is_open
+        share[rows[may_meet]] *= self._trace(self._static, moving, rows[may_meet])
+        return share
 
     def _origins(self) -> F32:
         position, normal = self._surfels.current()
         return np.asarray(position + normal * self._caster.ray_epsilon, np.float32)
 
-    def _trace(self, rays: _Rays, bodies: Sequence[int], rows: Ints | None = None) -> Bools:
-        """Which of the rays, or of those of ``rows``, end nowhere on ``bodies``."""
+    def _trace(self, rays: _Rays, bodies: Sequence[int], rows: Ints | None = None) -> F32:
+        """Shares of light that arrive along the rays, or those of ``rows``, past ``bodies``, tinted there, (R, 3)."""
         surfel, direction = ((rays.surfel, rays.direction) if rows is None
                              else (rays.surfel[rows], rays.direction.take(rows, axis=0)))
-        return ~self._caster.is_occluded(self._origins().take(surfel, axis=0),
-                                         direction * np.float32(SKY_DISTANCE * self._caster.extent),
-                                         proxies_block=True, bodies=bodies)
+        return self._caster.transmitted(self._origins().take(surfel, axis=0),
+                                        direction * np.float32(SKY_DISTANCE * self._caster.extent), True, bodies)
 
 
 class _Guide:
@@ -160,12 +159,12 @@ class _Guide:
         Whether any of the rays around have met it.
     """
 
-    def __init__(self, surfels: tuple[F32, F32], rays: _Rays, is_open: Bools, extent: float) -> None:
+    def __init__(self, surfels: tuple[F32, F32], rays: _Rays, share: F32, extent: float) -> None:
         position, normal = surfels
         place = np.concatenate([position, normal * np.float32(NORMAL_WEIGHT * extent)], axis=1)
         centers = place[:CLUSTERS]  # surfels are sorted so that the first ones are far apart
         cluster = (place @ centers.T - 0.5 * (centers**2).sum(axis=1)).argmax(axis=1)
-        seen = rays.light.sum(axis=1) * is_open
+        seen = (rays.light * share).sum(axis=1)
         own, around = (np.bincount(start * PARTS**2 + rays.part, seen, count * PARTS**2).reshape(count, -1)
                        for start, count in ((rays.surfel, len(place)), (cluster[rays.surfel], len(centers))))
         others = blur_parts(np.asarray(np.maximum(around[cluster] - own, 0), np.float32))

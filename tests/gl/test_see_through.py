@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ from app.scene import (
     Transmission,
 )
 from app.settings import Settings
-from tests.gl.scenes import draw, floor, make_scene, quad, slide
+from tests.gl.scenes import cellar, draw, floor, make_scene, quad, slide
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
@@ -266,6 +267,27 @@ def test_a_curtain_is_lit_by_its_room(model: str, request: pytest.FixtureRequest
               hall(Material(albedo=(0.8, 0.8, 0.8))))
     seen, opaque = (draw(scene, (96, 72), model=network)["final"][18:54, 24:72].mean(axis=(0, 1)) for scene in scenes)
     np.testing.assert_allclose(seen, opaque, rtol=0.15)
+
+
+@pytest.mark.parametrize("outside", ["sky", "wall"])
+def test_indirect_light_has_the_color_of_a_window(outside: str, small_ember: Path) -> None:
+    """That of the sky, and that of a wall outside, which a lamp lights that the room does not see."""
+    color = np.float32((0.9, 0.4, 0.2))
+    camera = Camera((2.0, 2.0, 3.6), (2.0, 0.0, 2.0), fov_y_deg=60.0)
+    lit = [quad((-2, -2, -3), (8, 0, 0), (0, 8, 0), Material(albedo=(0.5,) * 3))] if outside == "wall" else []
+
+    def indirect(color: tuple[float, ...]) -> np.ndarray:
+        room, more = cellar(2.0), make_scene([*lit, quad((1, 1, 0), (2, 0, 0), (0, 2, 0), glass(color))])  # type: ignore[arg-type]
+        meshes, materials = len(room.meshes), len(room.materials)
+        scene = replace(
+            room, meshes=(*room.meshes, *(replace(m, material=m.material + materials) for m in more.meshes)),
+            instances=(*room.instances, *(replace(i, mesh=i.mesh + meshes) for i in more.instances)),
+            materials=(*room.materials, *more.materials))
+        if lit:
+            scene = replace(scene, environment=None, lights=(PointLight((2.0, -1.5, -1.5), (9.0,) * 3),))
+        return draw(scene, SIZE, ("indirect",), camera, small_ember)["indirect"].mean(axis=(0, 1))
+
+    np.testing.assert_allclose(indirect(tuple(color.tolist())) / indirect(WHITE), color, rtol=0.1)
 
 
 def test_a_veil_alone_below_a_sky_is_lit_by_it() -> None:

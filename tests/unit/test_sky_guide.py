@@ -53,7 +53,7 @@ def test_warped_points_have_the_density_that_is_said() -> None:
     part = rng.integers(200, 210, 4 * count)
     rays = _Rays(np.repeat(np.arange(count), 4), part, np.zeros((4 * count, 3), np.float32),
                  rng.random((4 * count, 3), np.float32))
-    guide = _Guide((position, normal), rays, np.ones(4 * count, bool), 1.0)
+    guide = _Guide((position, normal), rays, np.ones((4 * count, 3), np.float32), 1.0)
     chosen = int(np.flatnonzero(guide.is_known)[3])
     surfel = np.full(200_000, chosen)
     warped = part_of(guide.warp(surfel, rng.random((len(surfel), 2), np.float32)))
