@@ -371,7 +371,8 @@ def test_surfels_see_the_sky_where_shadow_rays_end_nowhere(make: Callable[[], Sc
     own = rays._static
     is_open = ~caster.is_occluded((position + caster.ray_epsilon * normal)[own.surfel],
                                   SKY_DISTANCE * caster.extent * own.direction, proxies_block=True)
-    np.testing.assert_allclose(found[~is_moving], own.sum(len(position), np.repeat(np.float32(is_open)[:, None], 3, axis=1))[~is_moving], rtol=1e-6)
+    share = np.repeat(np.float32(is_open)[:, None], 3, axis=1)
+    np.testing.assert_allclose(found[~is_moving], own.sum(len(position), share)[~is_moving], rtol=1e-6)
     count = 4000
     height = 1 - (2 * np.arange(count) + 1) / count
     azimuth = 2 * np.pi * GOLDEN_RATIO * np.arange(count)
