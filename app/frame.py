@@ -312,14 +312,14 @@ def _peeled_layers(inputs: FrameInputs) -> Iterator[Step]:
         grid = layer_light.grid(inputs.settings.render_size)
         for layer in layers:
             yield lowres_gbuffer.declare(layer.prefix + "lowres_gbuffer", grid, layer.prefix + "normal",
-                                         layer.prefix + "depth")
+                                         layer.prefix + "depth", is_sparse=True)
         yield layer_light.declare(layers, grid, inputs.surfels)
     else:
         yield from _absent("the model gives no light of surfels", *LAYER_LIGHT_PASSES)
     behind = "opaque_lit"
     for layer in reversed(layers):
         result = layer.prefix + "lit" if layer.index else "lit"
-        yield blend.declare(layer, behind, result, inputs.models.indirect is not None)
+        yield blend.declare(layer, behind, result, inputs.models.indirect is not None, inputs.has_surfel_indirect)
         behind = result
     yield front_motion.declare(layers[0])
 

@@ -9,7 +9,8 @@ const float GOLDEN_ANGLE = 2.39996323;
 const float MIN_BLUR = 0.5;  // pixels
 const int INDIRECT_TAPS = 8;
 const float INDIRECT_RADIUS = 24.0;  // pixels
-const float SAME_DEPTH = 0.05;       // relative difference of depths of one surface
+const float SAME_DEPTH = 0.05;       // relative difference of depths of one surface,
+const float MAX_APART = 4.0;         // and how many of these those of another one differ by
 
 uniform sampler2D behind;
 uniform sampler2D albedo;
@@ -27,6 +28,8 @@ uniform sampler2D emission;
 uniform sampler2D indirect;  // of what is opaque
 #endif
 #ifdef HAS_ARRIVING
+#include "sky_irradiance.glsl"
+uniform sampler2D normal;
 uniform sampler2D arriving;  // diffuse light on a coarse grid; a: depth of the layer there, 0 for none
 #endif
 #ifdef HAS_REFRACTION
@@ -91,7 +94,7 @@ vec3 arriving_at(vec2 pixel, float d, vec3 otherwise)
         vec2 t = first + vec2(i % 4, i / 4), closeness = max(1.0 - 0.5 * abs(t - at), 0.0);
         vec4 light = texelFetch(arriving, ivec2(clamp(t, vec2(0.0), size - 1.0)), 0);
         float apart = (light.a - d) / (SAME_DEPTH * d), weight = closeness.x * closeness.y / (1.0 + apart * apart);
-        sum += light.a > 0.0 && is_finite(dot(light, vec4(1.0))) ? vec4(light.rgb, 1.0) * weight : vec4(0.0);
+        sum += light.a > 0.0 && abs(apart) < MAX_APART && is_finite(dot(light, vec4(1.0))) ? vec4(light.rgb, 1.0) * weight : vec4(0.0);
     }
     return sum.a > 0.0 ? sanitize_radiance(sum.rgb / sum.a) : otherwise;
 }
@@ -124,6 +127,9 @@ void main()
 #ifdef HAS_INDIRECT
         vec3 diffuse = indirect_around(gl_FragCoord.xy);
 #ifdef HAS_ARRIVING
+#ifdef HAS_SKY_IRRADIANCE
+        diffuse += unshadowed_sky_irradiance(sanitize_normal(texelFetch(normal, texel, 0).xyz)) / PI;
+#endif
         diffuse = arriving_at(gl_FragCoord.xy, d, diffuse);
 #endif
         light += sanitize_albedo(texelFetch(albedo, texel, 0).rgb) * diffuse;

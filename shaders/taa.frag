@@ -23,6 +23,7 @@ const float MAX_BRIGHTENING = 4.0;  // times the luma of its history, for one un
 const float MAX_SPECK = 48.0;       // times the luma of its history and of what is around, for one settled sample
 const float MOVING_FRAMES = 8.0;    // history length while something moves through the texel
 const float STILL_FRAMES = 256.0;
+const float RISING_FRAMES = 32.0;   // that count in proportion to their number; all later ones count alike
 
 uniform sampler2D taa_prev;  // rgb: history, a: frames accumulated
 uniform sampler2D taa_deviation_prev;
@@ -98,8 +99,8 @@ void main()
     out_deviation = 0.0;
 #ifdef SETTLED
     float change = ycocg(now - history).x, variance_before = share < 1.0 ? 0.0 : spread * spread;
-#ifdef GATHERS_REFLECTIONS  // pixel by pixel, so that later frames have more of them and count more: in proportion to their number
-    if (still) weight = 2.0 / (frames + 1.0);
+#ifdef GATHERS_REFLECTIONS  // pixel by pixel, so that later ones of the first frames have more of them, and count more
+    if (still) weight = 1.0 / (frames - 0.5 * (min(frames, RISING_FRAMES) - 1.0));
 #endif
     if (keep) out_deviation = min(sqrt((1.0 - weight) * (variance_before + change * change * weight)), HALF_MAX);
 #endif

@@ -26,6 +26,7 @@ LIGHT_BYTES = 4 * LIGHT_FLOATS
 COLOR = slice(4, 7)  # of a light's floats
 SPOT_MARGIN_DEG = 2.0
 FLAT = 1e-6      # height of a level floor, of its longest edge: rounding
+SUNK = 1e-3      # share of the scene's height by which what is not level may lie below a floor, as feet do
 MAX_THROW = 0.5  # of half the scene's size: blockers of parallel light farther away are not searched
 IN_PLANE = 1e-4  # of a rectangle's size: points so near its plane count as in it, or rounding would decide their side
 
@@ -83,8 +84,7 @@ class LightSet:
     bounds : ndarray, float64, shape (2, 3)
         World-space box around all motions and what ``cover`` was told of last.
     standing : ndarray, float64, shape (2, 3)
-        The same without the widest level floor: what that shades in light from above, and all else that is shaded, is
-        in maps that fit this.
+        The same without floors that nothing is below, which shade nothing in light from above: its maps fit this.
 
     Raises
     ------
@@ -157,7 +157,7 @@ class LightSet:
     def cover(self, boxes: F64) -> None:
         """Extend shadow maps to world-space ``boxes``, shape (N, 2, 3), that lie outside the bounds of all motions."""
         self.bounds = _extended(self._swept, boxes)
-        are_floors = self._floors.any() and _level_floors(boxes)[self._floors].all()
+        are_floors = self._floors.any() and _level_floors(boxes, _tolerance(self._swept))[self._floors].all()
         self.standing = _extended(self._swept_standing, boxes[~self._floors]) if are_floors else self.bounds
 
     @property
@@ -316,34 +316,35 @@ def _tree(points: F32) -> F64:
     return nodes
 
 
-def _level_floors(boxes: F64) -> Bools:
-    """Which world-space boxes, shape (N, 2, 3), are on the level of the widest level floor, shape (N,).
+def _level_floors(boxes: F64, tolerance: float) -> Bools:
+    """Which world-space boxes, shape (N, 2, 3), are of the lowest level floor; shape (N,).
 
-    A floor that more lies below than above counts as none.
-
-    What lies below such a floor is among the others, so that a map around these holds all shadows on them. None of them
-    has to be a floor for its own shadows: along a light, what is shaded is where the caster is.
+    What is not level may lie below it by ``tolerance``, in scene units, as feet do.
     """
     if not len(boxes):
         return np.zeros(0, bool)
     size, low = boxes[:, 1] - boxes[:, 0], boxes[:, 0, 1]
     flat = size[:, 1] <= FLAT * size.max(axis=1)
-    bottom, top = float(low.min()), float(boxes[:, 1, 1].max())
-    flat &= low <= (bottom + top) / 2
+    lowest = float(low.min())
+    level = float(low[flat].min(initial=np.inf))
     rounding = FLAT * float((boxes[:, 1].max(axis=0) - boxes[:, 0].min(axis=0)).max())
-    widest = np.argmax(np.where(flat, size[:, 0] * size[:, 2], -1.0))
-    return np.asarray(flat & (np.abs(low - low[widest]) <= rounding))
+    return np.asarray(flat & (low <= level + rounding)) if level <= lowest + tolerance else np.zeros(len(boxes), bool)
 
 
 def _floors(scene: Scene) -> Bools:
     """Which instances are floors at all times, and not everything; shape (N,)."""
+    tolerance = _tolerance(scene.swept_bounds)
     still = np.array([not i.moves for i in scene.instances], bool)
     boxes = np.array([bounds_of(scene.meshes, (i,)) for i in scene.instances]).reshape(-1, 2, 3)
-    floors = _level_floors(boxes) & still
+    floors = _level_floors(boxes, tolerance) & still
     if floors.any() and not still.all():
         boxes = np.array([swept_bounds_of(scene.meshes, (i,)) for i in scene.instances])
-        floors &= _level_floors(boxes)
+        floors &= _level_floors(boxes, tolerance)
     return floors & ~floors.all()
+
+
+def _tolerance(swept: F64) -> float:
+    return SUNK * float(swept[1, 1] - swept[0, 1])
 
 
 def _extended(bounds: F64, boxes: F64) -> F64:

@@ -11,11 +11,18 @@ from app.graph import BoundPass, Pass, Tex
 from app.math3d import R2
 
 
-def declare(layer: PeeledLayer, behind: str, result: str, has_indirect: bool) -> Pass:
+def declare(layer: PeeledLayer, behind: str, result: str, has_indirect: bool, has_arriving: bool) -> Pass:
     """Lay ``layer`` over the resource ``behind``.
 
-    Indirect light is that of opaque surfaces around where what arrives at the layer is not known. What rough surfaces
-    transmit is blurred by mipmaps of ``behind``.
+    What rough surfaces transmit is blurred by mipmaps of ``behind``.
+
+    Parameters
+    ----------
+    has_indirect : bool
+        Whether there is indirect light of opaque surfaces, which layers take from around them.
+    has_arriving : bool
+        Whether layers have diffuse light of their own; that of opaque surfaces, and the sky's without shadows, is for
+        what the grid of that light misses.
     """
     prefix = layer.prefix
 
@@ -41,9 +48,9 @@ def declare(layer: PeeledLayer, behind: str, result: str, has_indirect: bool) ->
         return execute
 
     # The nearest layer mirrors what is around it.
-    mirrored = () if layer.index else ("outer_reflection",)
-    own = ("albedo", "direct", "depth", "passage")
-    optional = ("emission", "specular", "refraction", "arriving")
+    shared = (*(() if layer.index else ("outer_reflection",)), *(("sky_irradiance",) if has_arriving else ()))
+    own = ("albedo", "direct", "depth", "passage", *(("arriving", "normal") if has_arriving else ()))
+    optional = ("emission", "specular", "refraction")
     return Pass(prefix + "blend", reads=(behind, "depth", *(prefix + name for name in own),
                                          *(("indirect",) if has_indirect else ())),
-                optional=(*(prefix + name for name in optional), *mirrored), writes={result: Tex("f2", 4)}, make=make)
+                optional=(*(prefix + name for name in optional), *shared), writes={result: Tex("f2", 4)}, make=make)

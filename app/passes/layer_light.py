@@ -39,19 +39,20 @@ def _make(layers: Sequence[PeeledLayer], grid: tuple[int, int], surfels: Tracked
     centers: F64 = np.stack([x.ravel(), y.ravel()], axis=1)
 
     def execute(frame: FrameState, resources: Resources) -> None:
+        visible = [layer for layer in layers if layer.is_visible]
+        if not visible:
+            return
         start, along = frame.view.rays(centers)
         start += frame.view.eye - surfels.world.origin
         sent = surfels.lookup.smooth(surfels.arriving_light(resources.rows("surfel_indirect")))
-        for layer in layers:
-            if layer.is_visible:
-                surface = np.frombuffer(resources[layer.prefix + "lowres_gbuffer"].read(), np.float32).reshape(-1, 4)
-                rows = np.flatnonzero((surface[:, 3] > 0) & np.isfinite(surface).all(axis=1))
-                light = np.zeros_like(surface)
-                if len(rows):
-                    at = start[rows] + along[rows] * surface[rows, 3:]
-                    found = surfels.lookup.interpolate(sent, at.astype(np.float32), surface[rows, :3])
-                    light[rows] = np.concatenate([found.clip(0, HALF_MAX), surface[rows, 3:]], axis=1)
-                resources[layer.prefix + "arriving"].write(light.tobytes())
+        for layer in visible:
+            surface = np.frombuffer(resources[layer.prefix + "lowres_gbuffer"].read(), np.float32).reshape(-1, 4)
+            rows = np.flatnonzero((surface[:, 3] > 0) & np.isfinite(surface).all(axis=1))
+            light = np.zeros_like(surface)
+            if len(rows):
+                at = start[rows] + along[rows] * surface[rows, 3:]
+                found = surfels.lookup.interpolate(sent, at.astype(np.float32), surface[rows, :3])
+                light[rows] = np.concatenate([found.clip(0, HALF_MAX), surface[rows, 3:]], axis=1)
+            resources[layer.prefix + "arriving"].write(light.tobytes())
 
     return execute
-

@@ -4,12 +4,14 @@ from app.gl.fullscreen import make_fullscreen, ratio_to
 from app.graph import Pass, Tex
 
 
-def declare(name: str, grid: tuple[int, int], normals: str = "normal", depths: str = "depth") -> Pass:
+def declare(name: str, grid: tuple[int, int], normals: str = "normal", depths: str = "depth",
+            is_sparse: bool = False) -> Pass:
     """Over a low-resolution ``grid`` of width and height; pass and resource are called ``name``.
 
     ``normals`` and ``depths`` are what texels get: ``smooth_normal`` where normals of one surface must be alike,
-    whatever its bumps.
+    whatever its bumps. In what is ``is_sparse``, texels get one of the pixels around that show something.
     """
     return Pass(name, reads=(normals, depths), writes={name: Tex("f4", 4, size=grid)},
                 make=make_fullscreen("lowres_gbuffer.frag", lambda frame: {"ratio": ratio_to(grid, frame)},
-                                     {"HAS_NORMAL": 1, "HAS_DEPTH": 1}, samplers={normals: "normal", depths: "depth"}))
+                                     {"HAS_NORMAL": 1, "HAS_DEPTH": 1, **({"SPARSE": 1} if is_sparse else {})},
+                                     samplers={normals: "normal", depths: "depth"}))

@@ -156,6 +156,7 @@ def _averaged(light: F32, rows: Ints, grid: tuple[int, int], hits: Hits) -> F32:
     y, x = np.divmod(rows, grid[0])
     index[y + 1, x + 1] = np.arange(ends)
     around, count = np.zeros_like(light[:ends]), np.zeros((ends, 1), np.float32)
+    finite = np.where(np.isfinite(light), light, 0)
     neighbours: list[tuple[Ints, Bools]] = []
     for up, right in ((0, 1), (1, 0), (1, 1), (1, -1), (0, -1), (-1, 0), (-1, -1), (-1, 1)):
         other = index[y + 1 + up, x + 1 + right]
@@ -164,11 +165,11 @@ def _averaged(light: F32, rows: Ints, grid: tuple[int, int], hits: Hits) -> F32:
         alike = ((other >= 0) & (span < reach * reach) & (height * height <= MAX_SLOPE**2 * span)
                  & (row_dots(normal.take(other, axis=0), normal) > SAME_NORMAL))[:, None]
         neighbours.append((other, alike))
-        around += np.where(alike, light.take(other, axis=0), 0)
+        around += np.where(alike, finite.take(other, axis=0), 0)
         count += alike
+    usual = around / np.maximum(count, 1) + finite.mean(axis=0, dtype=np.float64).astype(np.float32)
     limited = light.copy()
-    most = MAX_OVER_OTHERS * (around / np.maximum(count, 1) + light.mean(axis=0))
-    limited[:ends] = np.where(count >= MIN_OTHERS, np.minimum(light[:ends], most), light[:ends])
+    limited[:ends] = np.where(count >= MIN_OTHERS, np.minimum(light[:ends], MAX_OVER_OTHERS * usual), light[:ends])
     total = limited.copy()
     for other, alike in neighbours:
         total[:ends] += np.where(alike, limited.take(other, axis=0), 0)

@@ -164,6 +164,24 @@ def around(image: Image) -> Image:
     return np.stack([np.roll(image, (y, x), (0, 1)) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0)])
 
 
+def test_rare_light_at_the_end_of_a_ray_is_held_to_that_of_others() -> None:
+    """On a floor that 5 × 5 rays meet, one of them with much. What is no number spoils those beside it alone."""
+    y, x = np.mgrid[:5, :5]
+    position = np.stack([x.ravel(), np.zeros(25), y.ravel()], axis=1).astype(np.float32)
+    ends = SimpleNamespace(position=position, normal=np.tile(np.float32((0, 1, 0)), (25, 1)),
+                           distance=np.full(25, 50.0, np.float32))
+
+    def found(middle: float) -> Image:
+        light = np.ones((25, 3), np.float32)
+        light[12] = middle
+        return reflection_rays._averaged(light, np.arange(25), (5, 5), ends)  # type: ignore[arg-type]
+
+    limit = 4 * (1 + (24 + 100) / 25)
+    np.testing.assert_allclose(found(100.0)[12], (8 + limit) / 9, rtol=1e-5)
+    np.testing.assert_allclose(found(2.0)[12], 10 / 9, rtol=1e-5)
+    assert np.isfinite(found(np.nan)[[0, 4, 20, 24]]).all()
+
+
 def test_only_ends_of_rays_on_one_flat_surface_share_their_light() -> None:
     """Rays from a row of texels, of which one has no ray: two end on a floor, two on a wall, two far apart."""
     rows = np.array([0, 1, 2, 3, 5, 6])

@@ -290,6 +290,23 @@ def test_indirect_light_has_the_color_of_a_window(outside: str, small_ember: Pat
     np.testing.assert_allclose(indirect(tuple(color.tolist())) / indirect(WHITE), color, rtol=0.1)
 
 
+@pytest.mark.parametrize("behind", [True, False])
+def test_narrow_veils_are_lit_like_wide_ones(behind: bool) -> None:
+    """Strips of a pixel or two below a white sky, before a dark wall or nothing."""
+    strips = [quad((-1 + k / 6, -1, 0), (0.015, 0, 0), (0, 2, 0), veil((0.5,) * 3, 0.999)) for k in range(12)]
+    wall = [quad((-3, -3, -2), (6, 0, 0), (0, 6, 0), Material(albedo=(0.0,) * 3))] if behind else []
+    camera = Camera((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), fov_y_deg=40.0)
+    sky = np.ones((4, 8, 3), np.float32)
+    scene = replace(make_scene([*strips, *wall], camera=camera), environment=Environment(sky))
+    with Renderer(scene, Settings((320, 240), ("final",), taa=False, provider="cpu"),
+                  find_model("final-gather")) as renderer:
+        image = renderer.render(camera)["final"][60:180, :, 0]
+        shown = renderer.resource("peel0_depth")[60:180, :, 0] > 0
+    print(f"STRIPS {np.percentile(image[shown], [5, 50, 95])}")
+    assert shown.mean() > 0.02
+    assert np.percentile(image[shown], 5) > 0.4 and np.percentile(image[shown], 95) < 0.6
+
+
 def test_a_veil_alone_below_a_sky_is_lit_by_it() -> None:
     """There are no surfaces but itself to know light from; half of a white sky is what arrives."""
     veiled = quad((-0.5, 0.0, 0.5), (1.0, 0, 0), (0, 0, -1.0), veil((0.5,) * 3, 0.999))
