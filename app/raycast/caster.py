@@ -352,7 +352,7 @@ class Caster:
             along = (along @ inverse[:3, :3].T).astype(np.float32)
         from_start = np.zeros(len(rows), np.float32)
         passed = passed if body.has_passable else None
-        # Of what rays have passed; those that show what they pass are told its share instead.
+        # Of what rays have passed; ``cast_through`` takes the shares of that instead.
         tint = np.ones((len(rows), 3), np.float32) if body.has_passable and passed is None else None
         for _ in range(MAX_PASSED):
             distance, triangle, uv, face = body.cast(start + along * from_start[:, None], along,
