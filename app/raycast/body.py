@@ -224,12 +224,11 @@ class Body:
     def _is_passed(self, triangle: Ints, uv: F32, directions: F32, is_tinted: bool) -> Bools:
         """Whether what moves along ``directions`` goes through the surface there, shape (N,).
 
-        What passes in part is tested against a hash of the hit (Wyman and McGuire 2017). As much passes as does on the
-        mean of the channels, or of the brightest channel where what passes is tinted then.
+        As much passes as does on the mean of the channels, or of the brightest one where what passes is tinted then.
         """
         passed: Bools = np.zeros(len(triangle), np.bool_)
         met, share = self._passing_where_passable(triangle, uv, directions)
-        passed[met] = ~(1 - (share.max if is_tinted else share.mean)(axis=1) > hash_uv(uv[met]))
+        passed[met] = _passes_by_chance((share.max if is_tinted else share.mean)(axis=1), uv[met])
         return passed
 
     def passed_and_tint(self, triangle: Ints, uv: F32, directions: F32) -> tuple[Bools, F32]:
@@ -240,7 +239,7 @@ class Body:
         passed, tint = np.zeros(len(triangle), np.bool_), np.ones((len(triangle), 3), np.float32)
         met, share = self._passing_where_passable(triangle, uv, directions)
         mean = share.mean(axis=1)
-        passes = ~(1 - mean > hash_uv(uv[met]))
+        passes = _passes_by_chance(mean, uv[met])
         passed[met] = passes
         tint[met[passes]] = share[passes] / np.maximum(mean[passes, None], np.float32(MIN_OPACITY))
         return passed, tint
@@ -379,6 +378,11 @@ class Body:
         order = np.argsort(material, kind="stable")
         indices, start = np.unique(material[order], return_index=True)
         return zip(indices.tolist(), np.split(rows[order], start[1:]), strict=True) if len(rows) else ()
+
+
+def _passes_by_chance(chance: F32, uv: F32) -> Bools:
+    """Whether what passes as often as ``chance`` says does so, by a hash of the hit (Wyman and McGuire 2017)."""
+    return np.asarray(~(1 - chance > hash_uv(uv)))
 
 
 def _columns(rows: Sequence[Sequence[float]], count: int) -> F32:
