@@ -51,6 +51,20 @@ def unit_rows(vectors: NDArray[Real]) -> NDArray[Real]:
     return np.asarray(vectors / np.maximum(row_lengths(vectors)[:, None], 1e-30))
 
 
+def spread_points(corners: F64, area: F64, count: int, rng: np.random.Generator) -> tuple[F64, F64]:
+    """Points spread evenly over triangles, and the unit normals there, both of shape (count, 3).
+
+    Parameters
+    ----------
+    corners : ndarray, float64, shape (T, 3, 3)
+    area : ndarray, float64, shape (T,)
+        In any unit, not all zero.
+    """
+    a, b, c = np.moveaxis(corners[rng.choice(len(area), count, p=area / area.sum())], 1, 0)
+    root, v = np.sqrt(rng.random((count, 1))), rng.random((count, 1))
+    return (1 - root) * a + root * (1 - v) * b + root * v * c, unit_rows(np.cross(b - a, c - a))
+
+
 def put_rows(target: NDArray[Any], rows: NDArray[np.integer[Any]], values: NDArray[Any]) -> None:
     """``target[rows] = values`` for a C-contiguous target of shape (N, D) and as many values as rows, in half the time.
 

@@ -334,6 +334,8 @@ class Renderer:
             self._caster.move_to(time)
         self._lights.cover(self._geometry.boxes)
         view = self._view(camera)
+        if self._lights.follow(view.eye):
+            self._make_pipeline_again()
         lighting = self._lights.lights, self._geometry.changes
         unchanged = REFRESH_FRAMES if cut else self._unchanged + 1 if lighting == self._lighting else 0
         stands = self._previous is not None and view.same_as(self._previous)
@@ -364,6 +366,20 @@ class Renderer:
         self._previous, self._lighting, self._unchanged, self._still = view, lighting, unchanged, still
         self._pool.swap()
         self._index += 1
+
+    def _make_pipeline_again(self) -> None:
+        """Make passes and textures anew, since the lights need others, and go on with what was accumulated."""
+        before, unused = self._pool, [pipeline.pool for pipeline in self._pipelines.values()]
+        is_first = self._previous is None  # before which nothing was accumulated, so there need not be both at a time
+        for pool in unused if is_first else ():
+            pool.release()
+        self._pipeline = _Pipeline(self._gl, replace(self._inputs, settings=self.settings))
+        self._pipelines = {self.settings.render_scale: self._pipeline}
+        if not is_first:
+            self._pool.take_history(before)
+            for pool in unused:
+                pool.release()
+        self._gl.collect()
 
     def _adapt_to_projection(self, is_orthographic: bool) -> None:
         """Another kind of projection needs other shaders, and is a cut."""

@@ -105,28 +105,32 @@ void main()
     vec3 face = octahedral_decode(vec2(surface.a, base.a));
     QuadNoise noise = quad_noise();
     for (int i = 0; i < MAPPED_COUNT; ++i) {
-        vec3 e = irradiance(lights[i], p, n);
+        Light light = lights[i];
+#ifdef HAS_NEAR_CASCADE
+        light = with_cascade(light, p, noise);
+#endif
+        vec3 e = irradiance(light, p, n);
 #ifdef LAYERS
-        bool wanted = is_surface(d) && reaches_layers(lights[i], p, e, layers);
+        bool wanted = is_surface(d) && reaches_layers(light, p, e, layers);
 #else
         bool wanted = is_surface(d) && max(max(e.r, e.g), e.b) > 0.0;
 #endif
 #ifdef NORMAL_MAPS
-        wanted = wanted && is_in_front(lights[i], p, face);
+        wanted = wanted && is_in_front(light, p, face);
 #endif
 #ifdef HAS_SHADOW_TRANSMITTANCE
-        vec3 v = visibility(lights[i], p, face, noise, wanted) * transmittance(lights[i], p);
+        vec3 v = visibility(light, p, face, noise, wanted) * transmittance(light, p);
         v = wanted ? v : vec3(0.0);
 #else
-        float v = visibility(lights[i], p, face, noise, wanted);
+        float v = visibility(light, p, face, noise, wanted);
         v = wanted ? v : 0.0;
 #endif
         diffuse += wanted ? v * e : vec3(0.0);
 #ifdef WRITE_SPECULAR
-        specular += wanted ? v * ggx_specular(lights[i], p, n, lobe) : vec3(0.0);
+        specular += wanted ? v * ggx_specular(light, p, n, lobe) : vec3(0.0);
 #endif
 #ifdef LAYERS
-        layered += wanted ? v * layered_light(lights[i], p, n, e, layers) : vec3(0.0);
+        layered += wanted ? v * layered_light(light, p, n, e, layers) : vec3(0.0);
 #endif
     }
 #endif

@@ -13,6 +13,7 @@ import numpy as np
 from app.arrays import F32, F64, Bools
 from app.errors import SceneError
 from app.gl.context import Device
+from app.gl.near_cascade import Cascade, Surroundings, cascade_around
 from app.gl.shader import Program
 from app.gl.shadow_atlas import CUBE_MAP, PARALLEL_MAP, SINGLE_MAP, Tile, lay_out, size_of
 from app.math3d import affine_matrix, look_rotation, normalize, orthographic, perspective
@@ -85,6 +86,10 @@ class LightSet:
         World-space box around all motions and what ``cover`` was told of last.
     standing : ndarray, float64, shape (2, 3)
         The same without floors that nothing is below, which shade nothing in light from above: its maps fit this.
+    cascades : tuple of Cascade or None
+        The near cascade of each light with a map around the eye that ``follow`` was told of last.
+    has_cascades : bool
+        Whether the atlas has room for near cascades, since an eye needed one.
 
     Raises
     ------
@@ -106,7 +111,10 @@ class LightSet:
         self.standing = self._swept_standing
         self._has_see_through = any(m.is_see_through for m in scene.materials)
         self._max_size = device.max_size
-        self.tiles, self.atlas_size = lay_out(self.mapped, device.max_size)
+        self._surroundings = Surroundings(scene) if any(map(_is_parallel, self.mapped)) else None
+        self.cascades: tuple[Cascade | None, ...] = (None,) * len(self.mapped)
+        self.has_cascades = False
+        self._lay_out()
         self.buffer = device.ctx.buffer(reserve=LIGHT_BYTES * max(1, len(self.lights)))
         self._emission_points = self._make_emission_points()
 
@@ -116,6 +124,9 @@ class LightSet:
         self.lights = (*self.mapped, *sorted(others, key=lambda light: isinstance(light, RectLight)))
         self._points = {light: scene.approximate_lights[light] for light in self.lights[len(self.mapped):]
                         if light in scene.approximate_lights}
+
+    def _lay_out(self) -> None:
+        self.tiles, self.cascade_tiles, self.atlas_size = lay_out(self.mapped, self._max_size, self.has_cascades)
 
     def _make_emission_points(self) -> moderngl.Texture | None:
         """A texture with ``POINT_ROWS`` rows for each traced light that only approximates emissive surfaces."""
@@ -146,7 +157,7 @@ class LightSet:
         """Take the lights of ``scene`` if they need the same shaders and shadow maps; whether they do."""
         other = copy(self)
         other._set_lights(scene, traced)
-        other.tiles, other.atlas_size = lay_out(other.mapped, self._max_size)
+        other._lay_out()
         if (other.defines, other.tiles) != (self.defines, self.tiles):
             return False
         self.lights, self.mapped = other.lights, other.mapped
@@ -159,6 +170,23 @@ class LightSet:
         self.bounds = _extended(self._swept, boxes)
         are_floors = self._floors.any() and _level_floors(boxes, _tolerance(self._swept))[self._floors].all()
         self.standing = _extended(self._swept_standing, boxes[~self._floors]) if are_floors else self.bounds
+
+    def follow(self, eye: F64) -> bool:
+        """Move near cascades to a world-space eye; whether they need other shaders and another atlas from now on."""
+        if self._surroundings is None:
+            return False
+        near = self._surroundings.near_distance(eye)
+        self.cascades = tuple(self._cascade(light, eye, near) if isinstance(light, DirectionalLight) else None
+                              for light in self.mapped)
+        is_first = not self.has_cascades and any(self.cascades)
+        if is_first:
+            self.has_cascades = True
+            self._lay_out()
+        return is_first
+
+    def _cascade(self, light: DirectionalLight, eye: F64, near: float) -> Cascade | None:
+        whole = self._parallel(light)
+        return cascade_around(whole.rotation[:2] @ (eye - whole.center), whole.half, near)
 
     @property
     def has_soft_maps(self) -> bool:
@@ -210,6 +238,10 @@ class LightSet:
         rows = np.zeros((max(1, len(self.lights)), LIGHT_FLOATS), np.float32)
         for row, light, tile in zip_longest(rows[:len(self.lights)], self.lights, self.tiles):
             self._pack(row.reshape(8, 4), light, tile, eye)
+        for row, cascade, tile in zip(rows, self.cascades, self.cascade_tiles, strict=False):
+            if cascade is not None and tile is not None:
+                u, v = row.reshape(8, 4)[2:4]
+                u[2:], v[:] = (cascade.half, tile.face), (*cascade.center, *tile.corner)
         self.buffer.write(_sanitize(rows).tobytes())
 
     def _pack(self, row: F32, light: Light, tile: Tile | None, eye: F64) -> None:
@@ -257,15 +289,19 @@ class LightSet:
         return _Parallel(rotation, direction, bounds.mean(axis=0), half)
 
     def faces(self) -> list[ShadowFace]:
-        """Every square of the atlas."""
+        """Every square of the atlas but the near cascades."""
         return [face for light, tile in zip(self.mapped, self.tiles, strict=True) for face in self._faces(light, tile)]
 
+    def cascade_faces(self) -> list[ShadowFace]:
+        """The squares of near cascades, with distances as in the maps of the whole scene."""
+        return [self._parallel_face(light, tile, cascade)
+                for light, tile, cascade in zip(self.mapped, self.cascade_tiles, self.cascades, strict=True)
+                if isinstance(light, DirectionalLight) and tile is not None and cascade is not None]
+
     def _faces(self, light: Light, tile: Tile) -> list[ShadowFace]:
-        x, y, n = *tile.corner, tile.face
         if isinstance(light, DirectionalLight):
-            p = self._parallel(light)
-            clip = orthographic(p.half, 0.0, 2 * p.half) @ affine_matrix(p.rotation)
-            return [ShadowFace((x, y, n, n), p.center - p.half * p.direction, clip, p.direction)]
+            return [self._parallel_face(light, tile, None)]
+        x, y, n = *tile.corner, tile.face
         origin = np.asarray(light.center if isinstance(light, RectLight) else light.position, np.float64)
         far = float(np.linalg.norm(np.maximum(np.abs(self.bounds[0] - origin), np.abs(self.bounds[1] - origin))))
         near = far * 2e-4 + 1e-30
@@ -278,6 +314,14 @@ class LightSet:
         return [ShadowFace((x + n * axis, y + n * row, n, n), origin,
                            perspective(1.0, near, far) @ _axis_view(axis, sign), None)
                 for axis in range(3) for row, sign in enumerate((-1.0, 1.0))]
+
+
+    def _parallel_face(self, light: DirectionalLight, tile: Tile, cascade: Cascade | None) -> ShadowFace:
+        """The map of the whole scene, or of a cascade."""
+        p = self._parallel(light)
+        half, center = (p.half, (0.0, 0.0)) if cascade is None else (cascade.half, cascade.center)
+        clip = orthographic(half, 0.0, 2 * p.half) @ affine_matrix(p.rotation, (-center[0], -center[1], 0.0))
+        return ShadowFace((*tile.corner, tile.face, tile.face), p.center - p.half * p.direction, clip, p.direction)
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,6 +394,10 @@ def _tolerance(swept: F64) -> float:
 def _extended(bounds: F64, boxes: F64) -> F64:
     low, high = boxes[:, 0].min(axis=0, initial=np.inf), boxes[:, 1].max(axis=0, initial=-np.inf)
     return np.stack([np.minimum(bounds[0], low), np.maximum(bounds[1], high)])
+
+
+def _is_parallel(light: Light) -> bool:
+    return isinstance(light, DirectionalLight)
 
 
 def _sanitize(rows: F32) -> F32:

@@ -8,6 +8,7 @@ SINGLE_MAP, CUBE_MAP, PARALLEL_MAP = 1, 2, 3
 MAX_SINGLE_MAP_DEG = 55.0  # outer half angle of a spot that one map covers
 FACE_TEXELS = {CUBE_MAP: 1024, SINGLE_MAP: 2048, PARALLEL_MAP: 4096}  # a side
 HARD_CUBE_TEXELS = 1536  # a hard shadow's filter is no wider than a texel
+CASCADE_TEXELS = 2048  # a side; drawing one takes a quarter of the time of the whole map
 EARLIER_HALVINGS = 2  # of the maps of all other lights, before those of directional ones
 MAX_ATLAS_TEXELS = 2**25
 MAX_ATLAS_WIDTH = 8192
@@ -27,27 +28,39 @@ class Tile:
         return (3 * self.face, 2 * self.face) if self.kind == CUBE_MAP else (self.face, self.face)
 
 
-def lay_out(lights: tuple[Light, ...], max_size: int) -> tuple[list[Tile], tuple[int, int]]:
+def lay_out(lights: tuple[Light, ...], max_size: int,
+            has_cascades: bool = False) -> tuple[list[Tile], list[Tile | None], tuple[int, int]]:
     """Shelves of tiles: finer ones for hard six-face maps if the atlas fits then, and coarser ones until it does.
 
     Before the maps of directional lights are halved, because they cover the whole scene, all others are halved up to
     ``EARLIER_HALVINGS`` times.
 
+    Parameters
+    ----------
+    has_cascades : bool
+        Whether directional lights have a second map, for which the atlas may be larger.
+
     Returns
     -------
-    tiles : list of Tile
-        One for each light.
+    tiles, cascades : list of Tile
+        One for each light; None for lights without a cascade.
     size : tuple of int
         Width and height of the atlas, in texels.
     """
+    cascaded = [k for k, light in enumerate(lights) if has_cascades and map_kind(light) == PARALLEL_MAP]
+    most = MAX_ATLAS_TEXELS + (CASCADE_TEXELS * MAX_ATLAS_WIDTH if cascaded else 0)  # another shelf
     usual = FACE_TEXELS[CUBE_MAP]
     halvings = ((parallel, parallel + more) for parallel in range(9) for more in range(EARLIER_HALVINGS + 1))
     for hard, parallel, other in ((HARD_CUBE_TEXELS, 0, 0), *((usual, *both) for both in halvings)):
         tiles = [_tile(light, hard, parallel, other) for light in lights]
+        tiles += [Tile((0, 0), CASCADE_TEXELS >> parallel, PARALLEL_MAP) for _ in cascaded]
         tiles, size = _shelves(tiles, min(max_size, MAX_ATLAS_WIDTH))
-        if size[0] * size[1] <= MAX_ATLAS_TEXELS and max(size) <= max_size:
+        if size[0] * size[1] <= most and max(size) <= max_size:
             break
-    return tiles, size
+    cascades: list[Tile | None] = [None] * len(lights)
+    for light, tile in zip(cascaded, tiles[len(lights):], strict=True):
+        cascades[light] = tile
+    return tiles[:len(lights)], cascades, size
 
 
 def _tile(light: Light, hard: int, parallel: int, other: int) -> Tile:

@@ -169,6 +169,7 @@ def hard() -> Scene:
         quads("card", 1, ((-1.3, 0.1, -0.4), (1.1, 0, 0), (0, 1.2, 0))),
         _coloured(quads("veil", 2, ((0.2, 0.1, -0.6), (1.0, 0, 0.4), (0, 1.2, 0))), (1.0, 0.2, 0.9, 0.6)),
         replace(pebble, normals=np.zeros_like(pebble.normals)),
+        quads("far wall", 0, ((-1, 0, 40), (2, 0, 0), (0, 1, 0))),  # behind the eye; for it, the sun has a near cascade
     )
     lights = (
         PointLight((-1.6, 1.4, 1.0), (2.0, 1.0, 0.6)),

@@ -6,6 +6,7 @@ from app.arrays import F64
 from app.load.geometry import face_vectors, place
 from app.load.light_fit import Receivers
 from app.load.scene_builder import SceneBuilder
+from app.math3d import spread_points
 
 POINTS = 128
 MAX_TRIANGLES = 2**16  # of a mesh, among which points are chosen
@@ -26,11 +27,7 @@ def sample_receivers(builder: SceneBuilder, skipped: set[int]) -> Receivers:
     area = np.concatenate([np.zeros(0), *areas])
     if not area.sum() > 0:
         return Receivers(np.zeros((0, 3)), np.zeros((0, 3)))
-    a, b, c = np.moveaxis(np.concatenate(corners)[rng.choice(len(area), POINTS, p=area / area.sum())], 1, 0)
-    root, v = np.sqrt(rng.random((POINTS, 1))), rng.random((POINTS, 1))
-    normals = np.cross(b - a, c - a)
-    return _with_both_sides((1 - root) * a + root * (1 - v) * b + root * v * c,
-                            normals / np.linalg.norm(normals, axis=1, keepdims=True))
+    return _with_both_sides(*spread_points(np.concatenate(corners), area, POINTS, rng))
 
 
 def surround(low: F64, high: F64) -> Receivers:

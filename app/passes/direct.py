@@ -56,7 +56,8 @@ def declare(lights: LightSet, has_specular: bool, shadow_grid: tuple[int, int] |
     reads = (*surface, *lights.shadow_maps, *(("shadow_ratio", "shadow_gbuffer") if shadow_grid is not None else ()),
              *(("sky_irradiance",) if has_sky else ()), *(("sky_specular",) if has_sky and has_specular else ()),
              *(("smooth_normal",) if layer is None and has_normal_maps and shadow_grid is not None else ()))
-    defines = {**lights.defines, "SKY_TILE": f"{TILE}.0", **({"NORMAL_MAPS": 1} if has_normal_maps else {}),
+    defines = {**lights.defines, **({"HAS_NEAR_CASCADE": 1} if lights.has_cascades else {}),
+               "SKY_TILE": f"{TILE}.0", **({"NORMAL_MAPS": 1} if has_normal_maps else {}),
                **{f"HAS_{name.upper()}": 1 for name in layers}, **({"WIDE_SHADOW_RATIO": 1} if prefix else {}),
                **({"SKY_IS_REFLECTED" if layer is None else "IS_OUTER": 1} if sky_is_reflected else {}),
                **({"SKY_IS_GATHERED": 1} if sky_is_gathered else {}),

@@ -38,32 +38,45 @@ def make(device: Device, bound: BoundPass) -> Execute:
 
     is_tinted = TRANSMITTANCE_MAPS[0] in bound.writes
 
-    def execute(frame: FrameState, resources: Resources) -> None:
-        if resources.is_current(frame.lighting):
-            return
+    def draw(frame: FrameState, resources: Resources, faces: list[ShadowFace]) -> None:
         target = resources.target(*maps, with_depth=True)
-        target.viewport = (0, 0, *target.size)
-        target.clear(EMPTY, depth=1.0)
         device.ctx.enable_only(moderngl.DEPTH_TEST)
         device.ctx.depth_func = "<"
-        for face in frame.lights.faces():
+        for face in faces:
+            target.clear(EMPTY, depth=1.0, viewport=face.rect)
             target.viewport, target.scissor = face.rect, _inner(face)
             _draw_face(device, frame, face, {"WRITE_" + name.upper(): i for i, name in enumerate(maps)})
         target.scissor = 0, 0, *target.size
         if is_tinted:
-            _draw_transmittance(device, frame, resources)
+            _draw_transmittance(device, frame, resources, faces)
         if nearest is not None:
-            resources.target("shadow_nearest")
+            target = resources.target("shadow_nearest")
             device.ctx.enable_only(moderngl.NOTHING)
             resources["shadow"].use(0)
             nearest.set(shadow=0)
-            device.draw_fullscreen(nearest)
-        resources.set_current(frame.lighting)
+            for face in faces:
+                x, y, width, height = face.rect
+                target.scissor = x // TILE, y // TILE, width // TILE, height // TILE
+                device.draw_fullscreen(nearest)
+            target.scissor = 0, 0, *target.size
+
+    cascades: object = None  # that the atlas shows
+
+    def execute(frame: FrameState, resources: Resources) -> None:
+        nonlocal cascades
+        if not resources.is_current(frame.lighting):
+            draw(frame, resources, frame.lights.faces())
+            resources.set_current(frame.lighting)
+            cascades = None
+        # Only the picture reads cascades, so what was made from the maps of the whole scene stays.
+        if cascades != frame.lights.cascades:
+            draw(frame, resources, frame.lights.cascade_faces())
+            cascades = frame.lights.cascades
 
     return execute
 
 
-def _draw_transmittance(device: Device, frame: FrameState, resources: Resources) -> None:
+def _draw_transmittance(device: Device, frame: FrameState, resources: Resources, faces: list[ShadowFace]) -> None:
     """Multiply what blended and transmissive surfaces leave of the light before what is opaque, then find the nearest.
 
     Both are drawn against the depth buffer of the opaque surfaces.
@@ -71,13 +84,13 @@ def _draw_transmittance(device: Device, frame: FrameState, resources: Resources)
     for name, empty, defines in ((TRANSMITTANCE_MAPS[0], 1.0, {"WRITE_SHADOW_TRANSMITTANCE": 0}),
                                  (TRANSMITTANCE_MAPS[1], EMPTY, {"WRITE_SHADOW": 0})):
         target = resources.target(name, with_depth=True)
-        target.viewport = (0, 0, *target.size)
-        target.depth_mask = False
-        target.clear(empty, empty, empty, empty)
-        target.depth_mask = multiplies = "WRITE_SHADOW" in defines
+        multiplies = "WRITE_SHADOW" in defines
         device.ctx.enable_only(moderngl.DEPTH_TEST if multiplies else moderngl.DEPTH_TEST | moderngl.BLEND)
         device.ctx.blend_func = moderngl.DST_COLOR, moderngl.ZERO
-        for face in frame.lights.faces():
+        for face in faces:
+            target.depth_mask = False
+            target.clear(empty, empty, empty, empty, viewport=face.rect)
+            target.depth_mask = multiplies
             target.viewport, target.scissor = face.rect, _inner(face)
             _draw_face(device, frame, face, {**defines, "SEE_THROUGH": 1})
         target.scissor = 0, 0, *target.size

@@ -14,7 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.arrays import F32, F64, Bools, Ints
-from app.math3d import affine_inverse, normal_matrix, put_rows, row_dots, row_lengths, translation, unit_rows
+from app.math3d import (
+    affine_inverse,
+    normal_matrix,
+    put_rows,
+    row_dots,
+    row_lengths,
+    spread_points,
+    translation,
+    unit_rows,
+)
 from app.raycast.body import MAX_PASSED, Body, hash_uv
 from app.raycast.prefiltered_textures import PrefilteredTextures
 from app.scene import Instance, Scene
@@ -319,14 +328,12 @@ class Caster:
         corners = [body.surface_corners().astype(np.float64) if index == STATIC
                    else body.surface_corners() @ matrix[:3, :3].T + matrix[:3, 3]
                    for index, (body, matrix) in enumerate(zip(self.bodies, self.matrices, strict=True))]
-        a, b, c = np.moveaxis(np.concatenate(corners), 1, 0)
+        triangles = np.concatenate(corners)
+        a, b, c = np.moveaxis(triangles, 1, 0)
         area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
         if not area.sum() > 0:
             return np.zeros((0, 3), np.float32)
-        chosen = rng.choice(len(area), count, p=area / area.sum())
-        root, v = np.sqrt(rng.random((count, 1))), rng.random((count, 1))
-        points = (1 - root) * a[chosen] + root * (1 - v) * b[chosen] + root * v * c[chosen]
-        return np.asarray(points, np.float32)
+        return spread_points(triangles, area, count, rng)[0].astype(np.float32)
 
     def bounding_sphere(self, index: int) -> tuple[F32, float]:
         """Centre in local space, shape (3,), and radius of a sphere around body ``index``."""

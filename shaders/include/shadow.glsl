@@ -20,6 +20,7 @@ const float SMALLEST_RIM = 0.5;        // of the rim's usual radius
 const float MIN_BLOCKER_SHARE = 0.15;    // of the distance to the light; blockers nearer to the light are not searched
 const float SLACK = 2.0;               // on the light's squared radius, when asking whether a line meets it
 const float NORMAL_OFFSET = 1.5;       // texels
+const float PARALLEL_OFFSET = 0.75;    // texels; shadows are displaced by as much, and below 0.5 surfaces shade themselves
 const float PLANE_MARGIN = 0.25;       // texels above the receiver's plane, below which nothing blocks
 const float PLANE_SLACK = 0.5;         // texels, by which a surface behind a blocker lies off its plane
 const float DISTANCE_BIAS = 5e-4;      // relative
@@ -50,6 +51,28 @@ QuadNoise quad_noise()
     vec2 u = fract(vec2(noise + 0.25, noise)) - 0.5;
     return QuadNoise(noise, normalize(u * (0.5 - abs(u))));  // parabolas for sines: any spread of angles will do
 }
+
+#ifdef HAS_NEAR_CASCADE
+const float CASCADE_EDGE = 0.02;   // share of a cascade's half width that is not read
+const float CASCADE_BLEND = 0.1;   // and over which it gives way to the map of the whole scene
+
+// The light with its near cascade for a map, if that holds all that may hide it from relative point p. The same for all
+// texels of a quad, which search together.
+Light with_cascade(Light light, vec3 p, QuadNoise noise)
+{
+    vec3 at = vec3(dot(light.frame_x.xyz, p), dot(light.frame_y.xyz, p), dot(light.frame_z.xyz, p))
+        + vec3(light.frame_x.w, light.frame_y.w, light.frame_z.w);
+    vec2 away = abs(at.xy - light.v.xy);
+    float reach = quad_max(vec3(max(away.x, away.y) + light.position.w * min(at.z, light.u.y))).x;
+    if (int(light.tile.w) == PARALLEL_MAP && reach < light.u.z * (1.0 - CASCADE_EDGE - CASCADE_BLEND * noise.value)) {
+        light.tile.xyz = vec3(light.v.zw, light.u.w);
+        light.u.x = light.u.z;
+        light.frame_x.w -= light.v.x;
+        light.frame_y.w -= light.v.y;
+    }
+    return light;
+}
+#endif
 
 #ifdef HAS_SOFT_MAP
 // Points on the light by Roberts' R2 sequence, whose every stretch is well spread. The angle turns with k.
@@ -512,7 +535,7 @@ float parallel_visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wan
 {
     float half_width = light.u.x;
     float c = max(dot(n, light.position.xyz), 0.01);
-    vec3 moved = p + n * (NORMAL_OFFSET * 2.0 / light.tile.z * half_width);
+    vec3 moved = p + n * (PARALLEL_OFFSET * 2.0 / light.tile.z * half_width);
     vec3 axis_x = light.frame_x.xyz, axis_y = light.frame_y.xyz;
     ParallelReceiver r;
     r.fraction = vec2(dot(axis_x, moved) + light.frame_x.w, dot(axis_y, moved) + light.frame_y.w) * (0.5 / half_width)

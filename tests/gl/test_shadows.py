@@ -368,7 +368,7 @@ def test_a_lit_corner_has_no_dark_crease(radius: float) -> None:
 ])
 def test_maps_are_as_fine_as_the_atlas_lets_them_be(hard: int, soft: int, faces: set[int]) -> None:
     lights = (PointLight((0, 1, 0), (1.0,) * 3),) * hard + (PointLight((0, 1, 0), (1.0,) * 3, 0.1),) * soft
-    tiles, size = lay_out(lights, 16384)
+    tiles, _, size = lay_out(lights, 16384)
     assert {tile.face for tile in tiles} == faces
     assert_apart(tiles, size)
 
@@ -383,13 +383,22 @@ def test_lamps_leave_the_sun_its_fine_map(suns: int, cubes: int, spots: int, max
                                           face: int) -> None:
     lights = (*(PointLight((0, 1, 0), (1.0,) * 3, 0.1),) * cubes, *(DirectionalLight((0, -1, 0), (1.0,) * 3),) * suns,
               *(SpotLight((0, 1, 0), (0, -1, 0), (1.0,) * 3, 10.0, 20.0, 0.1),) * spots)
-    tiles, size = lay_out(lights, max_size)
+    tiles, cascades, size = lay_out(lights, max_size)
+    assert cascades == [None] * len(lights)
     assert {tile.face for tile in tiles if tile.kind == PARALLEL_MAP} == {sun}
     assert {tile.face for tile in tiles if tile.kind == CUBE_MAP} <= {face}
     assert {tile.face for tile in tiles if tile.kind == SINGLE_MAP} <= {2 * face if cubes else face}
     assert [tile.kind for tile in tiles] == [map_kind(light) for light in lights]
     assert max(size) <= max_size
     assert_apart(tiles, size)
+    with_cascades, cascades, size = lay_out(lights, max_size, True)
+    assert all(more.face >= tile.face for more, tile in zip(with_cascades, tiles, strict=True)
+               if tile.kind == PARALLEL_MAP or suns == 1)
+    drawn = [tile for tile in cascades if tile is not None]
+    assert [tile is not None for tile in cascades] == [isinstance(light, DirectionalLight) for light in lights]
+    assert {2 * tile.face for tile in drawn} == {tile.face for tile in with_cascades if tile.kind == PARALLEL_MAP}
+    assert max(size) <= max_size
+    assert_apart(with_cascades + drawn, size)
 
 
 def assert_apart(tiles: list[Tile], size: tuple[int, int]) -> None:
