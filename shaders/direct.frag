@@ -118,13 +118,8 @@ void main()
 #ifdef NORMAL_MAPS
         wanted = wanted && is_in_front(light, p, face);
 #endif
-#ifdef HAS_SHADOW_TRANSMITTANCE
-        vec3 v = visibility(light, p, face, noise, wanted) * transmittance(light, p);
+        vec3 v = arriving_share(light, p, face, noise, wanted);
         v = wanted ? v : vec3(0.0);
-#else
-        float v = visibility(light, p, face, noise, wanted);
-        v = wanted ? v : 0.0;
-#endif
         diffuse += wanted ? v * e : vec3(0.0);
 #ifdef WRITE_SPECULAR
         specular += wanted ? v * ggx_specular(light, p, n, lobe) : vec3(0.0);

@@ -12,6 +12,7 @@ const int FEW = 1;                   // texels around that agree with an outlier
 const float RARE = 3.0;              // which has this many times the share of all of them, or just more than they have
 const int MANY = 5;                  // if so many show its surface
 const float HEAVY = 1.1;             // times their unshadowed light, from which on a single sample has brought it
+const float MOST = 3.0;              // times the unshadowed light that a sample brings with its full weight
 const float PRIOR = 0.5;             // specular rays whose share is taken to be that of diffuse light
 
 uniform sampler2D shadow_visible;     // rgb: mean irradiance of the samples that reach their light, a: samples
@@ -42,6 +43,7 @@ struct Texel {
     vec3 p;        // relative space
     float share;   // of the light that is visible
     float variance;  // of that share
+    float weight;    // samples; fewer where a guided one of little probability has brought much more than the unshadowed light
 #ifdef SPECULAR_RAYS
     vec4 specular;
 #endif
@@ -61,9 +63,14 @@ bool agree(float share, float other, float variance)
     return differs * differs <= NOISE_SIGMAS * NOISE_SIGMAS * variance;
 }
 
+float ratio_of(vec3 visible, vec3 unshadowed)
+{
+    return dot(visible, vec3(1.0)) / max(dot(unshadowed, vec3(1.0)), 1e-30);
+}
+
 float share_of(vec3 visible, vec3 unshadowed)
 {
-    return min(dot(visible, vec3(1.0)) / max(dot(unshadowed, vec3(1.0)), 1e-30), 1.0);
+    return min(ratio_of(visible, unshadowed), 1.0);
 }
 
 Texel texel_at(ivec2 low)
@@ -75,6 +82,7 @@ Texel texel_at(ivec2 low)
     t.p = surface_point(vec2(nearest_texel(low, ratio)) + 0.5, t.surface.a);
     t.share = share_of(t.visible.rgb, t.unshadowed.rgb);
     t.variance = variance_of(t.share, t.visible.a);
+    t.weight = t.visible.a / max(ratio_of(t.visible.rgb, t.unshadowed.rgb) / MOST, 1.0);
 #ifdef SPECULAR_RAYS
     t.specular = texelFetch(shadow_specular, low, 0);
 #endif
@@ -109,7 +117,7 @@ void main()
 #ifdef SPECULAR_RAYS
         specular += alike && is_alike_specular(here, t) ? vec4(t.specular.rgb, 1.0) * t.specular.a : vec4(0.0);
 #endif
-        vec4 seen = vec4(t.visible.rgb, 1.0) * t.visible.a, sent = vec4(t.unshadowed.rgb, 1.0) * t.visible.a;
+        vec4 seen = vec4(t.visible.rgb, 1.0) * t.weight, sent = vec4(t.unshadowed.rgb, 1.0) * t.weight;
         all_visible += alike ? seen : vec4(0.0);
         all_unshadowed += alike ? sent : vec4(0.0);
         surface_count += alike ? 1 : 0;

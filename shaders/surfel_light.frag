@@ -21,11 +21,7 @@ void main()
     for (int i = 0; i < MAPPED_COUNT; ++i) {
         vec3 e = irradiance(lights[i], p, n);
         bool wanted = used && max(max(e.r, e.g), e.b) > 0.0;
-#ifdef HAS_SHADOW_TRANSMITTANCE
-        vec3 v = visibility(lights[i], p, n, noise, wanted) * transmittance(lights[i], p);
-#else
-        float v = visibility(lights[i], p, n, noise, wanted);
-#endif
+        vec3 v = arriving_share(lights[i], p, n, noise, wanted);
         sum += wanted ? v * e : vec3(0.0);
     }
 #endif

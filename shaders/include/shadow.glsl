@@ -320,7 +320,7 @@ vec2 nearest_blocker(Light light, Receiver r, vec3 q)
 }
 
 // Share of a light with a size that the receiver sees.
-float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool wanted)
+float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool wanted, inout vec4 tint)
 {
 #ifdef HAS_RECT_LIGHT
     bool square = int(light.color.w) == RECT;
@@ -364,12 +364,20 @@ float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool want
     Hider hider = Hider(false, 0.0, vec2(0.0), vec2(0.0), 0.0, vec2(0.0));
     for (int i = 0; i < min(taps, 1); ++i) hider = find_hider(light, r);
     vec2 passed = vec2(0.0);
-    for (int i = 0; i < taps; ++i) passed += texel_passes(light, r, tap(r, disc, next_point(pattern, square)), hider);
+    for (int i = 0; i < taps; ++i) {
+        vec3 q = tap(r, disc, next_point(pattern, square));
+        vec2 passes = texel_passes(light, r, q, hider);
+        passed += passes;
+#ifdef HAS_SHADOW_TRANSMITTANCE
+        MapTexel t = texel_towards(light, q);
+        tint += passes.x * vec4(texel_transmittance(ivec2(t.corner + t.at), reach, OWN_TEXELS * 2.0 / light.tile.z * reach), 1.0);
+#endif
+    }
     return soft_visibility(seen, penumbra, passed, taps, r.p, r.n);
 }
 
 // Share of a point, sphere, spot or rectangle light that relative point p with face normal n sees.
-float radial_visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wanted)
+float radial_visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wanted, inout vec4 tint)
 {
     p -= light.position.xyz;
     float height = -dot(n, p) - PLANE_MARGIN * 2.0 / light.tile.z * length(p);  // of the light above the receiver's plane
@@ -379,7 +387,7 @@ float radial_visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wante
     if (int(light.color.w) == RECT) radius = sqrt(dot(light.u.xyz, light.u.xyz) + dot(light.v.xyz, light.v.xyz));
 #endif
     Receiver r = Receiver(p, n, length(p) * (1.0 - DISTANCE_BIAS), height * (1.0 - DISTANCE_BIAS), radius);
-    return soft_radial_visibility(light, r, noise, wanted);
+    return soft_radial_visibility(light, r, noise, wanted, tint);
 }
 #endif
 
@@ -478,7 +486,8 @@ vec2 contact_texel(Light light, ParallelReceiver r, vec2 at, float spread, float
     return vec2(hides, size < width ? 1.0 : 0.0);
 }
 
-float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, QuadNoise noise, bool wanted)
+float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, QuadNoise noise, bool wanted,
+                               inout vec4 tint)
 {
     float spread = 0.5 * light.position.w / light.u.x;  // growth of the kernel, in map fractions per unit of depth
     float width = spread * min(r.depth, light.u.y);
@@ -523,7 +532,13 @@ float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, 
     for (int i = 0; i < min(taps, 1); ++i) hider = find_parallel_hider(light, r, spread);
     vec2 passed = vec2(0.0);
     for (int i = 0; i < taps; ++i) {
-        passed += parallel_texel_passes(light, r, r.fraction + next_point(pattern, false) * width, spread, hider);
+        vec2 at = r.fraction + next_point(pattern, false) * width;
+        vec2 passes = parallel_texel_passes(light, r, at, spread, hider);
+        passed += passes;
+#ifdef HAS_SHADOW_TRANSMITTANCE
+        ivec2 t = ivec2(light.tile.xy + clamp(at * light.tile.z, 0.0, light.tile.z - 1.0));
+        tint += passes.x * vec4(texel_transmittance(t, r.depth, OWN_TEXELS * 2.0 / light.tile.z * light.u.x), 1.0);
+#endif
     }
     contact = vec2(quad_sum(contact.x), quad_sum(contact.y));
     float passes_contact = 1.0 - contact.x / max(contact.y, 1.0);
@@ -531,7 +546,7 @@ float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, 
 }
 
 // Share of a directional light's disc that relative point p with face normal n sees.
-float parallel_visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wanted)
+float parallel_visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wanted, inout vec4 tint)
 {
     float half_width = light.u.x;
     float c = max(dot(n, light.position.xyz), 0.01);
@@ -542,13 +557,14 @@ float parallel_visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wan
         + 0.5;
     r.depth = dot(light.frame_z.xyz, moved) + light.frame_z.w - PARALLEL_BIAS * half_width;
     r.gradient = vec2(dot(n, axis_x), dot(n, axis_y)) * (2.0 * half_width / c);
-    return soft_parallel_visibility(light, r, p, n, noise, wanted);
+    return soft_parallel_visibility(light, r, p, n, noise, wanted, tint);
 }
 #endif
 #endif
 
-// Share of the light that relative point p with face normal n sees; of no meaning unless wanted.
-float visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wanted)
+// Share of the light that relative point p with face normal n sees; of no meaning unless wanted. In a penumbra, tint is
+// the sum of what surfaces leave of the light at points that see it, and their number.
+float visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wanted, inout vec4 tint)
 {
 #ifdef HAS_HARD_MAP
 #ifdef HAS_SOFT_MAP
@@ -558,11 +574,25 @@ float visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wanted)
 #endif
 #ifdef HAS_SOFT_MAP
 #ifdef HAS_PARALLEL_MAP
-    if (int(light.tile.w) == PARALLEL_MAP) return parallel_visibility(light, p, n, noise, wanted);
+    if (int(light.tile.w) == PARALLEL_MAP) return parallel_visibility(light, p, n, noise, wanted, tint);
 #endif
 #if defined(HAS_CUBE_MAP) || defined(HAS_SINGLE_MAP)
-    return radial_visibility(light, p, n, noise, wanted);
+    return radial_visibility(light, p, n, noise, wanted, tint);
 #endif
 #endif
     return 1.0;
+}
+
+// Share of the light that arrives.
+vec3 arriving_share(Light light, vec3 p, vec3 n, QuadNoise noise, bool wanted)
+{
+    vec4 tint = vec4(0.0);
+    float seen = visibility(light, p, n, noise, wanted, tint);
+#ifdef HAS_SHADOW_TRANSMITTANCE
+    vec4 of_quad = vec4(quad_sum(tint.rgb), quad_sum(tint.a));
+    tint = tint.a > 0.0 ? tint : of_quad;
+    return seen * (tint.a > 0.0 ? tint.rgb / tint.a : transmittance(light, p));
+#else
+    return vec3(seen);
+#endif
 }

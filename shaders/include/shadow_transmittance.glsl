@@ -7,6 +7,15 @@ const float OWN_TEXELS = 3.0;  // a surface does not shade what is nearer behind
 uniform sampler2D shadow_transmittance;
 uniform sampler2D shadow_transmittance_depth;  // distance of the nearest of these surfaces
 
+// What a texel of the atlas lets pass to a receiver at that distance from the light, whose own surface may be there.
+vec3 texel_transmittance(ivec2 texel, float distance, float own)
+{
+    bool is_behind = distance > texelFetch(shadow_transmittance_depth, texel, 0).r + own;
+    return is_behind ? texelFetch(shadow_transmittance, texel, 0).rgb : vec3(1.0);
+}
+
+// At relative point p. Opaque surfaces hide what lies behind them from the map, so texels in which they shade p don't
+// count: the light that passes there is not p's.
 vec3 transmittance(Light light, vec3 p)
 {
     vec2 corner = light.tile.xy, fraction = vec2(0.5);
@@ -28,13 +37,16 @@ vec3 transmittance(Light light, vec3 p)
     }
 #endif
     vec2 at = fraction * light.tile.z - 0.5, base = floor(at), f = at - base;
-    vec3 sum = vec3(0.0);
+    vec4 sum = vec4(0.0), sum_of_all = vec4(0.0);
     for (int i = 0; i < 4; ++i) {
         ivec2 offset = ivec2(i % 2, i / 2);
         ivec2 t = ivec2(corner + clamp(base + vec2(offset), vec2(0.0), vec2(light.tile.z - 1.0)));
-        bool is_behind = distance > texelFetch(shadow_transmittance_depth, t, 0).r + OWN_TEXELS * texel;
-        vec2 weight = mix(1.0 - f, f, vec2(offset));
-        sum += weight.x * weight.y * (is_behind ? texelFetch(shadow_transmittance, t, 0).rgb : vec3(1.0));
+        vec2 closeness = mix(1.0 - f, f, vec2(offset));
+        bool is_shaded = distance > texelFetch(shadow, t, 0).r + OWN_TEXELS * texel;
+        vec4 passing = closeness.x * closeness.y * vec4(texel_transmittance(t, distance, OWN_TEXELS * texel), 1.0);
+        sum_of_all += passing;
+        sum += is_shaded ? vec4(0.0) : passing;
     }
-    return sum;
+    sum = sum.a > 0.0 ? sum : sum_of_all;
+    return sum.rgb / sum.a;
 }

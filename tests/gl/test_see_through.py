@@ -25,7 +25,7 @@ from app.scene import (
     Transmission,
 )
 from app.settings import Settings
-from tests.gl.scenes import cellar, draw, floor, make_scene, quad, slide
+from tests.gl.scenes import box, cellar, draw, floor, make_scene, quad, slide
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
@@ -326,3 +326,24 @@ def test_a_model_that_shades_the_environment_leaves_panes_their_sky() -> None:
             pictures.append(renderer.render(SLANTED)["final"])
     assert pictures[0][24, 16].min() > 0.1 and pictures[0][24, 32].min() > 0.1
     np.testing.assert_allclose(pictures[1], pictures[0], rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize("light", [
+    DirectionalLight((0.3, -1.0, 0.1), (1.0,) * 3), DirectionalLight((0.3, -1.0, 0.1), (1.0,) * 3, 1.5),
+    PointLight((-0.6, 3.0, 0.0), (1.0,) * 3), PointLight((-0.6, 3.0, 0.0), (1.0,) * 3, 0.05),
+], ids=["hard sun", "soft sun", "point", "sphere"])
+def test_bars_in_a_coloured_pane_cast_shadows_in_its_colour(light: Light) -> None:
+    """All light comes through the pane, that beside the bars too, and what they hide of the pane is not lit."""
+    bars = [box((x - 0.02, 1.48, -0.5), (0.04, 0.04, 1.0)) for x in (-0.3, -0.1, 0.1)]
+    around = [box((-2.5, 1.49, -2.0), (2.0, 0.02, 4.0)), box((0.5, 1.49, -2.0), (2.0, 0.02, 4.0)),
+              box((-0.5, 1.49, -2.0), (1.0, 0.02, 1.5)), box((-0.5, 1.49, 0.5), (1.0, 0.02, 1.5))]
+    camera = Camera((0.4, 1.4, 0.1), (0.4, 0.0, 0.0), (0.0, 0.0, -1.0), 60.0)
+    size = (128, 128)
+    lit = draw(make_scene([floor(4.0), floor(1.0, 1.5, glass((0.8, 0.4, 0.2))), *bars, *around], [light], camera), size,
+               ("direct",))["direct"][..., :3].astype(np.float64)
+    clear = draw(make_scene([floor(4.0), *bars, *around], [light], camera), size, ("direct",))["direct"][..., :3]
+    seen = clear[..., 0] > 0.03 * clear.max()
+    share = lit[seen] / clear[seen]
+    print(f"BARS {share.min(axis=0)} to {share.max(axis=0)} of the light of no pane in {seen.mean():.2f} of the texels")
+    assert 0.2 < seen.mean() and (clear[..., 0] < 0.5 * clear.max()).mean() > 0.2
+    np.testing.assert_allclose(share, np.broadcast_to((0.8, 0.4, 0.2), share.shape), rtol=0.01)
