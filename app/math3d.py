@@ -51,6 +51,14 @@ def unit_rows(vectors: NDArray[Real]) -> NDArray[Real]:
     return np.asarray(vectors / np.maximum(row_lengths(vectors)[:, None], 1e-30))
 
 
+def fibonacci_sphere(count: int) -> F64:
+    """Unit vectors on a Fibonacci lattice, shape (count, 3)."""
+    k = np.arange(count) + 0.5
+    y, angle = 1 - 2 * k / count, k * np.pi * (3 - np.sqrt(5))
+    ring = np.sqrt(1 - y * y)
+    return np.stack([ring * np.cos(angle), y, ring * np.sin(angle)], axis=1)
+
+
 def spread_points(corners: F64, area: F64, count: int, rng: np.random.Generator) -> tuple[F64, F64]:
     """Points spread evenly over triangles, and the unit normals there, both of shape (count, 3).
 

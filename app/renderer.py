@@ -28,6 +28,7 @@ from app.radiance_scale import radiance_scale
 from app.raycast.caster import Caster
 from app.raycast.gpu_rays import choose_rays
 from app.raycast.light_extent import needs_rays
+from app.raycast.near_distance import NearDistance
 from app.scene import Camera, Light, Scene
 from app.settings import TONE_MAPS, Settings
 from app.surfels.tracked import TrackedSurfels
@@ -124,7 +125,7 @@ class Renderer:
         if needs_caster:
             self._get_caster()
         self._models = models.result()
-        self._lights = LightSet(self._gl, scene, self._traced)
+        self._lights = LightSet(self._gl, scene, self._traced, NearDistance(self._get_caster))
         self._camera = CameraBlock(self._gl)
         surfels = TrackedSurfels(scene, self._get_caster, *(self._models.surfels_read or REFLECTION_SURFELS))
         self._inputs = FrameInputs(scene, settings, self._lights, self._get_caster, self._models, surfels,
@@ -369,17 +370,14 @@ class Renderer:
 
     def _make_pipeline_again(self) -> None:
         """Make passes and textures anew, since the lights need others, and go on with what was accumulated."""
-        before, unused = self._pool, [pipeline.pool for pipeline in self._pipelines.values()]
-        is_first = self._previous is None  # before which nothing was accumulated, so there need not be both at a time
-        for pool in unused if is_first else ():
-            pool.release()
+        history = None if self._previous is None else self._pool
+        self._pipelines.clear()
+        del self._pipeline
+        self._gl.collect()  # before the new textures, so that there need not be memory for both
         self._pipeline = _Pipeline(self._gl, replace(self._inputs, settings=self.settings))
-        self._pipelines = {self.settings.render_scale: self._pipeline}
-        if not is_first:
-            self._pool.take_history(before)
-            for pool in unused:
-                pool.release()
-        self._gl.collect()
+        self._pipelines[self.settings.render_scale] = self._pipeline
+        if history is not None:
+            self._pool.take_history(history)
 
     def _adapt_to_projection(self, is_orthographic: bool) -> None:
         """Another kind of projection needs other shaders, and is a cut."""

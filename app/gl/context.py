@@ -145,6 +145,7 @@ class Device:
 
     def collect(self) -> None:
         """Release GL objects that nobody refers to any more."""
+        self.ctx.detect_framebuffer(0).use()  # moderngl binds the last one again, which would be an error once released
         gc.collect()  # passes are closures, which may refer to themselves
         self.ctx.gc()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
 from itertools import zip_longest
@@ -13,7 +14,7 @@ import numpy as np
 from app.arrays import F32, F64, Bools
 from app.errors import SceneError
 from app.gl.context import Device
-from app.gl.near_cascade import Cascade, Surroundings, cascade_around
+from app.gl.near_cascade import Cascade, cascade_around
 from app.gl.shader import Program
 from app.gl.shadow_atlas import CUBE_MAP, PARALLEL_MAP, SINGLE_MAP, Tile, lay_out, size_of
 from app.math3d import affine_matrix, look_rotation, normalize, orthographic, perspective
@@ -75,6 +76,8 @@ class LightSet:
     ----------
     traced : tuple of bool, optional
         Whether the shadows of each light of the scene are traced; default none. The others have shadow maps.
+    near_distance : callable, optional
+        Distance of what is near a world-space eye, asked if directional lights have maps; default infinite.
 
     Attributes
     ----------
@@ -97,7 +100,8 @@ class LightSet:
         When the device's uniform blocks have no room for so many lights.
     """
 
-    def __init__(self, device: Device, scene: Scene, traced: tuple[bool, ...] = ()) -> None:
+    def __init__(self, device: Device, scene: Scene, traced: tuple[bool, ...] = (),
+                 near_distance: Callable[[F64], float] = lambda _: math.inf) -> None:
         max_lights = device.ctx.info["GL_MAX_UNIFORM_BLOCK_SIZE"] // LIGHT_BYTES
         if len(scene.lights) > max_lights:
             raise SceneError(f"{len(scene.lights)} lights are too many for {device.renderer}", scene.name,
@@ -111,7 +115,7 @@ class LightSet:
         self.standing = self._swept_standing
         self._has_see_through = any(m.is_see_through for m in scene.materials)
         self._max_size = device.max_size
-        self._surroundings = Surroundings(scene) if any(map(_is_parallel, self.mapped)) else None
+        self._near_distance = near_distance
         self.cascades: tuple[Cascade | None, ...] = (None,) * len(self.mapped)
         self.has_cascades = False
         self._lay_out()
@@ -173,16 +177,16 @@ class LightSet:
 
     def follow(self, eye: F64) -> bool:
         """Move near cascades to a world-space eye; whether they need other shaders and another atlas from now on."""
-        if self._surroundings is None:
+        if not any(isinstance(light, DirectionalLight) for light in self.mapped):
             return False
-        near = self._surroundings.near_distance(eye)
+        near = self._near_distance(eye)
         self.cascades = tuple(self._cascade(light, eye, near) if isinstance(light, DirectionalLight) else None
                               for light in self.mapped)
-        is_first = not self.has_cascades and any(self.cascades)
-        if is_first:
-            self.has_cascades = True
-            self._lay_out()
-        return is_first
+        if self.has_cascades or not any(self.cascades):
+            return False
+        self.has_cascades = True
+        self._lay_out()
+        return True
 
     def _cascade(self, light: DirectionalLight, eye: F64, near: float) -> Cascade | None:
         whole = self._parallel(light)
@@ -315,7 +319,6 @@ class LightSet:
                            perspective(1.0, near, far) @ _axis_view(axis, sign), None)
                 for axis in range(3) for row, sign in enumerate((-1.0, 1.0))]
 
-
     def _parallel_face(self, light: DirectionalLight, tile: Tile, cascade: Cascade | None) -> ShadowFace:
         """The map of the whole scene, or of a cascade."""
         p = self._parallel(light)
@@ -394,10 +397,6 @@ def _tolerance(swept: F64) -> float:
 def _extended(bounds: F64, boxes: F64) -> F64:
     low, high = boxes[:, 0].min(axis=0, initial=np.inf), boxes[:, 1].max(axis=0, initial=-np.inf)
     return np.stack([np.minimum(bounds[0], low), np.maximum(bounds[1], high)])
-
-
-def _is_parallel(light: Light) -> bool:
-    return isinstance(light, DirectionalLight)
 
 
 def _sanitize(rows: F32) -> F32:

@@ -172,7 +172,6 @@ class Pool:
         return self._targets[key]
 
     def release(self) -> None:
-        self._device.ctx.detect_framebuffer(0).use()  # what is bound is bound again by whoever makes the next one
         owned: Iterable[Any] = chain(self._targets.values(), *self._textures.values(), self._depths.values(),
                                      self._buffers.values())
         for resource in owned:

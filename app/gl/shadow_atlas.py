@@ -9,6 +9,7 @@ MAX_SINGLE_MAP_DEG = 55.0  # outer half angle of a spot that one map covers
 FACE_TEXELS = {CUBE_MAP: 1024, SINGLE_MAP: 2048, PARALLEL_MAP: 4096}  # a side
 HARD_CUBE_TEXELS = 1536  # a hard shadow's filter is no wider than a texel
 CASCADE_TEXELS = 2048  # a side; drawing one takes a quarter of the time of the whole map
+MIN_CASCADE_TEXELS = 256  # below which there is none
 EARLIER_HALVINGS = 2  # of the maps of all other lights, before those of directional ones
 MAX_ATLAS_TEXELS = 2**25
 MAX_ATLAS_WIDTH = 8192
@@ -38,29 +39,34 @@ def lay_out(lights: tuple[Light, ...], max_size: int,
     Parameters
     ----------
     has_cascades : bool
-        Whether directional lights have a second map, for which the atlas may be larger.
+        Whether directional lights have a second map. These lie above all others, which they don't change.
 
     Returns
     -------
-    tiles, cascades : list of Tile
-        One for each light; None for lights without a cascade.
+    tiles : list of Tile
+        One for each light.
+    cascades : list of Tile or None
+        None for lights without a cascade.
     size : tuple of int
         Width and height of the atlas, in texels.
     """
-    cascaded = [k for k, light in enumerate(lights) if has_cascades and map_kind(light) == PARALLEL_MAP]
-    most = MAX_ATLAS_TEXELS + (CASCADE_TEXELS * MAX_ATLAS_WIDTH if cascaded else 0)  # another shelf
     usual = FACE_TEXELS[CUBE_MAP]
     halvings = ((parallel, parallel + more) for parallel in range(9) for more in range(EARLIER_HALVINGS + 1))
     for hard, parallel, other in ((HARD_CUBE_TEXELS, 0, 0), *((usual, *both) for both in halvings)):
         tiles = [_tile(light, hard, parallel, other) for light in lights]
-        tiles += [Tile((0, 0), CASCADE_TEXELS >> parallel, PARALLEL_MAP) for _ in cascaded]
         tiles, size = _shelves(tiles, min(max_size, MAX_ATLAS_WIDTH))
-        if size[0] * size[1] <= most and max(size) <= max_size:
+        if size[0] * size[1] <= MAX_ATLAS_TEXELS and max(size) <= max_size:
             break
     cascades: list[Tile | None] = [None] * len(lights)
-    for light, tile in zip(cascaded, tiles[len(lights):], strict=True):
-        cascades[light] = tile
-    return tiles[:len(lights)], cascades, size
+    directional = [k for k, light in enumerate(lights) if has_cascades and map_kind(light) == PARALLEL_MAP]
+    face = CASCADE_TEXELS
+    while directional and (size[1] + face > max_size or len(directional) * face > max_size):
+        face //= 2
+    if directional and face >= MIN_CASCADE_TEXELS:
+        for column, light in enumerate(directional):
+            cascades[light] = Tile((column * face, size[1]), face, PARALLEL_MAP)
+        size = max(size[0], len(directional) * face), size[1] + face
+    return tiles, cascades, size
 
 
 def _tile(light: Light, hard: int, parallel: int, other: int) -> Tile:

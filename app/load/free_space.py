@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from app.arrays import F64, Bools
 from app.load.geometry import face_vectors
-from app.math3d import unit_rows
+from app.math3d import fibonacci_sphere, unit_rows
 from app.scene import Instance, Mesh, bounds_of, key_times_of
 
 _VOXELS = 64                # along the longest edge of the scene's box
@@ -32,16 +32,8 @@ _LOOKS = 1024               # of each of them
 _PROJECTED = 16_384         # points at once, on all sides
 
 
-def _fibonacci_sphere(count: int) -> F64:
-    """Unit vectors on a Fibonacci lattice, shape (count, 3)."""
-    k = np.arange(count) + 0.5
-    y, angle = 1 - 2 * k / count, k * np.pi * (3 - np.sqrt(5))
-    ring = np.sqrt(1 - y * y)
-    return np.stack([ring * np.cos(angle), y, ring * np.sin(angle)], axis=1)
-
-
-RAYS = _fibonacci_sphere(64)
-_SIDES = _fibonacci_sphere(256)  # along which points are outermost; by others, within 1 % of their extent
+RAYS = fibonacci_sphere(64)
+_SIDES = fibonacci_sphere(256)  # along which points are outermost; by others, within 1 % of their extent
 
 
 class FreeSpace:

@@ -20,7 +20,7 @@ def sample_receivers(builder: SceneBuilder, skipped: set[int]) -> Receivers:
         if index in skipped:
             continue
         mesh = builder.meshes[instance.mesh]
-        step = -(-len(mesh.triangles) // MAX_TRIANGLES)
+        step = max(1, -(-len(mesh.triangles) // MAX_TRIANGLES))
         positions = place(mesh, instance)
         corners.append(positions[mesh.triangles[::step]])
         areas.append(step * np.linalg.norm(face_vectors(positions, mesh.triangles[::step]), axis=1))

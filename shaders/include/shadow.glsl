@@ -20,7 +20,7 @@ const float SMALLEST_RIM = 0.5;        // of the rim's usual radius
 const float MIN_BLOCKER_SHARE = 0.15;    // of the distance to the light; blockers nearer to the light are not searched
 const float SLACK = 2.0;               // on the light's squared radius, when asking whether a line meets it
 const float NORMAL_OFFSET = 1.5;       // texels
-const float PARALLEL_OFFSET = 0.75;    // texels; shadows are displaced by as much, and below 0.5 surfaces shade themselves
+const float PARALLEL_OFFSET = 1.0;     // texels, by which shadows are displaced; with less, rough ground shades itself
 const float PLANE_MARGIN = 0.25;       // texels above the receiver's plane, below which nothing blocks
 const float PLANE_SLACK = 0.5;         // texels, by which a surface behind a blocker lies off its plane
 const float DISTANCE_BIAS = 5e-4;      // relative
@@ -63,8 +63,9 @@ Light with_cascade(Light light, vec3 p, QuadNoise noise)
     vec3 at = vec3(dot(light.frame_x.xyz, p), dot(light.frame_y.xyz, p), dot(light.frame_z.xyz, p))
         + vec3(light.frame_x.w, light.frame_y.w, light.frame_z.w);
     vec2 away = abs(at.xy - light.v.xy);
-    float reach = quad_max(vec3(max(away.x, away.y) + light.position.w * min(at.z, light.u.y))).x;
-    if (int(light.tile.w) == PARALLEL_MAP && reach < light.u.z * (1.0 - CASCADE_EDGE - CASCADE_BLEND * noise.value)) {
+    float reach = quad_max(vec3(max(away.x, away.y) + light.position.w * clamp(at.z, 0.0, light.u.y))).x;
+    bool has_cascade = int(light.tile.w) == PARALLEL_MAP && light.u.z > 0.0;
+    if (has_cascade && reach < light.u.z * (1.0 - CASCADE_EDGE - CASCADE_BLEND * noise.value)) {
         light.tile.xyz = vec3(light.v.zw, light.u.w);
         light.u.x = light.u.z;
         light.frame_x.w -= light.v.x;

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from app.arrays import Bools
-from app.gl.near_cascade import CASCADE_TEXELS, Surroundings, cascade_around
+from app.gl.near_cascade import CASCADE_TEXELS, cascade_around
 from app.network.selection import find_model
+from app.raycast.caster import Caster
+from app.raycast.near_distance import NearDistance
 from app.renderer import Renderer
-from app.scene import Camera, DirectionalLight
+from app.scene import Camera, DirectionalLight, Material, Transmission
 from app.settings import Settings
 from tests.gl.scenes import box, floor, make_scene, quad, visibility
 
@@ -27,22 +30,25 @@ def sun(radius_deg: float = 0.0) -> DirectionalLight:
     return DirectionalLight((0.5, -1.0, 0.2), (1.0,) * 3, radius_deg)
 
 
+@pytest.mark.parametrize("half", [20.0, 2000.0])
 @pytest.mark.parametrize("eye_height", [0.5, 1.6])
-def test_near_is_what_a_quarter_of_the_solid_angle_lies_in(eye_height: float) -> None:
+def test_near_is_what_a_quarter_of_the_solid_angle_lies_in(eye_height: float, half: float) -> None:
     """Of a wide floor, 1 - height / distance of the lower half space lies nearer."""
-    surroundings = Surroundings(make_scene([floor(20.0)]))
-    assert surroundings.near_distance(np.array([1.0, eye_height, 2.0])) == pytest.approx(eye_height / 0.75, rel=0.15)
+    near = NearDistance(lambda: Caster(make_scene([floor(half)])))
+    assert near(np.array([1.0, eye_height, 2.0])) == pytest.approx(eye_height / 0.75, rel=0.05)
 
 
-def test_nothing_is_near_without_surfaces() -> None:
-    flat = quad((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    assert Surroundings(make_scene([flat])).near_distance(np.zeros(3)) == np.inf
+@pytest.mark.parametrize("eye", [(1.0, -1.0, 50.0), (math.nan, 0.0, 0.0), (math.inf, 0.0, 0.0), (1e300, 0.0, 0.0)])
+def test_nothing_is_near(eye: tuple[float, float, float]) -> None:
+    wall = quad((0.0, 0.0, 0.0), (1e-3, 0.0, 0.0), (0.0, 1e-3, 0.0))
+    assert NearDistance(lambda: Caster(make_scene([wall])))(np.array(eye)) == math.inf
 
 
 def test_a_room_alone_needs_no_cascade() -> None:
     assert cascade_around(np.zeros(2), 5.0, 1.5) is None
     assert cascade_around(np.zeros(2), 5.0, np.inf) is None
     assert cascade_around(np.zeros(2), np.nan, 1.0) is None
+    assert cascade_around(np.array([np.nan, 0.0]), 80.0, 1.0) is None
 
 
 @pytest.mark.parametrize("near", [0.0, 1e-9, 0.5, 2.0, 8.0])
@@ -120,19 +126,45 @@ def test_a_cascade_that_becomes_needed_changes_nothing_else() -> None:
     above = Camera((0.0, 150.0, 1.0), (0.0, 0.0, 0.0), fov_y_deg=50.0)
     settings = Settings(SIZE, outputs=("direct", "final"), taa=False)
     with Renderer(scene, settings) as renderer:
-        renderer.render(above)
+        begin = renderer.render(above)
         assert renderer._lights.cascades == (None,)
         whole = renderer.resource("shadow").shape
         walked = renderer.render(CAMERA)
-        assert renderer.resource("shadow").shape[1] > whole[1]
-        again = renderer.render(above)["direct"]
+        assert renderer.resource("shadow").shape > whole
+        again = renderer.render(above)
         back = renderer.render(CAMERA)
     with Renderer(scene, settings) as renderer:
         first = renderer.render(CAMERA)
-        np.testing.assert_array_equal(renderer.render(above)["direct"], again)
-    for name, image in first.items():
-        np.testing.assert_array_equal(walked[name], image)
-        np.testing.assert_array_equal(back[name], image)
+    for name in first:
+        np.testing.assert_array_equal(again[name], begin[name])
+        np.testing.assert_array_equal(walked[name], first[name])
+        np.testing.assert_array_equal(back[name], first[name])
+
+
+@pytest.mark.parametrize("taa", [False, True])
+def test_the_projection_may_change_after_a_cascade_appeared(taa: bool) -> None:
+    scene = make_scene([GARDEN, box((-0.5, 0.0, -0.5), (1.0, 1.0, 1.0))], [sun()])
+    parallel = replace(CAMERA, orthographic_height=3.0)
+    with Renderer(scene, Settings(SIZE, outputs=("direct", "final"), taa=taa)) as renderer:
+        renderer.render(CAMERA)
+        changed = renderer.render(parallel)["direct"]
+        renderer.render(CAMERA)
+    with Renderer(scene, Settings(SIZE, outputs=("direct", "final"), taa=taa)) as renderer:
+        np.testing.assert_array_equal(renderer.render(parallel)["direct"], changed)
+
+
+def test_without_a_cascade_its_shader_reads_the_whole_map() -> None:
+    """Also where the low sun of a large radius reaches a floor that its map leaves out, and glass tints its light."""
+    pane = quad((5.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.0, 0.3, 0.0), Material(transmission=Transmission(factor=1.0)))
+    low = DirectionalLight((1.0, -np.tan(np.radians(5.0)), 0.0), (1.0,) * 3, 10.0)
+    boxes = [box((x, 0.0, z), (0.4, 0.4, 0.4)) for x in (-20.0, 0.0, 20.0) for z in (-20.0, 0.0, 20.0)]
+    scene = make_scene([floor(300.0), pane, *boxes], [low])
+    above = Camera((-250.0, 60.0, 1.0), (-200.0, 0.0, 0.0), fov_y_deg=80.0)
+    with Renderer(scene, Settings(SIZE, outputs=("direct",), taa=False)) as renderer:
+        before = renderer.render(above)["direct"]
+        renderer.render(Camera((0.5, 0.3, 1.0), (0.0, 0.1, 0.0)))
+        assert any(renderer._lights.cascades)
+        np.testing.assert_array_equal(renderer.render(above)["direct"], before)
 
 
 def test_another_sun_keeps_the_cascade() -> None:

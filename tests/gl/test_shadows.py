@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from app.gl.shadow_atlas import (
+    CASCADE_TEXELS,
     CUBE_MAP,
     FACE_TEXELS,
     HARD_CUBE_TEXELS,
@@ -392,13 +393,12 @@ def test_lamps_leave_the_sun_its_fine_map(suns: int, cubes: int, spots: int, max
     assert max(size) <= max_size
     assert_apart(tiles, size)
     with_cascades, cascades, size = lay_out(lights, max_size, True)
-    assert all(more.face >= tile.face for more, tile in zip(with_cascades, tiles, strict=True)
-               if tile.kind == PARALLEL_MAP or suns == 1)
+    assert with_cascades == tiles  # and so is what they show
     drawn = [tile for tile in cascades if tile is not None]
-    assert [tile is not None for tile in cascades] == [isinstance(light, DirectionalLight) for light in lights]
-    assert {2 * tile.face for tile in drawn} == {tile.face for tile in with_cascades if tile.kind == PARALLEL_MAP}
+    assert len(drawn) == suns or (not drawn and size[1] == max_size)
+    assert len({tile.face for tile in drawn}) <= 1 and all(256 <= tile.face <= CASCADE_TEXELS for tile in drawn)
     assert max(size) <= max_size
-    assert_apart(with_cascades + drawn, size)
+    assert_apart(tiles + drawn, size)
 
 
 def assert_apart(tiles: list[Tile], size: tuple[int, int]) -> None:
