@@ -130,7 +130,11 @@ def _explain(violation: ValidationError) -> tuple[str, list[object], str]:
             return f"unknown value {value!r}", keys, did_you_mean(str(value), rule)
         case "type":
             rules = [rule] if isinstance(rule, str) else rule
-            return f"wrong kind of value {_short(value)}", keys, f"expected {' or '.join(_KINDS[k] for k in rules)}"
+            kinds = " or ".join(_KINDS[k] for k in rules)
+            count, items = violation.schema.get("minItems"), violation.schema.get("items", {})
+            if rule == "array" and items.get("type") == "number" and count == violation.schema.get("maxItems"):
+                kinds = f"a list of {count} numbers"
+            return f"wrong kind of value {_short(value)}", keys, f"expected {kinds}"
         case "pattern":
             return f"wrong form of {_short(value)}", keys, f"expected a text that matches {rule}"
         case "minLength":

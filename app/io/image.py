@@ -171,6 +171,8 @@ def _write(path: Path, spec: Any, pixels: NDArray[Any]) -> None:
 
 
 def _read(path: Path, kind: Any, expected: str = "EXR or PNG") -> tuple[Any, tuple[str, ...]]:
+    if not path.exists():
+        raise SceneError("no such image file", path, f"expected the path of an existing {expected} file")
     try:
         source = oiio.ImageInput.open(str(path))
         if source is None:

@@ -45,9 +45,18 @@ def read_mtl(folder: Path, names: str, builder: SceneBuilder) -> dict[str, Mater
 
 
 def find_file(folder: Path, name: str) -> Path | None:
-    """Find a file named in an OBJ or MTL file, ignoring case and the kind of slash."""
+    """Find a file named in an OBJ or MTL file, ignoring case and the kind of slash.
+
+    Where there is none, as of paths that another machine wrote, the longest end of the path that is in ``folder``.
+    """
+    parts = Path(name.strip().strip('"').replace("\\", "/")).parts
+    ends = (_find(folder, parts[first:]) for first in range(len(parts)))
+    return next((path for path in ends if path is not None), None)
+
+
+def _find(folder: Path, parts: tuple[str, ...]) -> Path | None:
     path = folder
-    for part in Path(name.strip().strip('"').replace("\\", "/")).parts:
+    for part in parts:
         exact = path / part
         if not exact.exists() and path.is_dir():
             exact = next((p for p in sorted(path.iterdir()) if p.name.lower() == part.lower()), exact)

@@ -139,6 +139,20 @@ def test_missing_texture_is_a_notice_and_a_corrupt_one_an_error(tmp_path):
         load_scene(path)
 
 
+@pytest.mark.parametrize("name", [r"C:\Users\me\Desktop\textures\Wood.PNG", "/home/me/textures/wood.png",
+                                  "../maps/wood.png"])
+@pytest.mark.parametrize("folder", ["", "textures"])
+def test_a_texture_with_a_path_of_another_machine_is_found_beside_its_mtl(tmp_path, name, folder):
+    """In the folder of its own name there, or else among the other files."""
+    (tmp_path / folder).mkdir(exist_ok=True)
+    (tmp_path / folder / "wood.png").write_bytes(png(np.full((2, 2, 3), 0.5)))
+    path = write_obj(tmp_path, QUAD + "usemtl a\nf 1 2 3 4\n", f"newmtl a\nmap_Kd {name}\n")
+    material, scene = only_material(path)
+    is_known = folder == "" or "textures" in name
+    assert (material.albedo_map is not None) == is_known
+    assert any("missing" in notice for notice in scene.notices) != is_known
+
+
 @pytest.mark.filterwarnings("error")
 def test_emission_is_clamped_to_the_maximum(tmp_path):
     material, scene = only_material(write_obj(tmp_path, QUAD + "usemtl a\nf 1 2 3 4\n", "newmtl a\nKe 1e200 2 -1\n"))
