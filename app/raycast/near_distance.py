@@ -16,6 +16,8 @@ NEAR_SHARE = 0.25  # of what surrounds an eye is near
 class NearDistance:
     """Tells how far away what is near an eye is, by rays in all directions to what never moves.
 
+    Surfaces that light passes count like all others.
+
     Parameters
     ----------
     caster : callable
@@ -38,6 +40,7 @@ class NearDistance:
             origins = np.broadcast_to((eye - caster.origin).astype(np.float32), DIRECTIONS.shape)
         if not np.isfinite(origins).all():
             return math.inf
-        distance = np.sort(caster.cast(origins, DIRECTIONS, bodies=(STATIC,)).distance)
-        ends = int(np.isfinite(distance).sum())
-        return float(distance[int(NEAR_SHARE * ends)]) if ends else math.inf
+        reach = np.full(len(DIRECTIONS), np.inf, np.float32)
+        distance, triangle, *_ = caster.bodies[STATIC].cast(origins, DIRECTIONS, reach)
+        hits = np.sort(distance[triangle >= 0])
+        return float(hits[int(NEAR_SHARE * len(hits))]) if len(hits) else math.inf
