@@ -10,7 +10,7 @@ from app.math3d import fibonacci_sphere
 from app.raycast.caster import STATIC, Caster
 
 DIRECTIONS = fibonacci_sphere(256).astype(np.float32)
-NEAR_SHARE = 0.25  # of what surrounds an eye is near
+NEAR_SHARE = 0.5  # of what surrounds an eye is near
 
 
 class NearDistance:
