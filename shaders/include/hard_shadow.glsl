@@ -4,10 +4,18 @@
 // mistake then, so nothing is biased or moved off its surface, which would let light into creases and past overhangs.
 #include "lights.glsl"
 #include "numbers.glsl"
+#include "quad.glsl"
 
 const float SNAP = 1.0 / 64.0;  // texels by which rasterisation shifts surfaces, rounded up
 const float ROUNDING = 2e-6;    // of inverse depth
 const float RELIEF = 1.5;       // texels; parallel steps that are lower are too fine for the map
+const float EDGE_TEXELS = 2.2;  // half the length along an edge over which the map is averaged; a longer one rounds corners and closes grids
+const int EDGE_TAPS = 4;
+const float FAINT = 0.9;        // difference of visibility across a quad's four places, up to which it is no edge,
+const float CLEAR = 2.0;        // and from which it is a straight one
+const float MAX_SHARPENING = 2.5;
+const float MIN_MAGNIFICATION = 0.33;  // of texels of the map along one axis of the image if it is more than 1 along the other
+const float FLAT = 0.01;        // squared sine of an angle within which a quad lies on a plane
 const float MAX_RECEIVER_SLOPE = 1e5;
 
 uniform sampler2D shadow_slope;
@@ -78,7 +86,7 @@ MapPlane map_plane(Light light, vec3 p, vec3 n)
     return r;
 }
 
-// The four texels around a receiver, one in each component: where they lie as seen from it, how near their planes come
+// The four texels around a place in the map, one in each component: where they lie as seen from it, how near their planes come
 // there and at the receiver, and how these slope.
 struct MapTexels {
     vec4 weight;
@@ -91,23 +99,20 @@ struct MapTexels {
     vec4 surface;  // 1 where there is one
 };
 
-MapTexels texels_around(Light light, MapPlane r)
+// Those that lie some texels away from a receiver.
+MapTexels texels_around(Light light, MapPlane r, vec2 away)
 {
     float unit = 2.0 / light.tile.z;
-    vec2 place = (r.at + 1.0) / unit - 0.5;
+    vec2 place = (r.at + 1.0) / unit - 0.5 + away;
     vec2 base = clamp(floor(place), 0.0, light.tile.z - 2.0);
     vec2 f = clamp(place - base, 0.0, 1.0);
     MapTexels t;
     t.weight = vec4(1.0 - f.x, f.x, 1.0 - f.x, f.x) * vec4(1.0 - f.yy, f.yy);
 
-    ivec2 at = ivec2(r.corner + base);
-    const ivec2 X = ivec2(1, 0), Y = ivec2(0, 1);
-    vec4 stored = vec4(texelFetch(shadow, at, 0).r, texelFetch(shadow, at + X, 0).r,
-                       texelFetch(shadow, at + Y, 0).r, texelFetch(shadow, at + X + Y, 0).r);
-    vec4 low = vec4(texelFetch(shadow_slope, at, 0).xy, texelFetch(shadow_slope, at + X, 0).xy);
-    vec4 high = vec4(texelFetch(shadow_slope, at + Y, 0).xy, texelFetch(shadow_slope, at + X + Y, 0).xy);
-    t.slope_x = clamp(vec4(low.xz, high.xz), -HALF_MAX, HALF_MAX);
-    t.slope_y = clamp(vec4(low.yw, high.yw), -HALF_MAX, HALF_MAX);
+    vec2 corner = (r.corner + base + 1.0) / vec2(textureSize(shadow, 0));
+    vec4 stored = textureGather(shadow, corner).wzxy;
+    t.slope_x = clamp(textureGather(shadow_slope, corner, 0).wzxy, -HALF_MAX, HALF_MAX);
+    t.slope_y = clamp(textureGather(shadow_slope, corner, 1).wzxy, -HALF_MAX, HALF_MAX);
     t.surface = vec4(lessThan(stored, vec4(MAX_DISTANCE)));
 
     vec2 first = (base + 0.5) * unit - 1.0;
@@ -126,17 +131,11 @@ MapTexels texels_around(Light light, MapPlane r)
     return t;
 }
 
-// Share of a light without a size that relative point p with face normal n sees.
-float hard_visibility(Light light, vec3 p, vec3 n)
+// Weight of those texels that light passes to a receiver, and of those that block it, some texels away from it in the map.
+vec2 light_and_shadow(Light light, MapPlane r, vec2 away, float rounding)
 {
-    MapPlane r = map_plane(light, p, n);
-    MapTexels t = texels_around(light, r);
+    MapTexels t = texels_around(light, r, away);
     float unit = 2.0 / light.tile.z;
-    float rounding = ROUNDING * max(1.0, abs(r.inverse_depth));
-#ifdef HAS_PARALLEL_MAP
-    // The map may be much smaller than the way from the eye, which positions are relative to.
-    rounding = max(rounding, r.parallel ? ROUNDING * length(p) / r.depth : 0.0);
-#endif
     float slack = SNAP * unit * (abs(r.slope.x) + abs(r.slope.y)) + rounding;
     vec4 slacks = SNAP * unit * (abs(t.slope_x) + abs(t.slope_y)) + rounding;
     float relief = RELIEF * unit * sqrt(r.wide);
@@ -148,7 +147,7 @@ float hard_visibility(Light light, vec3 p, vec3 n)
         * vec4(greaterThan(before_receiver + bend, vec4(relief)));
     vec4 dark = t.weight * blocks;
     float most = max(max(dark.x, dark.y), max(dark.z, dark.w));
-    if (!(most > 0.0)) return r.facing ? 1.0 : 0.0;
+    if (!(most > 0.0)) return vec2(1.0, 0.0);
 
     // Beside a blocker only those speak for light that show what lies behind its plane, not past the receiver's edge.
     vec4 first = vec4(equal(dark, vec4(most)));
@@ -156,6 +155,49 @@ float hard_visibility(Light light, vec3 p, vec3 n)
     vec4 blocker = dot(first, t.at_receiver) + dot(first, t.slope_x) * t.x + dot(first, t.slope_y) * t.y;
     vec4 behind = vec4(lessThan(t.inverse_depth, blocker - dot(first, slacks)));
     vec4 past = vec4(lessThan(max(before_plane, before_receiver), vec4(-relief)));
-    float lit = dot(t.weight, (1.0 - blocks) * behind * (1.0 - past));
-    return r.facing ? lit / (lit + dot(dark, vec4(1.0))) : 0.0;
+    return vec2(dot(t.weight, (1.0 - blocks) * behind * (1.0 - past)), dot(dark, vec4(1.0)));
+}
+
+// Width of texels of the map in those of the image, the smaller one along its axes; 0 where the map is finer than the image
+// along both, much finer along one, or the quad shows no plane. Texels of one point, as in surfel_light.frag, are no plane.
+float magnification(Light light, MapPlane r, vec3 p, vec3 n)
+{
+    vec3 dx = dFdxFine(p), dy = dFdyFine(p);
+    vec2 along_x = dFdxFine(r.at), along_y = dFdyFine(r.at), up = vec2(dot(n, dx), dot(n, dy));
+    vec2 passed = vec2(dot(along_x, along_x), dot(along_y, along_y)) * (0.25 * light.tile.z * light.tile.z);  // squared texels
+    bool is_flat = dot(up, up) < FLAT * (dot(dx, dx) + dot(dy, dy));
+    float most = max(passed.x, passed.y);
+    bool is_magnified = min(passed.x, passed.y) < 1.0 && most * MIN_MAGNIFICATION * MIN_MAGNIFICATION < 1.0;
+    return quad_all(is_flat && is_magnified) ? inversesqrt(most) : 0.0;
+}
+
+// Share of a light without a size that relative point p with face normal n sees. Where the map's texels would show, those of
+// a quad look at four places around it. Between light and shadow, the map is averaged along the edge, which runs in steps
+// there, and the edge made as sharp as the image.
+float hard_visibility(Light light, vec3 p, vec3 n)
+{
+    MapPlane r = map_plane(light, p, n);
+    float rounding = ROUNDING * max(1.0, abs(r.inverse_depth));
+#ifdef HAS_PARALLEL_MAP
+    // The map may be much smaller than the way from the eye, which positions are relative to.
+    rounding = max(rounding, r.parallel ? ROUNDING * length(p) / r.depth : 0.0);
+#endif
+    float wide = magnification(light, r, p, n), clearness = 0.0;
+    vec2 side = quad_side(), to_middle = (0.25 * quad_sum(vec3(r.at, 0.0)).xy - r.at) * (0.5 * light.tile.z);
+    vec2 away = wide > 0.0 ? to_middle + side : vec2(0.0), along = vec2(0.0), sum = vec2(0.0);
+    int look = 0, looks = 1;
+    do {  // a software rasteriser runs the body of any other loop once more; a quad's texels make equally many turns
+        vec2 found = light_and_shadow(light, r, away, rounding);
+        vec3 of_quad = quad_sum(vec3(side, 1.0) * (found.x / max(found.x + found.y, 1e-6)));
+        if (look == 0 && wide > 0.0 && of_quad.z > 0.0 && of_quad.z < 4.0) {
+            clearness = clamp((max(abs(of_quad.x), abs(of_quad.y)) - FAINT) / (CLEAR - FAINT), 0.0, 1.0);
+            along = vec2(-of_quad.y, of_quad.x) * (EDGE_TEXELS * clearness / max(length(of_quad.xy), 1e-6));
+            looks = 1 + EDGE_TAPS;
+            found = vec2(0.0);
+        }
+        sum += found;
+        away = along * ((float(look) + 0.5) * (2.0 / float(EDGE_TAPS)) - 1.0);
+    } while (++look < looks);
+    float visible = sum.x / max(sum.x + sum.y, 1e-6), sharpening = mix(1.0, clamp(wide, 1.0, MAX_SHARPENING), clearness);
+    return r.facing ? clamp((visible - 0.5) * sharpening + 0.5, 0.0, 1.0) : 0.0;
 }

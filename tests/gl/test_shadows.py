@@ -19,9 +19,11 @@ from app.gl.shadow_atlas import (
     lay_out,
     map_kind,
 )
+from app.raycast.caster import Caster
 from app.renderer import Renderer
 from app.scene import Camera, DirectionalLight, Light, Material, PointLight, RectLight, SpotLight, Texture
 from app.settings import Settings
+from tests.coarse_shadows import coarse_shadow_maps
 from tests.gl import closed_forms as exact
 from tests.gl.closed_forms import F64
 from tests.gl.scenes import GREY, Part, box, draw, floor, make_scene, quad, sphere, visibility, without_shadows
@@ -410,3 +412,45 @@ def assert_apart(tiles: list[Tile], size: tuple[int, int]) -> None:
         assert x + width <= taken.shape[1] and y + height <= taken.shape[0]
         taken[y:y + height, x:x + width] += 1
     assert taken.max(initial=0) <= 1
+
+
+@pytest.mark.parametrize("turn_deg", [3.0, 17.0, 40.0])
+@pytest.mark.parametrize(("kind", "most"), [("sun", 0.0115), ("spot", 0.021), ("point", 0.032)])
+def test_a_straight_edge_of_a_hard_shadow_is_straight(kind: str, most: float, turn_deg: float) -> None:
+    """Also where the map's texels are several pixels wide, and its edge runs in steps."""
+    half, height, turn = 0.3, 0.5, np.radians(turn_deg)
+    u, v = np.array([np.cos(turn), 0.0, np.sin(turn)]), np.array([-np.sin(turn), 0.0, np.cos(turn)])
+    plate = quad(tuple(np.array([0, height, 0]) - half * (u + v)), tuple(2 * half * v), tuple(2 * half * u))
+    light, far = grazing(kind, 15.0), [box((x, 0.0, 0.0), (0.2, 1.0, 0.2)) for x in (-4.0, 4.0)]
+    with coarse_shadow_maps():
+        seen, at = visibility(make_scene([floor(2.0), plate, *far], [light]), (256, 192),
+                              Camera((-0.15, 0.45, 0.6), (-0.15, 0.0, 0.0), fov_y_deg=50.0))
+    to = -np.array(light.direction) if isinstance(light, DirectionalLight) else np.array(light.position) - at
+    at_plate = at + to * (height / to[..., 1:2])
+    is_hidden = (np.abs(at_plate @ u) < half) & (np.abs(at_plate @ v) < half)
+    shows_floor = np.abs(at[..., 1]) < 1e-4
+    wrong = np.abs(seen - ~is_hidden)[shows_floor]
+    print(f"STEPS {kind} {turn_deg}: {wrong.mean():.4f}")  # interpolated alone: 0.014, 0.026, 0.036
+    assert 0.2 < is_hidden[shows_floor].mean() < 0.6 and wrong.mean() < most
+
+
+@pytest.mark.parametrize(("what", "most"), [("grid", 0.135), ("contact", 0.017)])
+def test_straight_edges_of_hard_shadows_cost_no_gaps_and_corners(what: str, most: float) -> None:
+    """Bars and gaps of a few texels of the map, and boxes on the floor."""
+    if what == "grid":
+        steps = np.arange(-0.5, 0.5, 0.12)
+        parts = [box((x, 0.5, -0.6), (0.04, 0.02, 1.2)) for x in steps]
+        parts += [box((-0.6, 0.5, z), (1.2, 0.02, 0.04)) for z in steps]
+    else:
+        parts = [box((x, 0.0, z), (0.12, 0.25, 0.12)) for x in (-0.5, -0.2, 0.1) for z in (-0.3, 0.1)]
+    far = [box((x, 0.0, 0.0), (0.2, 1.0, 0.2)) for x in (-4.0, 4.0)]
+    scene = make_scene([floor(2.0), *parts, *far], [grazing("sun", 35.0)])
+    with coarse_shadow_maps():
+        seen, at = visibility(scene, (256, 192), Camera((-0.15, 0.45, 0.6), (-0.15, 0.0, 0.0), fov_y_deg=50.0))
+    caster = Caster(scene)
+    shows_floor = np.abs(at[..., 1]) < 1e-4
+    start = (at[shows_floor] - caster.origin + (0, 1e-4, 0)).astype(np.float32)
+    to = np.broadcast_to(-9 * np.array(scene.lights[0].direction, np.float32), start.shape)
+    wrong = np.abs(seen[shows_floor] - ~caster.is_occluded(start, to, True))
+    print(f"GAPS {what}: {(wrong > 0.3).mean():.4f}")  # interpolated alone: 0.131, 0.019
+    assert (wrong > 0.3).mean() < most
