@@ -13,13 +13,19 @@ def sample_farthest(points: F32, count: int) -> Ints:
     ----------
     points : ndarray, float32, shape (N, D)
     """
-    points, square = _center(points)
+    columns = np.ascontiguousarray(points.T)
     distance = np.full(len(points), np.inf, np.float32)
+    square, along = np.empty_like(distance), np.empty_like(distance)
     chosen: list[int] = []
     index = 0
     for _ in range(min(count, len(points))):
         chosen.append(index)
-        np.minimum(distance, square - 2 * (points @ points[index]) + square[index], out=distance)
+        # Without a matrix product: on another CPU it would round otherwise, and each choice decides all later ones.
+        square[:] = 0
+        for column in columns:
+            np.subtract(column, column[index], out=along)
+            square += np.square(along, out=along)
+        np.minimum(distance, square, out=distance)
         distance[index] = -np.inf
         index = int(distance.argmax())
     return np.array(chosen, np.int64)
