@@ -2,7 +2,7 @@
 
 import json
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
@@ -127,8 +127,11 @@ def finish_scene(builder: SceneBuilder, path: Path, sidecar: Sidecar, *, lightin
     camera = choose_camera(builder, path, sidecar, space)
     view = builder.cameras[camera].at(0.0)
     sidecar, name = apply_lighting(builder, path, sidecar, lighting, view)
-    if name is None and studio and not builder.lights and is_dark(builder, space):
-        sidecar, name = _light_the_dark(builder, path, sidecar, view, space())
+    if name is None and not builder.lights and is_dark(builder, space):
+        if studio:
+            sidecar, name = _light_the_dark(builder, path, sidecar, view, space())
+        else:
+            builder.notice("the scene has next to no light, so it is black without the studio")
     own_lights = len(builder.lights)
     _extract_suns(builder)
     if name != STUDIO:  # there, surfaces glow without lighting others directly
@@ -225,10 +228,11 @@ def _read_sidecar(path: Path, scene_json: str | Path | None) -> Sidecar:
     return read_sidecar(beside) if beside.is_file() else Sidecar()
 
 
-def _choose(requested: str | None, default: str | None, known: list[str], what: str, where: Path) -> str | None:
-    """The name to use: the requested one, the default, the first, or none."""
+def _choose(requested: str | None, default: str | None, known: list[str], what: str, where: Path,
+            others: Sequence[str] = ()) -> str | None:
+    """The name to use: the requested one, the default, the first, or none; messages also name ``others``."""
     if requested is not None and requested not in known:
-        raise SceneError(f"no {what} {requested!r}", where, did_you_mean(requested, known))
+        raise SceneError(f"no {what} {requested!r}", where, did_you_mean(requested, [*known, *others]))
     if default is not None and default not in known:
         raise SceneError(f"no {what} {default!r}", at(where, "default", what), did_you_mean(default, known))
     return requested or default or next(iter(known), None)
@@ -270,7 +274,7 @@ def apply_lighting(builder: SceneBuilder, path: Path, sidecar: Sidecar, requeste
     """
     known = sidecar.lightings
     name = requested if requested == STUDIO and STUDIO not in known else _choose(
-        requested, sidecar.default_lighting, list(known), "lighting", sidecar.path or path)
+        requested, sidecar.default_lighting, list(known), "lighting", sidecar.path or path, [STUDIO])
     if name == STUDIO and STUDIO not in known:
         sidecar = replace(sidecar, lightings={**known, STUDIO: studio_lighting(camera)})
     if name is not None:

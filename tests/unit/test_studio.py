@@ -47,6 +47,7 @@ def test_an_object_without_light_is_in_the_studio(crate):
 def test_without_the_studio_it_is_dark(crate):
     scene = load_scene(crate, studio=False)
     assert (scene.lights, scene.environment, scene.lighting) == ((), None, "")
+    assert any("black without the studio" in n for n in scene.notices)
 
 
 def test_a_room_without_light_has_a_lamp_instead(tmp_path):
@@ -100,8 +101,13 @@ def test_a_scene_json_comes_first(crate):
     scene = load_scene(crate)
     assert (scene.lighting, scene.lights, scene.environment) == ("dark", (), None)
     assert load_scene(crate, lighting="studio").lighting == "studio"
-    with pytest.raises(SceneError, match="no lighting 'stud'"):
+    with pytest.raises(SceneError, match=r"no lighting 'stud'.*did you mean 'studio'"):
         load_scene(crate, lighting="stud")
+
+
+def test_a_scene_without_lightings_names_the_studio(crate):
+    with pytest.raises(SceneError, match=r"no lighting 'day' .expected one of: studio"):
+        load_scene(crate, lighting="day")
 
 
 def test_options():
