@@ -230,9 +230,9 @@ def _read_sidecar(path: Path, scene_json: str | Path | None) -> Sidecar:
 
 def _choose(requested: str | None, default: str | None, known: list[str], what: str, where: Path,
             others: Sequence[str] = ()) -> str | None:
-    """The name to use: the requested one, the default, the first, or none; messages also name ``others``."""
-    if requested is not None and requested not in known:
-        raise SceneError(f"no {what} {requested!r}", where, did_you_mean(requested, [*known, *others]))
+    """The name to use: the requested one, which may be of ``others`` too, the default, the first, or none."""
+    if requested is not None and requested not in (names := dict.fromkeys([*known, *others])):
+        raise SceneError(f"no {what} {requested!r}", where, did_you_mean(requested, names))
     if default is not None and default not in known:
         raise SceneError(f"no {what} {default!r}", at(where, "default", what), did_you_mean(default, known))
     return requested or default or next(iter(known), None)
@@ -273,8 +273,7 @@ def apply_lighting(builder: SceneBuilder, path: Path, sidecar: Sidecar, requeste
         Of that lighting; None if the scene has its own lights.
     """
     known = sidecar.lightings
-    name = requested if requested == STUDIO and STUDIO not in known else _choose(
-        requested, sidecar.default_lighting, list(known), "lighting", sidecar.path or path, [STUDIO])
+    name = _choose(requested, sidecar.default_lighting, list(known), "lighting", sidecar.path or path, [STUDIO])
     if name == STUDIO and STUDIO not in known:
         sidecar = replace(sidecar, lightings={**known, STUDIO: studio_lighting(camera)})
     if name is not None:

@@ -15,7 +15,6 @@ const float FAINT = 0.9;        // difference of visibility across a quad's four
 const float CLEAR = 2.0;        // and from which it is a straight one
 const float MAX_SHARPENING = 2.5;
 const float MIN_MAGNIFICATION = 0.33;  // of texels of the map along one axis of the image if it is more than 1 along the other
-const float FLAT = 0.01;        // squared sine of an angle within which a quad lies on a plane
 const float MAX_RECEIVER_SLOPE = 1e5;
 
 uniform sampler2D shadow_slope;
@@ -162,13 +161,11 @@ vec2 light_and_shadow(Light light, MapPlane r, vec2 away, float rounding)
 // along both, much finer along one, or the quad shows no plane. Texels of one point, as in surfel_light.frag, are no plane.
 float magnification(Light light, MapPlane r, vec3 p, vec3 n)
 {
-    vec3 dx = dFdxFine(p), dy = dFdyFine(p);
-    vec2 along_x = dFdxFine(r.at), along_y = dFdyFine(r.at), up = vec2(dot(n, dx), dot(n, dy));
+    vec2 along_x = dFdxFine(r.at), along_y = dFdyFine(r.at);
     vec2 passed = vec2(dot(along_x, along_x), dot(along_y, along_y)) * (0.25 * light.tile.z * light.tile.z);  // squared texels
-    bool is_flat = dot(up, up) < FLAT * (dot(dx, dx) + dot(dy, dy));
     float most = max(passed.x, passed.y);
     bool is_magnified = min(passed.x, passed.y) < 1.0 && most * MIN_MAGNIFICATION * MIN_MAGNIFICATION < 1.0;
-    return quad_all(is_flat && is_magnified) ? inversesqrt(most) : 0.0;
+    return quad_all(is_magnified && is_on_plane(p, n)) ? inversesqrt(most) : 0.0;
 }
 
 // Share of a light without a size that relative point p with face normal n sees. Where the map's texels would show, those of
@@ -182,14 +179,14 @@ float hard_visibility(Light light, vec3 p, vec3 n)
     // The map may be much smaller than the way from the eye, which positions are relative to.
     rounding = max(rounding, r.parallel ? ROUNDING * length(p) / r.depth : 0.0);
 #endif
-    float wide = magnification(light, r, p, n), clearness = 0.0;
+    float magnified = magnification(light, r, p, n), clearness = 0.0;
     vec2 side = quad_side(), to_middle = (0.25 * quad_sum(vec3(r.at, 0.0)).xy - r.at) * (0.5 * light.tile.z);
-    vec2 away = wide > 0.0 ? to_middle + side : vec2(0.0), along = vec2(0.0), sum = vec2(0.0);
+    vec2 away = magnified > 0.0 ? to_middle + side : vec2(0.0), along = vec2(0.0), sum = vec2(0.0);
     int look = 0, looks = 1;
     do {  // a software rasteriser runs the body of any other loop once more; a quad's texels make equally many turns
         vec2 found = light_and_shadow(light, r, away, rounding);
         vec3 of_quad = quad_sum(vec3(side, 1.0) * (found.x / max(found.x + found.y, 1e-6)));
-        if (look == 0 && wide > 0.0 && of_quad.z > 0.0 && of_quad.z < 4.0) {
+        if (look == 0 && magnified > 0.0 && of_quad.z > 0.0 && of_quad.z < 4.0) {
             clearness = clamp((max(abs(of_quad.x), abs(of_quad.y)) - FAINT) / (CLEAR - FAINT), 0.0, 1.0);
             along = vec2(-of_quad.y, of_quad.x) * (EDGE_TEXELS * clearness / max(length(of_quad.xy), 1e-6));
             looks = 1 + EDGE_TAPS;
@@ -198,6 +195,6 @@ float hard_visibility(Light light, vec3 p, vec3 n)
         sum += found;
         away = along * ((float(look) + 0.5) * (2.0 / float(EDGE_TAPS)) - 1.0);
     } while (++look < looks);
-    float visible = sum.x / max(sum.x + sum.y, 1e-6), sharpening = mix(1.0, clamp(wide, 1.0, MAX_SHARPENING), clearness);
+    float visible = sum.x / max(sum.x + sum.y, 1e-6), sharpening = mix(1.0, clamp(magnified, 1.0, MAX_SHARPENING), clearness);
     return r.facing ? clamp((visible - 0.5) * sharpening + 0.5, 0.0, 1.0) : 0.0;
 }

@@ -1,6 +1,8 @@
 // Texels are shaded in quads of 2x2, which can hand each other values through fine derivatives. Not for use
 // where the texels of a quad may part ways.
 
+const float FLAT = 0.01;  // squared sine of an angle within which texels lie on a plane
+
 // +1 on the left (bottom) half of the quad, -1 on the right (top).
 vec2 quad_side()
 {
@@ -70,4 +72,12 @@ bool quad_all(bool x)
 bool quad_any(bool x)
 {
     return quad_sum(x ? 1.0 : 0.0) > 0.5;
+}
+
+// Whether the texels beside point p, and above or below it, show a plane with unit normal n; not where all show one point.
+bool is_on_plane(vec3 p, vec3 n)
+{
+    vec3 dx = dFdxFine(p), dy = dFdyFine(p);
+    float up_x = dot(n, dx), up_y = dot(n, dy);
+    return up_x * up_x < FLAT * dot(dx, dx) && up_y * up_y < FLAT * dot(dy, dy);
 }

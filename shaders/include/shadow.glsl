@@ -158,11 +158,8 @@ bool parted(float seen, int taps)
 float soft_visibility(float seen, bool penumbra, vec2 passed, int taps, vec3 p, vec3 n)
 {
     float lit = passed.x / max(passed.y, 1.0);
-    vec3 dx = dFdxFine(p), dy = dFdyFine(p);
-    float up_x = dot(n, dx), up_y = dot(n, dy);
-    bool flat_here = up_x * up_x < 0.01 * dot(dx, dx) && up_y * up_y < 0.01 * dot(dy, dy);
-    float together = quad_sum(flat_here && taps > 0 ? 1.0 : 0.0);
-    float filtered = mix(lit, 0.25 * quad_sum(lit), together == 4.0 ? QUAD_BLEND : 0.0);
+    bool together = quad_all(is_on_plane(p, n) && taps > 0);
+    float filtered = mix(lit, 0.25 * quad_sum(lit), together ? QUAD_BLEND : 0.0);
     return penumbra ? filtered : seen > 0.0 ? 1.0 : 0.0;
 }
 

@@ -110,6 +110,13 @@ def test_a_scene_without_lightings_names_the_studio(crate):
         load_scene(crate, lighting="day")
 
 
+def test_a_lighting_called_studio_is_named_once(crate):
+    crate.with_suffix(".json").write_text(json.dumps({"lightings": {"studio": {"lights": []}}}))
+    assert load_scene(crate, lighting="studio").lights == ()
+    with pytest.raises(SceneError, match=r"no lighting 'day' .expected one of: studio\)"):
+        load_scene(crate, lighting="day")
+
+
 def test_options():
     assert [lighting_of("sun", None), lighting_of("sun", False), lighting_of(None, True)] == ["sun", "sun", "studio"]
     for lighting, studio, option in (("sun", True, "--studio"), ("studio", False, "--no-studio")):
