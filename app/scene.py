@@ -22,6 +22,7 @@ MIN_ATTENUATION = 1e-6            # share of light left; its logarithm is finite
 MIN_ATTENUATION_DISTANCE = 1e-12  # in lengths of the scene
 MIN_SCALE = 1e-300                # of a matrix; what is less counts as 0
 MIN_RELATIVE_SCALE = 1e-9         # of an axis, to the longest one
+MAX_OUTLINE_ALBEDO = 0.02         # of hulls that draw outlines
 MIN_REST_SHARE = 0.01             # of the longest edge at all times that the one at time 0 counts as
 
 
@@ -157,8 +158,7 @@ class Material:
     double_sided : bool
         Whether the back emits too. Both sides reflect.
     is_back_culled : bool
-        Whether the back is not there, neither for cameras nor for light that arrives at it (glTF's materials that are
-        not double-sided).
+        Whether cameras and gathered rays see through the back (glTF's materials that are not double-sided).
     is_light_proxy : bool
         True when the emission is also in ``Scene.lights``: it is shown, but its light is not counted twice.
     """
@@ -215,8 +215,17 @@ class Material:
 
     @property
     def is_one_sided(self) -> bool:
-        """Whether cameras see through its back, and light that arrives there passes."""
+        """Whether cameras and gathered rays see through its back."""
         return self.is_back_culled and not self.is_volume
+
+    @property
+    def is_lit_through(self) -> bool:
+        """Whether light that arrives at its back passes, as that of inverted hulls must that draw outlines.
+
+        Those are one-sided, and unlit or all but black. Other one-sided surfaces, such as a room's walls, block light.
+        """
+        is_black = max(self.albedo) <= MAX_OUTLINE_ALBEDO and not self.emits and self.transmission is None
+        return self.is_one_sided and (self.is_unlit or is_black)
 
     @property
     def passing(self) -> Color:

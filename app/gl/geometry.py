@@ -154,7 +154,7 @@ class GpuScene:
         return boxes_in_frustum(self.boxes - origin, frustum_planes(clip))
 
     def draw(self, instances: Bools, program_of: Callable[[tuple[str, ...]], Program], origin: F64,
-             previous_origin: F64 | None = None, one_level: bool = False) -> None:
+             previous_origin: F64 | None = None, one_level: bool = False, for_light: bool = False) -> None:
         """Draw some instances, a mask of shape (N,); matrices lead to space relative to ``origin``.
 
         Parameters
@@ -163,6 +163,8 @@ class GpuScene:
             The program for surfaces of given features, called once for each.
         one_level : bool
             Whether textures are looked up in the nearest level of detail instead of the two around.
+        for_light : bool
+            Whether light is to be blocked, which passes fewer backs than cameras see through.
         """
         drawn = instances[self._order]
         if not drawn.any():
@@ -178,7 +180,7 @@ class GpuScene:
             features = batch.surface.features
             if features not in programs:
                 programs[features] = program_of(features)
-            self._apply(programs[features], batch.surface, is_mirrored, one_level)
+            self._apply(programs[features], batch.surface, is_mirrored, one_level, for_light)
             array = self._array(programs[features], batch.buffers)
             array.render_indirect(self._indirect, moderngl.TRIANGLES, count, first)
             first += count
@@ -196,10 +198,10 @@ class GpuScene:
             self._rows[:, rows, 3] = transforms[:, :3, 3] - point
         self._instances.write(self._rows)
 
-    def _apply(self, program: Program, surface: Surface, is_mirrored: bool, one_level: bool) -> None:
+    def _apply(self, program: Program, surface: Surface, is_mirrored: bool, one_level: bool, for_light: bool) -> None:
         """Set the state, textures and uniforms of a surface."""
         ctx = self._device.ctx
-        if surface.material.is_one_sided:
+        if surface.material.is_lit_through if for_light else surface.material.is_one_sided:
             ctx.enable(moderngl.CULL_FACE)
             ctx.cull_face = "front" if is_mirrored else "back"
         else:

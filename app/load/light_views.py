@@ -79,7 +79,7 @@ def _opaque_triangles(builder: SceneBuilder, skipped: set[int], origin: F64) -> 
     for index, instance in enumerate(builder.instances):
         mesh = builder.meshes[instance.mesh]
         material = builder.materials[mesh.material]
-        passes = material.alpha_cutoff is not None or material.is_see_through or material.is_one_sided
+        passes = material.alpha_cutoff is not None or material.is_see_through or material.is_lit_through
         if index in skipped or passes or instance.moves:
             continue
         positions.append(place(mesh, instance) - origin)

@@ -113,7 +113,7 @@ def _draw_face(device: Device, frame: FrameState, face: ShadowFace, writes: dict
     casters = geometry.is_see_through == is_see_through
     if face.axis is None:
         casters &= ~geometry.is_light_proxy  # which might be the light's own surfaces; none are those of parallel light
-    geometry.draw(casters & geometry.visible(face.clip, face.origin), program_of, face.origin)
+    geometry.draw(casters & geometry.visible(face.clip, face.origin), program_of, face.origin, for_light=True)
 
 
 def _inner(face: ShadowFace) -> tuple[int, int, int, int]:

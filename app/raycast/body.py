@@ -64,12 +64,13 @@ class Body:
         Index into ``materials``.
     mirrored : ndarray of bool, shape (T,)
         Whether the triangle's corners go around clockwise, seen from its front.
-    light_proxies, one_sided, alpha_tested : ndarray of bool, shape (materials,)
-        Which materials are those of an analytic light's mesh, have culled backs, and let rays pass in parts.
+    light_proxies, one_sided, lit_through, alpha_tested : ndarray of bool, shape (materials,)
+        Which materials are those of an analytic light's mesh, have backs that rays pass and that light passes, and let
+        rays pass in parts.
     part : ndarray of int, shape (T,)
         Which of ``placed`` each triangle belongs to.
-    has_passable : bool
-        Whether light passes some surface: a masked, see-through or one-sided one.
+    has_passable, lets_light_pass : bool
+        Whether rays pass some surface, a masked, see-through or one-sided one, and whether light does.
     """
 
     def __init__(self, scene: Scene, placed: Iterable[tuple[Instance, F64]], textures: PrefilteredTextures,
@@ -98,6 +99,7 @@ class Body:
         self.center, self.radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
         self.alpha_tested = np.array([m.alpha_cutoff is not None or m.is_see_through for m in self.materials], bool)
         self.one_sided = np.array([m.is_one_sided for m in self.materials], bool)
+        self.lit_through = np.array([m.is_lit_through for m in self.materials], bool)
         self._transmits = np.array([m.transmission is not None for m in self.materials], bool)
         self._has_glass = bool(self._transmits.any())
         self._varies = np.array([bool(m.maps) or m.emits or m.transmission is not None for m in self.materials],
@@ -107,12 +109,13 @@ class Body:
         self._specular = _columns([m.specular for m in self.materials], 3)
         self._roughness_metallic = _columns([(m.roughness, m.metallic) for m in self.materials], 2)
         self.light_proxies = np.array([m.is_light_proxy for m in self.materials], bool)
-        opaque = ~(self.alpha_tested | self.one_sided)[self.material]
+        opaque = ~(self.alpha_tested | self.lit_through)[self.material]  # for light
         proxy = self.light_proxies[self.material]
         self._opaque, self._opaque_proxies, self._passable = (
             Triangles(self.positions, self.triangles, np.flatnonzero(chosen))
             for chosen in (opaque & ~proxy, opaque & proxy, ~opaque))
-        self.has_passable = len(self._passable) > 0
+        self.has_passable = bool((self.alpha_tested | self.one_sided)[self.material].any())
+        self.lets_light_pass = len(self._passable) > 0
 
     def cast(self, origins: F32, directions: F32, t_max: F32) -> tuple[F32, Ints, F32, F32]:
         """Find the nearest triangle along each ray.
@@ -157,7 +160,7 @@ class Body:
         return distance, triangle, uv, face
 
     def meets_opaque(self, origins: F32, vectors: F32, proxies_block: bool) -> Bools:
-        """Whether a surface that nothing passes lies on each vector, shape (N,).
+        """Whether a surface that no light passes lies on each vector, shape (N,).
 
         Parameters
         ----------
@@ -203,7 +206,7 @@ class Body:
             passed = passed + distance + steps[rows]
             if tint is not None and self._has_glass:
                 through = np.flatnonzero(passes)
-                tint[rows[through]] *= self._tint(triangle[through], uv[through], -along[through])
+                tint[rows[through]] *= self._tint(triangle[through], uv[through])
             passes &= passed < 1
             rows, passed = rows[passes], passed[passes]
         return occluded
@@ -222,12 +225,12 @@ class Body:
         return origin, np.stack([along, np.cross(normal, along), normal], axis=2).astype(np.float32)
 
     def _is_passed(self, triangle: Ints, uv: F32, directions: F32, is_tinted: bool) -> Bools:
-        """Whether what moves along ``directions`` goes through the surface there, shape (N,).
+        """Whether light that moves along ``directions`` goes through the surface there, shape (N,).
 
         As much passes as does on the mean of the channels, or of the brightest one where what passes is tinted then.
         """
         passed: Bools = np.zeros(len(triangle), np.bool_)
-        met, share = self._passing_where_passable(triangle, uv, directions)
+        met, share = self._passing_where_passable(triangle, uv, directions, self.lit_through)
         passed[met] = _passes_by_chance((share.max if is_tinted else share.mean)(axis=1), uv[met])
         return passed
 
@@ -237,7 +240,7 @@ class Body:
         And light in each channel over that mean for those that do, 1 for others, shape (N, 3).
         """
         passed, tint = np.zeros(len(triangle), np.bool_), np.ones((len(triangle), 3), np.float32)
-        met, share = self._passing_where_passable(triangle, uv, directions)
+        met, share = self._passing_where_passable(triangle, uv, directions, self.one_sided)
         mean = share.mean(axis=1)
         passes = _passes_by_chance(mean, uv[met])
         passed[met] = passes
@@ -245,20 +248,21 @@ class Body:
         return passed, tint
 
     def passing(self, triangle: Ints, uv: F32, directions: F32) -> F32:
-        """Shares of light along ``directions`` that go on behind the surface there, or the void, shape (N, 3)."""
+        """Shares of light that rays along ``directions`` see behind the surface there, or the void, shape (N, 3)."""
         shares = np.zeros((len(triangle), 3), np.float32)
-        met, share = self._passing_where_passable(triangle, uv, directions)
+        met, share = self._passing_where_passable(triangle, uv, directions, self.one_sided)
         put_rows(shares, met, share)
         return shares
 
-    def _passing_where_passable(self, triangle: Ints, uv: F32, directions: F32) -> tuple[Ints, F32]:
-        """Indices of the hits on what light can pass, and the shares that do, shape (M, 3).
+    def _passing_where_passable(self, triangle: Ints, uv: F32, directions: F32,
+                                culled: Bools) -> tuple[Ints, F32]:
+        """Indices of the hits on what can be passed along ``directions``, and the shares that do, shape (M, 3).
 
-        Light passes culled backs, holes of masks, and blended and transmissive surfaces in part.
+        The backs of the materials ``culled``, holes of masks, and blended and transmissive surfaces in part.
         """
         met = np.flatnonzero(triangle >= 0)
         material = self.material.take(triangle.take(met))
-        met = met[(self.one_sided | self.alpha_tested)[material]]
+        met = met[(culled | self.alpha_tested)[material]]
         triangle, uv = triangle.take(met), uv.take(met, axis=0)
         material = self.material.take(triangle)
         shares = np.zeros((len(met), 3), np.float32)
@@ -275,16 +279,15 @@ class Body:
                 shares[rows] = np.nan_to_num(1 - coverage * (1 - self._passing(m, *at)[0]), nan=1.0).clip(0, 1)
             if m.alpha_cutoff is not None:
                 shares[rows[~(alpha >= m.alpha_cutoff)]] = 1
-        backs = np.flatnonzero(self.one_sided[material])
+        backs = np.flatnonzero(culled[material])
         shares[backs[~self._is_front(triangle[backs], directions.take(met[backs], axis=0))]] = 1
         return met, shares
 
-    def _tint(self, triangle: Ints, uv: F32, directions: F32) -> F32:
-        """Light in each channel over that in the brightest one, (N, 3), where rays of ``directions`` pass surfaces."""
+    def _tint(self, triangle: Ints, uv: F32) -> F32:
+        """Light in each channel over that in the brightest one, (N, 3), where rays pass surfaces."""
         tint = np.ones((len(triangle), 3), np.float32)
         material = self.material[triangle]
-        is_culled = self.one_sided[material] & ~self._is_front(triangle, directions)
-        for index, rows in self._by_material(np.flatnonzero(self._transmits[material] & ~is_culled), triangle):
+        for index, rows in self._by_material(np.flatnonzero(self._transmits[material]), triangle):
             share = self._passing(self.materials[index], triangle[rows], uv[rows])[0]
             tint[rows] = share / np.maximum(share.max(axis=1, keepdims=True), 1e-6)
         return tint

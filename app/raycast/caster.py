@@ -309,7 +309,7 @@ class Caster:
                 start = (origins.take(rows, axis=0) @ inverse[:3, :3].T + inverse[:3, 3]).astype(np.float32)
                 along = (vectors.take(rows, axis=0) @ inverse[:3, :3].T).astype(np.float32)
             blocked = body.meets_opaque(start, along, proxies_block)
-            if body.has_passable:
+            if body.lets_light_pass:
                 left = np.flatnonzero(~blocked)
                 ray = rows.take(left)
                 colors = None if tint is None else tint.take(ray, axis=0)

@@ -22,7 +22,7 @@ from app.scene import Material, Texture
 
 # Binding points, as in the shaders.
 NODES, TRIANGLES, BODIES, CORNERS, VERTICES, MATERIALS, TEXELS = range(1, 8)
-IS_PROXY, IS_ONE_SIDED, IS_MIRRORED = 1, 2, 4  # of a triangle
+IS_PROXY, IS_ONE_SIDED, IS_LIT_THROUGH, IS_MIRRORED = 1, 2, 4, 8  # of a triangle
 HAS_SPECULAR, IS_DOUBLE_SIDED, EMITS = 1, 2, 4  # of a material
 BODY_BYTES = 4 * 16  # as in ray_scene.glsl
 NO_TEXTURE = -1
@@ -124,7 +124,7 @@ def _triangles(body: Body, hierarchy: Hierarchy, first: int) -> F32:
     packed = _padded(np.stack([a, b - a, c - a], axis=1))
     material = body.material[hierarchy.order]
     flags = (body.light_proxies[material] * IS_PROXY + body.one_sided[material] * IS_ONE_SIDED
-             + body.mirrored[hierarchy.order] * IS_MIRRORED)
+             + body.lit_through[material] * IS_LIT_THROUGH + body.mirrored[hierarchy.order] * IS_MIRRORED)
     packed[:, 0, 3] = (hierarchy.order + first).astype(np.int32).view(np.float32)
     packed[:, 1, 3] = flags.astype(np.int32).view(np.float32)
     return packed

@@ -46,8 +46,8 @@ class Surface:
     normal : mitsuba.Normal3f
         With the normal map.
     is_front, is_culled, is_lit_through : mitsuba.Bool
-        Of what has culled backs, ``is_culled``: the ray meets the back, and goes on; ``is_lit_through``: light that
-        comes the other way meets it.
+        ``is_culled``: the ray meets the back of what is one-sided, and goes on; ``is_lit_through``: light that comes
+        the other way does.
     base, albedo, f0, emission : mitsuba.Color3f
         Base colour, diffuse reflectance, reflectance at normal incidence, emitted radiance towards the ray's origin.
     roughness, coverage, transmission, occlusion : mitsuba.Float
@@ -98,6 +98,7 @@ class _Row:
     unlit: float
     double_sided: float
     one_sided: float
+    lit_through: float
     metallic: float
     roughness: float
     normal_scale: float
@@ -113,9 +114,9 @@ class _Row:
 
 
 COLORS = ("albedo", "specular", "emission", "sheen", "extinction")
-NUMBERS = ("alpha", "cutoff", "blended", "unlit", "double_sided", "one_sided", "metallic", "roughness",
-           "normal_scale", "occlusion", "transmission", "ior", "thick", "coat", "coat_roughness", "coat_normal_scale",
-           "sheen_roughness")
+NUMBERS = ("alpha", "cutoff", "blended", "unlit", "double_sided", "one_sided", "lit_through", "metallic",
+           "roughness", "normal_scale", "occlusion", "transmission", "ior", "thick", "coat", "coat_roughness",
+           "coat_normal_scale", "sheen_roughness")
 MAPS = ("albedo", "emission", "metallic_roughness", "specular", "normal", "occlusion", "transmission", "coat",
         "coat_roughness", "coat_normal", "sheen", "sheen_roughness")
 ABSENT = {"normals": 0.0, "uvs": 0.0, "second_uvs": 0.0, "tangents": 0.0, "colors": 1.0}  # value of a missing attribute
@@ -239,7 +240,7 @@ class SurfaceTable:
         unlit, lit = number("unlit") > 0, dr.select(number("unlit") > 0, 0.0, 1.0)
         towards = face_normal(si)
         is_front = (dr.dot(si.n, towards) > 0) != mirrored
-        is_thick, one_sided = number("thick") > 0, number("one_sided") > 0
+        is_thick = number("thick") > 0
         shines = is_front | (number("double_sided") > 0)
         emission = dr.select(shines, color("emission") * rgb("emission"), 0.0)
         tangent = self._tangent_frame(hit, towards, active)
@@ -247,8 +248,8 @@ class SurfaceTable:
         blended = dr.select(number("blended") > 0, dr.clip(alpha, 0, 1), 1.0)
         return Surface(
             normal=self._mapped_normal(hit, tangent, texel("normal"), number("normal_scale")), is_front=is_front,
-            is_culled=~is_front & one_sided, is_lit_through=is_front & one_sided, base=base,
-            albedo=lit * base * (1 - metallic), f0=lit * f0, emission=dr.select(unlit, radiance, emission),
+            is_culled=~is_front & (number("one_sided") > 0), is_lit_through=is_front & (number("lit_through") > 0),
+            base=base, albedo=lit * base * (1 - metallic), f0=lit * f0, emission=dr.select(unlit, radiance, emission),
             roughness=number("roughness") * metallic_roughness.y, coverage=dr.select(holes, 0.0, blended),
             transmission=lit * number("transmission") * texel("transmission").x * (1 - metallic),
             occlusion=1 + number("occlusion") * (texel("occlusion").x - 1), is_thick=is_thick,
@@ -340,8 +341,9 @@ def _row(material: Material, mesh: Mesh, scale: float, index_of: Any) -> _Row:
         sheen=sheen.color if sheen else (0.0,) * 3, extinction=_extinction(material, scale), alpha=material.alpha,
         cutoff=-1.0 if material.alpha_cutoff is None else material.alpha_cutoff, blended=material.is_blended,
         unlit=material.is_unlit, double_sided=material.double_sided,
-        one_sided=material.is_one_sided, metallic=material.metallic,
-        roughness=material.roughness, normal_scale=material.normal_scale if normal_map else 0.0,
+        one_sided=material.is_one_sided, lit_through=material.is_lit_through,
+        metallic=material.metallic, roughness=material.roughness,
+        normal_scale=material.normal_scale if normal_map else 0.0,
         occlusion=material.occlusion_strength, transmission=transmission.factor if transmission else 0.0,
         ior=transmission.ior if transmission else 1.0, thick=transmission is not None and transmission.thickness > 0,
         coat=coat.strength if coat else 0.0, coat_roughness=coat.roughness if coat else 0.0,

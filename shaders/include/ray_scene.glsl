@@ -3,7 +3,7 @@
 // 1997, "Fast, Minimum Storage Ray/Triangle Intersection".
 const int LEAF = 4;             // triangles, as in app/raycast/hierarchy.py
 const int STACK_SIZE = 28;      // nodes, more than the levels of a tree
-const int IS_PROXY = 1, IS_ONE_SIDED = 2, IS_MIRRORED = 4;  // of a triangle
+const int IS_PROXY = 1, IS_ONE_SIDED = 2, IS_LIT_THROUGH = 4, IS_MIRRORED = 8;  // of a triangle
 const float MIN_COMPONENT = 1e-20;  // of a direction, whose inverse must be finite
 
 struct Body {
@@ -40,9 +40,9 @@ float entry(int node, vec3 origin, vec3 inverse, float end)
     return enters <= leaves ? enters : 3e38;
 }
 
-// Update the hit where the ray meets a triangle nearer than its distance. Backs of one-sided triangles are not there for what
-// comes along ``seen_along``.
-void intersect(int index, vec3 origin, vec3 along, vec3 seen_along, bool proxies_block, int body, inout Hit hit)
+// Update the hit where the ray meets a triangle nearer than its distance. Of one-sided triangles a ray finds the fronts only.
+// Light, which moves against the ray, passes the backs of those that are lit through.
+void intersect(int index, vec3 origin, vec3 along, bool is_light, bool proxies_block, int body, inout Hit hit)
 {
     ivec4 first = ray_triangles[3 * index], second = ray_triangles[3 * index + 1];
     vec3 edge = intBitsToFloat(second.xyz), other = intBitsToFloat(ray_triangles[3 * index + 2].xyz);
@@ -52,15 +52,15 @@ void intersect(int index, vec3 origin, vec3 along, vec3 seen_along, bool proxies
     float u = dot(from, p) * inverse, v = dot(along, q) * inverse, t = dot(other, q) * inverse;
     int flags = second.w;
     vec3 face = cross(edge, other);
-    bool front = (dot(face, seen_along) < 0.0) != ((flags & IS_MIRRORED) != 0);
-    bool counts = ((flags & IS_ONE_SIDED) == 0 || front) && ((flags & IS_PROXY) == 0 || proxies_block);
+    bool front = (dot(face, along) < 0.0) != (is_light != ((flags & IS_MIRRORED) != 0));
+    int culled = is_light ? IS_LIT_THROUGH : IS_ONE_SIDED;
+    bool counts = ((flags & culled) == 0 || front) && ((flags & IS_PROXY) == 0 || proxies_block);
     if (counts && determinant != 0.0 && u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0 && t < hit.distance)
         hit = Hit(t, body, first.w, flags, vec2(u, v), face);
 }
 
-// Update the hit by one body. With ``any``, the first triangle that is found will do. What the ray is to find moves along it, or
-// against it where ``side`` is -1.
-void walk(int index, vec3 origin, vec3 along, float side, bool any, bool proxies_block, inout Hit hit)
+// Update the hit by one body; for light, the first triangle that is found will do.
+void walk(int index, vec3 origin, vec3 along, bool is_light, bool proxies_block, inout Hit hit)
 {
     Body body = ray_bodies[index];
     vec3 start = by_rows(body.to_body, vec4(origin, 1.0)), step = by_rows(body.to_body, vec4(along, 0.0));
@@ -70,8 +70,8 @@ void walk(int index, vec3 origin, vec3 along, float side, bool any, bool proxies
     while (node > 0) {
         if (node >= leaves) {
             int first = body.place.z + (node - leaves) * LEAF;
-            for (int i = 0; i < LEAF; ++i) intersect(first + i, start, step, step * side, proxies_block, index, hit);
-            if (any && hit.body >= 0) return;
+            for (int i = 0; i < LEAF; ++i) intersect(first + i, start, step, is_light, proxies_block, index, hit);
+            if (is_light && hit.body >= 0) return;
             node = 0;
         } else {
             int child = 2 * node;
@@ -90,7 +90,7 @@ void walk(int index, vec3 origin, vec3 along, float side, bool any, bool proxies
 Hit nearest_hit(vec3 origin, vec3 along)
 {
     Hit hit = Hit(3e37, -1, -1, 0, vec2(0.0), vec3(0.0));
-    for (int i = 0; i < body_count; ++i) walk(i, origin, along, 1.0, false, true, hit);
+    for (int i = 0; i < body_count; ++i) walk(i, origin, along, false, true, hit);
     return hit;
 }
 
@@ -98,6 +98,6 @@ Hit nearest_hit(vec3 origin, vec3 along)
 bool is_occluded(vec3 origin, vec3 vector, bool proxies_block)
 {
     Hit hit = Hit(1.0, -1, -1, 0, vec2(0.0), vec3(0.0));
-    for (int i = 0; i < body_count && hit.body < 0; ++i) walk(i, origin, vector, -1.0, true, proxies_block, hit);
+    for (int i = 0; i < body_count && hit.body < 0; ++i) walk(i, origin, vector, true, proxies_block, hit);
     return hit.body >= 0;
 }

@@ -322,18 +322,22 @@ LAMPS: dict[str, Light] = {
 }
 
 
+OUTLINE = Material(albedo=(0.01,) * 3, is_back_culled=True)
+
+
 @pytest.mark.parametrize("name", LAMPS)
-def test_light_passes_culled_backs(name: str) -> None:
+@pytest.mark.parametrize("material", [OUTLINE, replace(GREY, is_back_culled=True)], ids=["outline", "wall"])
+def test_light_passes_backs_of_outlines_only(name: str, material: Material) -> None:
     """A blind whose front or back faces the light, also where its instance is mirrored."""
     below = Camera((0.0, 0.5, 2.5), (0.0, 0.0, 0.0))
     free = draw(make_scene([floor(0.5)], [LAMPS[name]], below), SIZE, ("direct",))["direct"]
     for is_mirrored, faces_light in ((False, True), (False, False), (True, True), (True, False)):
         edges = (0.0, 0.0, -2.0), (2.0, 0.0, 0.0)  # their product points down
         u, v = reversed(edges) if faces_light else edges
-        blind = quad((-1.0, 1.0, 1.0), u, v, replace(GREY, is_back_culled=True))
+        blind = quad((-1.0, 1.0, 1.0), u, v, material)
         blind = replace(blind, place=np.diag([-1.0 if is_mirrored else 1.0, 1, 1, 1]))
         lit = draw(make_scene([floor(0.5), blind], [LAMPS[name]], below), SIZE, ("direct",))["direct"]
-        if faces_light:
+        if faces_light or material is not OUTLINE:
             assert not lit.any()
         else:
             np.testing.assert_allclose(lit, free, atol=1e-3)

@@ -326,9 +326,10 @@ def test_light_proxies_block_only_if_asked(behind: Material) -> None:
         assert caster.is_occluded(*ray, proxies_block=False).tolist() == [blocked]
 
 
-def test_rays_pass_culled_backs_and_stop_at_fronts() -> None:
-    """Also those of an instance that its placement mirrors."""
-    lid = replace(GREY, is_back_culled=True)
+@pytest.mark.parametrize("is_outline", [False, True])
+def test_rays_pass_culled_backs_and_light_those_of_outlines(is_outline: bool) -> None:
+    """Also those of an instance that its placement mirrors; both stop at fronts."""
+    lid = replace(GREY, albedo=(0.01,) * 3, is_back_culled=True) if is_outline else replace(GREY, is_back_culled=True)
     for mirrored in (False, True):
         part = replace(wall(lid), place=np.diag([-1.0 if mirrored else 1.0, 1, 1, 1]))
         behind = wall(corner=(-1, -1, -1))
@@ -336,7 +337,8 @@ def test_rays_pass_culled_backs_and_stop_at_fronts() -> None:
         origins, ends = (np.array(p, np.float64) - caster.origin for p in (
             [(0.1, 0, 0.5), (0.1, 0, -0.5)], [(0.1, 0, -0.5), (0.1, 0, 0.5)]))
         rays = origins.astype(np.float32), (ends - origins).astype(np.float32)
-        assert caster.is_occluded(*rays, proxies_block=True).tolist() == [False, True]  # light comes from the ends
+        # Light comes from the ends.
+        assert caster.is_occluded(*rays, proxies_block=True).tolist() == [not is_outline, True]
         np.testing.assert_allclose(caster.cast(*rays).distance, [0.5, 1.5], rtol=1e-3)
 
 

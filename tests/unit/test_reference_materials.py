@@ -190,15 +190,17 @@ def test_masks_cut_off_between_texels() -> None:
         np.testing.assert_allclose(samples.reflected, 0 if is_there else 1 / math.pi, rtol=1e-3)
 
 
-def test_culled_backs_are_not_there() -> None:
-    """Neither for the camera nor for light."""
-    lid = Material(albedo=(1.0, 0.0, 0.0), is_unlit=True, is_back_culled=True)
+@pytest.mark.parametrize("is_unlit", [False, True])
+def test_culled_backs_are_not_there(is_unlit: bool) -> None:
+    """Not for the camera, and not for light where the surface is unlit."""
+    lid = Material(albedo=(1.0, 0.0, 0.0), is_unlit=is_unlit, is_back_culled=True)
     for low, seen in ((True, 0.0), (False, 1.0)):
         corner, u = ((-1, 0.5, 1), (2, 0, 0)) if not low else ((1, 0.5, 1), (-2, 0, 0))
         scene = make_scene([quad(corner, u, (0, 0, -2), lid), floor(3.0, 0.0, Material(albedo=WHITE))], [OVERHEAD], TOP)
         samples = radiance(scene)
-        np.testing.assert_allclose(samples.emitted[0], (seen, 0, 0), atol=1e-6)
-        np.testing.assert_allclose(samples.reflected, (1 - seen) / math.pi, rtol=1e-3, atol=1e-6)
+        np.testing.assert_allclose(samples.emitted[0], (seen * is_unlit, 0, 0), atol=1e-6)
+        reflected = np.ones(3) * (1 - seen) if is_unlit else np.array([seen, 0, 0])  # by the floor, or by the lid
+        np.testing.assert_allclose(samples.reflected[0], reflected / math.pi, rtol=1e-3, atol=1e-6)
 
 
 def pane(**options: object) -> Material:
