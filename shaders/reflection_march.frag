@@ -47,7 +47,8 @@ uniform float ray_epsilon;   // by which rays start off their surface at most, s
 uniform int steps;           // of the march
 uniform int refinements = 5; // halvings of the step that meets a surface; no constant, so that the loop stays a loop
 
-layout(location = WRITE_REFLECTION_ORIGIN) out vec4 out_origin;  // relative space; a: 1, -1 on another surface, 0 for none
+// Relative space; a: 1 + number of the pixel in the texel, negative on another surface, 0 for none.
+layout(location = WRITE_REFLECTION_ORIGIN) out vec4 out_origin;
 layout(location = WRITE_REFLECTION_RAY) out vec4 out_ray;  // unit vector; a: length, 0 for no ray, NOT_SHOWN
 
 // Depth of what the march has interpolated over the image.
@@ -82,6 +83,21 @@ bool is_behind_layer(vec3 at)
 bool is_shiny(vec4 reflectance)
 {
     return ray_share(reflectance.a) > 0.0 && max(max(reflectance.r, reflectance.g), reflectance.b) > 0.0;
+}
+
+// Where in its texel the ray starts: at rest at the first shiny pixel from ``inside`` on, so that what is thinner than a texel has
+// one in each frame.
+int start_of_ray(ivec2 low)
+{
+    ivec2 pixels = ivec2(ceil(ratio)), first = ivec2(inside * vec2(pixels)), size = textureSize(depth, 0);
+    int count = at_rest ? pixels.x * pixels.y : 1, i = 0, number = 0;
+    bool found = false;
+    do {
+        ivec2 pixel = (first + ivec2(i % pixels.x, i / pixels.x)) % pixels;
+        number = pixel.y * pixels.x + pixel.x;
+        found = is_shiny(texelFetch(outer_specular_roughness, numbered_texel(low, ratio, number, size), 0));
+    } while (!found && ++i < count);
+    return number;
 }
 
 // Length at which the ray from p along l meets what the screen shows, or NOT_SHOWN, also where a layer that is seen through may
@@ -143,7 +159,8 @@ float march(vec3 p, vec3 l, float jitter)
 void main()
 {
     ivec2 low = ivec2(gl_FragCoord.xy), centre = nearest_texel(low, ratio);
-    ivec2 full = texel_inside(low, ratio, inside, textureSize(depth, 0));
+    int number = start_of_ray(low);
+    ivec2 full = numbered_texel(low, ratio, number, textureSize(depth, 0));
     vec4 surface = texelFetch(outer_reflection_gbuffer, low, 0);
     float d = texelFetch(outer_depth, full, 0).r;
     vec3 n = sanitize_normal(texelFetch(outer_normal, full, 0).xyz), p = surface_point(vec2(full) + 0.5, d);
@@ -171,7 +188,7 @@ void main()
     vec3 l = reflected(v, n, face, reflectance.a * reflectance.a, u);
     // Half a pixel, within limits, off the surface and towards the eye, where nothing is in the way, also in a corner.
     vec3 origin = p + (face + v) * clamp(0.5 * pixel_width(d), MIN_EPSILON * ray_epsilon, ray_epsilon);
-    out_origin = vec4(origin, same ? 1.0 : -1.0);
+    out_origin = vec4(origin, float(1 + number) * (same ? 1.0 : -1.0));
     out_ray = vec4(l, march(origin, l, fract(u.x + u.y)));
 #endif
 }

@@ -7,7 +7,7 @@
 
 const float MIN_RATIO = 1e-4;        // of a ray's length to the depth where it starts
 
-uniform sampler2D reflection_origin;  // relative space; a: 1, -1 on another surface than the texel's
+uniform sampler2D reflection_origin;  // relative space; a: negative on another surface than the texel's
 uniform sampler2D reflection_ray;     // direction; a: length if the screen shows the end
 uniform sampler2D reflection_traced;  // radiance; a: length, negative where it passes glass, 0 where no ray was traced
 uniform sampler2D normal;
@@ -78,6 +78,6 @@ void main()
             && !is_metallic(texelFetch(albedo, texel, 0).rgb, texelFetch(specular_roughness, texel, 0).rgb)));
     vec3 light = seen ? sent_by(texel) : is_traced ? sanitize_radiance(traced.rgb) : vec3(0.0);
     bool counts = is_surface(here) && (seen ? is_known(texel) : is_traced && is_finite(dot(traced.rgb, vec3(1.0))));
-    out_now = counts ? vec4(min(light, HALF_MAX), origin.a * clamp(t / here, MIN_RATIO, HALF_MAX)) : vec4(0.0);
+    out_now = counts ? vec4(min(light, HALF_MAX), sign(origin.a) * clamp(t / here, MIN_RATIO, HALF_MAX)) : vec4(0.0);
 #endif
 }

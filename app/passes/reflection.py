@@ -101,8 +101,7 @@ def has_detail(grid: Size, size: Size, has_history: bool) -> bool:
 def declare_detail(grid: Size, prefix: str = "") -> Pass:
     """The light along the rays of single pixels, gathered while nothing moves."""
     draw = make_fullscreen("reflection_detail.frag", lambda frame: {
-        "ratio": ratio_to(grid, frame), "inside": _inside(grid, frame), "history_stands": frame.rests},
-                           strip=prefix)
+        "ratio": ratio_to(grid, frame), "history_stands": frame.rests}, strip=prefix)
 
     def make(device: Device, bound: BoundPass) -> Execute:
         execute = draw(device, bound)
@@ -114,14 +113,14 @@ def declare_detail(grid: Size, prefix: str = "") -> Pass:
         return execute_at_rest
 
     return Pass(prefix + "reflection_detail",
-                reads=(prefix + "reflection_now", prefix + "reflection_detail@prev"),
+                reads=tuple(prefix + r for r in ("reflection_now", "reflection_origin", "reflection_detail@prev")),
                 writes={prefix + "reflection_detail": Tex("f2", 4)}, make=make)
 
 
 def surfaces_read(has_rays: bool, has_detail: bool, has_clearcoat: bool) -> tuple[str, ...]:
     """What ``reflected_light.glsl`` reads, beside indirect light; details only of what is traced."""
     return ("normal", "specular_roughness", *(("clearcoat",) if has_clearcoat else ()),
-            *(("depth", "reflection_filtered") if has_rays else ()),
+            *(("depth", "reflection_gbuffer", "reflection_filtered") if has_rays else ()),
             *(("reflection_detail",) if has_rays and has_detail else ()))
 
 

@@ -18,6 +18,7 @@ from app.specular_albedo import MEAN_COSINE, specular_albedo
 # Those that rays see, beside that of transmission.
 _MAPS = ("albedo_map", "emission_map", "metallic_roughness_map", "specular_map")
 MIN_OPACITY = 1e-3  # of what rays meet, so that nothing divides by 0
+HASH_CELLS = 2**14  # of a triangle's edge, in which hits have the same random number
 MAX_PASSED = 16  # surfaces with holes, culled backs and light proxies that a ray can pass
 
 
@@ -403,8 +404,9 @@ def _reflectance(base: F32, matte: F32, dielectric: F32, roughness: F32, metalli
 
 
 def hash_uv(uv: F32) -> F32:
-    """Numbers in [0, 1) that differ from hit to hit, shape (N,)."""
-    bits = np.ascontiguousarray(uv, np.float32).view(np.uint32).astype(np.uint64)
+    """Numbers in [0, 1) that differ from hit to hit, shape (N,), but rarely by rounding, which CPUs do differently."""
+    cells = np.floor(np.nan_to_num(uv).clip(0, 1) * np.float32(HASH_CELLS)).astype(np.uint64)
+    bits = cells * np.uint64(2**32 // HASH_CELLS)
     mixed = (bits[:, 0] * np.uint64(0x9E3779B1) ^ bits[:, 1] * np.uint64(0x85EBCA77)) * np.uint64(0xC2B2AE3D27D4EB4F)
     return ((mixed >> np.uint64(40)).astype(np.float32) / np.float32(2**24)).astype(np.float32)
 

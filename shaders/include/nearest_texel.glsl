@@ -10,3 +10,10 @@ ivec2 texel_inside(ivec2 low, vec2 ratio, vec2 inside, ivec2 size)
 {
     return min(ivec2((vec2(low) + inside) * ratio), size - 1);
 }
+
+// One of them by its number, row by row.
+ivec2 numbered_texel(ivec2 low, vec2 ratio, int number, ivec2 size)
+{
+    ivec2 texels = ivec2(ceil(ratio));
+    return texel_inside(low, ratio, (vec2(number % texels.x, number / texels.x) + 0.5) / vec2(texels), size);
+}

@@ -15,6 +15,7 @@ uniform sampler2D clearcoat;  // normal, strength, perceptual roughness
 #endif
 #ifdef HAS_REFLECTION_FILTERED
 uniform sampler2D depth;
+uniform sampler2D reflection_gbuffer;
 uniform sampler2D reflection_filtered;  // radiance; a: depth of its surface, 0 where no light is known
 uniform vec2 ratio;  // full-resolution texels per low-resolution texel
 #ifdef AT_REST
@@ -32,17 +33,14 @@ const int ALONG = 8;                  // pixels on a line that count beyond thos
 uniform sampler2D reflection_detail;  // radiance; a: number of samples
 #endif
 
-// Weighted by the distance from the receiver's plane, which parts surfaces that meet at an edge too.
+// Weighted by how much the texel's surface is the receiver's.
 vec4 tap(ivec2 low, float along, float closeness, BilateralReceiver r)
 {
     vec4 light = texelFetch(reflection_filtered, low, 0);
-#ifdef ORTHOGRAPHIC
-    float plane = (along + r.slope.z * light.a - r.here) * r.inverse_sigma;
-#else
-    float plane = ((along + r.slope.z) * light.a - r.here) * r.inverse_sigma;
-#endif
+    vec4 surface = vec4(texelFetch(reflection_gbuffer, low, 0).xyz, light.a);
+    float weight = (closeness + MIN_WEIGHT) * similarity(surface, along, r);
     bool counts = light.a > 0.0 && is_finite(dot(light, vec4(1.0)));
-    return counts ? vec4(clamp(light.rgb, 0.0, HALF_MAX), 1.0) * ((closeness + MIN_WEIGHT) / (1.0 + plane * plane)) : vec4(0.0);
+    return counts ? vec4(clamp(light.rgb, 0.0, HALF_MAX), 1.0) * weight : vec4(0.0);
 }
 
 // Radiance from ``count`` of the four texels around; the others are not needed where nothing is traced. a: how far these show

@@ -414,3 +414,34 @@ def test_a_floor_shows_what_is_behind_a_veil_in_its_tint(small_ember: Path) -> N
     reflecting = slice(52, 68), slice(8, 88)
     assert bare[reflecting].min() > 0.03
     np.testing.assert_allclose(veiled[reflecting], 0.5 * bare[reflecting], rtol=0.02)
+
+
+def test_gaps_between_metal_boxes_are_not_as_wide_as_texels(small_ember: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In motion too, light of the grid is interpolated between texels of one surface only."""
+    size = (192, 144)
+    steel = replace(ROUGH_METAL, roughness=0.3)
+    stack = [box((-0.6, 0.4 + 0.2 * i, -0.9), (1.2, 0.17, 0.5), steel) for i in range(5)]
+    cameras = [replace(CAMERA, eye=(0.5 + 0.002 * i, 1.1, 0.7)) for i in range(8)]
+
+    def seen() -> Image:
+        return draw(room(WHITE, *stack), small_ember, cameras, size)[-1]["reflection"][50:100, 30:100].mean(axis=-1)
+
+    fine = seen()
+    coarsen(monkeypatch, size)
+    wrong = float((np.abs(np.log(seen() / fine)) > 0.3).mean())
+    print(f"GAPS {wrong:.3f}")
+    assert wrong < 0.015
+
+
+def test_what_is_thinner_than_a_texel_has_a_ray_in_each_frame_at_rest(small_ember: Path,
+                                                                     monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not only in those in which the ray of its texel happens to start there."""
+    coarsen(monkeypatch)
+    bars = [rod((0.1 * i - 0.4, 0.0, -0.6), 0.01, 2.0, ROUGH_METAL) for i in range(9)]
+    settings = Settings(size=SIZE, outputs=("reflection",), provider="cpu")
+    with Renderer(room(WHITE, *bars), settings, small_ember) as renderer:
+        images = [renderer.render(CAMERA)["reflection"][..., 0] > 0 for _ in range(33)]
+        samples = renderer.resource("reflection_detail")[..., 3]
+    rays = samples.sum() / np.sum(images)  # 1/16 if each pixel had its turn
+    print(f"RAYS {rays:.3f} of a bar's pixel in a frame")
+    assert rays > 0.12
