@@ -38,7 +38,7 @@ from app.cli.options import (
 from app.cli.report import print_summary
 from app.errors import SettingsError, did_you_mean
 from app.io.aov_preview import preview
-from app.io.atomic_files import prepare_folders, write_text
+from app.io.atomic_files import check_folders, prepare_folders, write_text
 from app.io.exr_header import picture_header
 from app.io.image import exr_layer, write_exr, write_png
 from app.io.terminal import note, transient_progress
@@ -149,6 +149,12 @@ def render(
     check_video([kind for kind in kinds if kind in CODECS], settings.size)
     if timing is not None:
         refuse_folder(timing, "--timing", "JSON")
+    if tonemap not in TONE_MAPS:
+        from app.io.color_management import find_view  # imports OpenColorIO
+
+        find_view(tonemap)
+    folders = out, *([timing.parent] if timing is not None else [])
+    check_folders(*folders)
     models = [find_model(name) for name in model if name != NONE]
     if scale is not None and not any(isinstance(m, Path) for m in models):
         raise SettingsError("needs a network", "--scale", "expected a --model that is one")
@@ -174,7 +180,7 @@ def render(
             _describe(renderer)
             for approximation in loaded.approximations:
                 typer.echo(f"approximated {approximation}", err=True)
-        prepare_folders(out, *([timing.parent] if timing is not None else []))
+        prepare_folders(*folders)
         if settle is None:
             has_taa = "taa" in renderer.plan.resources
             settle = settings.settle_frames if frames == 1 and has_taa else 0

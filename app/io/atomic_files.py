@@ -69,8 +69,18 @@ def write_text(path: Path, text: str) -> None:
         temporary.write_text(text, "utf-8")
 
 
-def prepare_folders(*folders: Path) -> None:
+def check_folders(*folders: Path) -> None:
+    """Check that ``prepare_folders`` will succeed, which it raises an error like, and leave everything as it was."""
+    _remove(prepare_folders(*folders))
+
+
+def prepare_folders(*folders: Path) -> list[Path]:
     """Create ``folders`` where missing and check that they are writable; if one is not, none is created.
+
+    Returns
+    -------
+    list of Path
+        What was created, with the parents, in this order.
 
     Raises
     ------
@@ -87,10 +97,15 @@ def prepare_folders(*folders: Path) -> None:
             probe.touch()
             probe.unlink()
         except OSError as error:
-            for new in reversed(created):
-                new.rmdir()
+            _remove(created)
             raise OutputError(f"is not a writable folder: {error.strerror or error}", folder,
                               "expected a folder that exists or can be created") from error
+    return created
+
+
+def _remove(created: list[Path]) -> None:
+    for folder in reversed(created):
+        folder.rmdir()
 
 
 def _swap(new: Path, folder: Path, old: Path) -> None:

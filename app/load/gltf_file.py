@@ -180,6 +180,8 @@ def open_gltf(path: Path) -> GltfFile:
     binary = b""
     if data[:4] == b"glTF":
         data, binary = _split_glb(data)
+    elif path.suffix.lower() == ".glb" and data.strip() and not data.lstrip().startswith(b"{"):
+        raise ValueError("it does not begin as a binary glTF file does")
     document = json.loads(data.decode("utf-8-sig"), object_hook=_with_checked_arrays)
     if not isinstance(document, dict) or "asset" not in document:
         raise ValueError("it has no glTF asset")

@@ -220,11 +220,15 @@ def test_user_errors_are_one_line(invoke, tmp_path: Path, args: list[str], said:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_unwritable_folder_is_found_before_drawing(invoke, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("args", "said"), [
+    (["--out", "taken"], "taken: is not a writable folder"),
+    (["--timing", "taken/t.json"], "taken: is not a writable folder"),
+    (["--tonemap", "agxx"], "did you mean 'agx'?"),
+])
+def test_what_cannot_be_written_is_found_before_loading(invoke, tmp_path: Path, args: list[str], said: str) -> None:
     (tmp_path / "taken").touch()
-    for args in (["--out", "taken"], ["--timing", "taken/t.json"]):
-        assert "taken" in failed(invoke("--size", "2x2", *args))
-        assert FakeRenderer.made[-1].calls == []
+    assert said in failed(invoke("missing.obj", *args))
+    assert [path.name for path in tmp_path.iterdir()] == ["taken"]
 
 
 def test_a_camera_of_the_scene_comes_before_the_words_of_the_option(invoke, tmp_path: Path) -> None:

@@ -39,6 +39,7 @@ def test_corrupt_files_give_a_one_line_error(tmp_path, suffix, content):
     ("a.obj", "v 0 0 0\nv 1 0 0\nf 1 2 7\n", "a vertex, normal or uv that the file does not list"),
     ("a.obj", "glTF\x02\0\0\0", "not text"),
     ("a.glb", "", "it is empty"),
+    ("a.glb", "PNG\r\n", "it does not begin as a binary glTF file does"),
     ("a.gltf", "[" * 100_000, "nested too deeply"),
     ("a.gltf", ('{"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}], '
                '"meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}]}'), "'accessors' is missing"),
