@@ -224,8 +224,8 @@ class Material:
 
         Those are one-sided, and unlit or all but black. Other one-sided surfaces, such as a room's walls, block light.
         """
-        is_black = max(self.albedo) <= MAX_OUTLINE_ALBEDO and not self.emits and self.transmission is None
-        return self.is_one_sided and (self.is_unlit or is_black)
+        is_black = all(c <= MAX_OUTLINE_ALBEDO for c in self.albedo) and not self.emits
+        return self.is_one_sided and self.transmission is None and (self.is_unlit or is_black)
 
     @property
     def passing(self) -> Color:

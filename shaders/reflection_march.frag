@@ -47,7 +47,7 @@ uniform float ray_epsilon;   // by which rays start off their surface at most, s
 uniform int steps;           // of the march
 uniform int refinements = 5; // halvings of the step that meets a surface; no constant, so that the loop stays a loop
 
-// Relative space; a: 1 + number of the pixel in the texel, negative on another surface, 0 for none.
+// Relative space; a: 1 + number of the pixel in the texel, at rest; negative on another surface, 0 for none.
 layout(location = WRITE_REFLECTION_ORIGIN) out vec4 out_origin;
 layout(location = WRITE_REFLECTION_RAY) out vec4 out_ray;  // unit vector; a: length, 0 for no ray, NOT_SHOWN
 

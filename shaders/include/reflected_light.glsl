@@ -18,6 +18,8 @@ uniform sampler2D depth;
 uniform sampler2D reflection_gbuffer;
 uniform sampler2D reflection_filtered;  // radiance; a: depth of its surface, 0 where no light is known
 uniform vec2 ratio;  // full-resolution texels per low-resolution texel
+const float SAME_DEPTH = 2e-3;     // of the depth, more than halves round it by
+const float SPREAD_FACING = 0.75;  // cosine that the unknown normal of spread light counts as
 #ifdef AT_REST
 const float EDGE = 0.3;               // radians, that the turn to another surface counts as
 const float MIN_LOBE = 5e-3;          // radians
@@ -37,8 +39,10 @@ uniform sampler2D reflection_detail;  // radiance; a: number of samples
 vec4 tap(ivec2 low, float along, float closeness, BilateralReceiver r)
 {
     vec4 light = texelFetch(reflection_filtered, low, 0);
-    vec4 surface = vec4(texelFetch(reflection_gbuffer, low, 0).xyz, light.a);
-    float weight = (closeness + MIN_WEIGHT) * similarity(surface, along, r);
+    vec4 centre = texelFetch(reflection_gbuffer, low, 0);
+    // Light that was spread to a texel beside a glossy surface is not that of its own normal.
+    bool is_own = abs(centre.a - light.a) <= SAME_DEPTH * light.a;
+    float weight = (closeness + MIN_WEIGHT) * similarity(vec4(is_own ? centre.xyz : SPREAD_FACING * r.normal, light.a), along, r);
     bool counts = light.a > 0.0 && is_finite(dot(light, vec4(1.0)));
     return counts ? vec4(clamp(light.rgb, 0.0, HALF_MAX), 1.0) * weight : vec4(0.0);
 }

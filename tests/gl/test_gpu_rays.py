@@ -52,6 +52,8 @@ def gallery() -> Scene:
     parts = [box((-2, 0, -2), (4, 3, 4), tiles), sphere((0.6, 0.7, 0.3), 0.5, 12, worn),
              quad((-1.5, 0.5, -1.5), (1, 0, 0), (0, 1, 0), screen),
              quad((0.5, 0.5, -1.4), (1, 0, 0), (0, 1, 0), replace(GREY, albedo=(0.01,) * 3, is_back_culled=True)),
+             replace(quad((0.4, 1.6, -1.3), (1, 0, 0), (0, 1, 0), replace(GREY, is_back_culled=True)),
+                     place=np.diag([-1.0, 1.0, 1.0, 1.0])),
              quad((-0.5, 2.8, -0.5), (1, 0, 0), (0, 0, 1), replace(LAMP, is_light_proxy=True)),
              replace(box((-1, 0, 0.5), (0.4, 0.8, 0.4), SHINY), place=np.diag([1.5, 1.0, -0.7, 1.0])),
              box((0, 0.2, 0), (0.3, 0.3, 0.3), GREY, slide([0, 1], [(0, 0, 0), (-1, 1, 0.5)])),

@@ -331,6 +331,7 @@ def test_light_passes_backs_of_outlines_only(name: str, material: Material) -> N
     """A blind whose front or back faces the light, also where its instance is mirrored."""
     below = Camera((0.0, 0.5, 2.5), (0.0, 0.0, 0.0))
     free = draw(make_scene([floor(0.5)], [LAMPS[name]], below), SIZE, ("direct",))["direct"]
+    assert free.any()
     for is_mirrored, faces_light in ((False, True), (False, False), (True, True), (True, False)):
         edges = (0.0, 0.0, -2.0), (2.0, 0.0, 0.0)  # their product points down
         u, v = reversed(edges) if faces_light else edges

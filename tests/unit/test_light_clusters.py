@@ -246,13 +246,17 @@ def test_rows_of_tubes_are_lines() -> None:
     assert mean_error(mesh, np.zeros(len(mesh.faces), np.int64), lights) < 0.09  # crossed rectangles are no tubes
 
 
-def test_receivers_see_emitters_past_no_wall() -> None:
+@pytest.mark.parametrize(("case_material", "shows_lamp"), [
+    (Material(), False), (Material(is_back_culled=True), False),
+    (Material(albedo=(0.0,) * 3, is_back_culled=True), True)], ids=["case", "one-sided case", "outline"])
+def test_receivers_see_emitters_past_no_wall(case_material: Material, shows_lamp: bool) -> None:
     """A panel in a ceiling, a bulb around its opaque core, and a lamp in a case, from points of the room."""
     core, case = trimesh.creation.icosphere(1, 0.02), trimesh.creation.box(extents=(0.5, 0.5, 0.5))
     case.apply_translation((2.0, -1.0, 1.5))
-    builder = SceneBuilder("test", materials=emissive())
-    for mesh in (trimesh.creation.box(extents=ROOM), core, case):
-        index = builder.add_mesh("part", RawMesh(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)), 0)
+    builder = SceneBuilder("test", materials=[Material(), case_material])
+    for mesh, material in ((trimesh.creation.box(extents=ROOM), 0), (core, 0), (case, 1)):
+        index = builder.add_mesh("part", RawMesh(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)),
+                                 material)
         assert index is not None
         builder.add_instance("part", index, np.eye(4))
     panel = copies(downward_quad(0.3), [(0.0, ROOM[1] / 2, 0.5)])
@@ -265,7 +269,7 @@ def test_receivers_see_emitters_past_no_wall() -> None:
     below = points[:, 1] < ROOM[1] / 2 - 1e-6
     views = find_views(builder, set(), Receivers(points[below], normals[below]), triangles, patch, np.zeros(3))
     of_panel, of_bulb, of_lamp = views.visibility.T
-    assert (of_panel == 1).all() and (of_lamp == MIN_SHARE).all()
+    assert (of_panel == 1).all() and (of_lamp == (1 if shows_lamp else MIN_SHARE)).all()
     assert (of_bulb == 1).mean() > 0.9  # from elsewhere the few points that are looked at face away
 
 
