@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -270,8 +269,11 @@ def test_a_curtain_is_lit_by_its_room(model: str, request: pytest.FixtureRequest
 
 
 @pytest.mark.parametrize("outside", ["sky", "wall"])
-def test_indirect_light_has_the_color_of_a_window(outside: str, small_ember: Path) -> None:
-    """That of the sky, and that of a wall outside, which a lamp lights that the room does not see."""
+def test_indirect_light_has_the_color_of_a_window(outside: str) -> None:
+    """That of the sky, and that of a wall outside, which a lamp lights that the room does not see.
+
+    By all surfels: which rays pass is left to chance, and with few of them the light is off by up to a third.
+    """
     color = np.float32((0.9, 0.4, 0.2))
     camera = Camera((2.0, 2.0, 3.6), (2.0, 0.0, 2.0), fov_y_deg=60.0)
     lit = [quad((-2, -2, -3), (8, 0, 0), (0, 8, 0), Material(albedo=(0.5,) * 3))] if outside == "wall" else []
@@ -285,7 +287,7 @@ def test_indirect_light_has_the_color_of_a_window(outside: str, small_ember: Pat
             materials=(*room.materials, *more.materials))
         if lit:
             scene = replace(scene, environment=None, lights=(PointLight((2.0, -1.5, -1.5), (9.0,) * 3),))
-        return draw(scene, SIZE, ("indirect",), camera, small_ember)["indirect"].mean(axis=(0, 1))
+        return draw(scene, SIZE, ("indirect",), camera, find_model("ember"))["indirect"].mean(axis=(0, 1))
 
     np.testing.assert_allclose(indirect(tuple(color.tolist())) / indirect(WHITE), color, rtol=0.1)
 
