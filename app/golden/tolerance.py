@@ -30,8 +30,8 @@ OTHER_STAGES = "all others"
 # those of layers and reflected ones end at their light.
 _SURFELS = {
     **{stage: Tolerance(2e-2, 1e-1, 0.0) for stage in ("surfel_light", "pack_surfels", "gather_history")},
-    **{stage: Tolerance(2e-2, 1e-2, 0.0) for stage in (
-        "gather_rays", "gradient_filter_near", "gradient_filter_far", "layer_light")},
+    "gather_rays": Tolerance(1.5e-2, 5e-4, 0.0),
+    **{stage: Tolerance(2e-2, 1e-2, 0.0) for stage in ("gradient_filter_near", "gradient_filter_far", "layer_light")},
     **{stage: Tolerance(1.5e-2, 5e-4, 5e-3) for stage in (
         "reflection_rays", "reflection_resolve", "reflection_history", "reflection_filter_far",
         "reflection_filter_near", "reflection")},
