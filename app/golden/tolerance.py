@@ -30,8 +30,6 @@ OTHER_STAGES = "all others"
 # those of layers and reflected ones end at their light.
 _SURFELS = {
     **{stage: Tolerance(2e-2, 1e-1, 0.0) for stage in ("surfel_light", "pack_surfels", "gather_history")},
-    "gather_rays": Tolerance(1.5e-2, 5e-4, 0.0),
-    **{stage: Tolerance(2e-2, 1e-2, 0.0) for stage in ("gradient_filter_near", "gradient_filter_far", "layer_light")},
     **{stage: Tolerance(1.5e-2, 5e-4, 5e-3) for stage in (
         "reflection_rays", "reflection_resolve", "reflection_history", "reflection_filter_far",
         "reflection_filter_near", "reflection")},
@@ -40,6 +38,8 @@ _SURFELS = {
 # levels of the display image is 0.004.
 SAME_RENDERER = {
     **_SURFELS,
+    "gather_rays": Tolerance(1.5e-2, 5e-4, 0.0),
+    **{stage: Tolerance(2e-2, 1e-2, 0.0) for stage in ("gradient_filter_near", "gradient_filter_far", "layer_light")},
     # Rounding moves what is refracted, and which pixel of a tile is the first that the low-resolution grid misses. Few
     # gathered rays light what is seen through.
     **{stage: Tolerance(1.5e-2, 5e-4, 8e-3) for stage in ("peel0_blend", "peel1_blend")},
