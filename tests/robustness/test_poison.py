@@ -5,7 +5,8 @@ Radiance is held to 65504 on the GPU, where lights are scaled, so a picture is b
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from scipy import ndimage
 from app.golden.scenes import dusk, glass, materials, mirrors, outdoor, room
 from app.network.channels import HALF_MAX
 from app.network.selection import Model, find_model
+from app.passes import gather_turns, shadow_rays
 from app.radiance_scale import radiance_scale
 from app.renderer import JITTER_PERIOD, Renderer
 from app.scene import Camera, CameraPath, RectLight, Scene
@@ -29,6 +31,7 @@ pytestmark = pytest.mark.gl
 
 POISONS = {"nan": np.nan, "+inf": np.inf, "-inf": -np.inf, "-100": -100.0}
 SIZE = (61, 47)
+FIRST_SAMPLES = 8  # of what rays gather in a frame without history: one of 64 takes several times as long
 POISONED, FADING = 3, 3  # frames
 HEALING = JITTER_PERIOD  # frames, so that the healed picture averages the same samples as the clean one
 
@@ -87,7 +90,7 @@ class Patient:
                 assert final.max() <= self.bound
         return images
 
-    def poison(self, resources: tuple[str, ...], value: float, texel: tuple[int, int] | None = None) -> None:
+    def poison(self, resources: tuple[str, ...], value: float | Callable[[Image], Image], texel: tuple[int, int] | None = None) -> None:
         """All texels, or one by row and column."""
         def one(image: Image) -> Image:
             image = image.astype(np.float32)
@@ -102,17 +105,32 @@ class Patient:
             override(self.renderer, resource, None)
 
 
+def both_infinities(image: Image) -> Image:
+    """Alternately, from texel to texel and from channel to channel."""
+    return np.where(np.indices(image.shape).sum(axis=0) % 2, np.inf, -np.inf)
+
+
+@contextmanager
+def few_first_samples() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (shadow_rays, gather_turns):
+            patch.setattr(module, "RAYS", replace(module.RAYS, max_first_samples=FIRST_SAMPLES))
+        yield
+
+
 @pytest.fixture(scope="module", params=SCENES)
 def patient(request: pytest.FixtureRequest, small_ember: Path) -> Iterator[Patient]:
     scene, model = SCENES[request.param]
-    with coarse_shadow_maps():
-        patient = Patient(scene, small_ember if model == "ember" else find_model(model),
-                          reflections=request.param == MIRRORS)
-    yield patient
-    patient.renderer.close()
+    with few_first_samples():
+        with coarse_shadow_maps():
+            patient = Patient(scene, small_ember if model == "ember" else find_model(model),
+                              reflections=request.param == MIRRORS)
+        yield patient
+        patient.renderer.close()
 
 
-def bounded_and_healing(patient: Patient, resources: tuple[str, ...], value: float) -> None:
+def bounded_and_healing(patient: Patient, resources: tuple[str, ...],
+                        value: float | Callable[[Image], Image]) -> None:
     patient.poison(resources, value)
     try:
         patient.draw(POISONED)
@@ -122,12 +140,12 @@ def bounded_and_healing(patient: Patient, resources: tuple[str, ...], value: flo
     np.testing.assert_array_equal(patient.draw(1)[0], patient.clean[0])
 
 
-@pytest.mark.parametrize("poison", POISONS)
-def test_every_resource(patient: Patient, poison: str) -> None:
+@pytest.mark.parametrize("value", [np.nan, both_infinities, -100.0], ids=["nan", "infinities", "-100"])
+def test_every_resource(patient: Patient, value: float | Callable[[Image], Image]) -> None:
     failures = {}
     for resource in patient.resources:
         try:
-            bounded_and_healing(patient, (resource,), POISONS[poison])
+            bounded_and_healing(patient, (resource,), value)
         except AssertionError as error:
             failures[resource] = error
     assert not failures
