@@ -203,6 +203,17 @@ class Material:
         """Whether any layer of it reflects more than diffuse light."""
         return max(self.specular) > 0.0 or self.metallic > 0.0 or self.clearcoat is not None or self.sheen is not None
 
+    @cached_property
+    def min_roughness(self) -> float:
+        """Lowest perceptual roughness of the base's specular lobe anywhere; 1 where it has none."""
+        if not (max(self.specular) > 0.0 or self.metallic > 0.0):
+            return 1.0
+        texture = self.metallic_roughness_map
+        if texture is None:
+            return self.roughness
+        values = np.nan_to_num(texture.pixels[..., 1], nan=1.0)
+        return self.roughness * float(values.min()) / (255.0 if texture.pixels.dtype == np.uint8 else 1.0)
+
     @property
     def is_see_through(self) -> bool:
         """Whether what is behind it can be seen: it is blended or transmits light."""

@@ -56,16 +56,16 @@ void main()
         vec3 along = cosine_direction(surface.xyz, vec2(bits >> 8u) * TO_UNIT);
         Hit hit = nearest_hit(origin, along);
         if (hit.body >= 0) {
-            first = surface_at(hit, origin, along);
+            first = surface_at(hit, origin, along, 0.0);
             near = min(hit.distance / reach, 1.0);
         }
         if (near < 1.0) {
             origin = first.position + ray_epsilon * first.normal;
             along = cosine_direction(first.normal, vec2(hash(bits) >> 8u) * TO_UNIT);
             hit = nearest_hit(origin, along);
-            if (hit.body >= 0) second = surface_at(hit, origin, along);
+            if (hit.body >= 0) second = surface_at(hit, origin, along, 0.0);
         }
     }
-    store_ray_end(texel, first, near);
-    store_ray_end(texel + ivec2(0, size.y), second, 1.0);
+    store_ray_end(texel, first, near, vec3(0.0));
+    store_ray_end(texel + ivec2(0, size.y), second, 1.0, vec3(0.0));
 }

@@ -1,11 +1,12 @@
-// Light along the rays of reflection_trace.comp.
+// Light along the rays of reflection_trace.comp, also from where they go on.
 #include "ray_ends.glsl"
 
-layout(rgba32f, binding = 0) writeonly uniform image2D reflection_traced;  // radiance; a: length, 0 where no ray was traced
+layout(rgba32f, binding = 0) writeonly uniform image2D reflection_traced;  // radiance; a: length, negative where it goes on, 0 where no ray was traced
 
 void main()
 {
     ivec2 texel = ivec2(gl_WorkGroupID.xy);
-    vec4 light = vec4(light_of(texel, true, vec3(0.0)), texelFetch(end_albedo, texel, 0).a);
-    if (gl_LocalInvocationIndex == 0u) imageStore(reflection_traced, texel, light);
+    ivec2 beyond = texel + ivec2(0, textureSize(end_albedo, 0).y / 2);
+    vec3 light = light_of(texel, true, vec3(0.0)) + light_of(beyond, true, vec3(0.0));
+    if (gl_LocalInvocationIndex == 0u) imageStore(reflection_traced, texel, vec4(light, texelFetch(end_albedo, texel, 0).a));
 }

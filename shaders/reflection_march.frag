@@ -150,9 +150,11 @@ float march(vec3 p, vec3 l, float jitter)
     ivec2 pixel = ivec2(clamp(position, vec2(0.0), vec2(textureSize(depth, 0) - 1)));
     float d = texelFetch(depth, pixel, 0).r;
     vec3 shown = surface_point(vec2(pixel) + 0.5, d), n = sanitize_normal(texelFetch(normal, pixel, 0).xyz);
+    vec4 reflectance = texelFetch(specular_roughness, pixel, 0);
     float facing_eye = max(-dot(n, normalize(along_view(shown))), MIN_FACING);
     bool meets = is_surface(d) && dot(n, l) < 0.0 && distance(end, shown) * facing_eye <= MAX_OFF * pixel_width(d)
-        && !is_metallic(texelFetch(albedo, pixel, 0).rgb, texelFetch(specular_roughness, pixel, 0).rgb);
+        && !is_metallic(texelFetch(albedo, pixel, 0).rgb, reflectance.rgb)
+        && !(onward_share(sanitize_albedo(reflectance.rgb), reflectance.a, -dot(n, l)) > 0.0);
     return meets && t > 0.0 ? t : NOT_SHOWN;
 }
 

@@ -1,9 +1,13 @@
 // Where reflected rays end that the screen does not show, as app/passes/reflection_rays.py traces them on the CPU, and the
-// environment along those that end nowhere. Light at their ends is drawn between this and reflection_light.comp.
+// environment along those that end nowhere; from glossy surfaces they go on, as in app/raycast/onward_rays.py. Light at their
+// ends is drawn between this and reflection_light.comp.
 layout(local_size_x = 8, local_size_y = 8) in;
 
 #include "numbers.glsl"
 #include "store_ray_ends.glsl"
+#include "noise.glsl"
+#include "visible_normals.glsl"
+#include "ray_share.glsl"
 
 const float MAX_UNIT_ERROR = 0.1;  // of a direction's squared length
 
@@ -14,6 +18,8 @@ uniform sampler2D environment;        // top row straight up
 uniform float rotation;               // counter-clockwise about +y seen from above, in full circles
 #endif
 uniform vec3 local_eye;               // in local space: world axes, the scene's centre as origin
+uniform float ray_epsilon;            // by which rays that go on start off their surface, scene units
+uniform vec2 noise_offset;            // of the patterns that choose where they go on, in this frame
 uniform float sky_distance;           // length of rays that end nowhere, scene units
 
 vec3 sky(vec3 along)
@@ -26,20 +32,44 @@ vec3 sky(vec3 along)
 #endif
 }
 
+// What a ray in local space meets, or the sky as the emission of nothing; its length.
+float trace(vec3 origin, vec3 along, float proxy_share, inout Surface end)
+{
+    Hit hit = nearest_hit(origin, along);
+    bool met = hit.body >= 0;
+    if (met) end = surface_at(hit, origin, along, proxy_share);
+    else end.emission = sky(along);
+    return met ? hit.distance : sky_distance;
+}
+
+// Stores ends of first rays in the lower half of the images, and those of rays that go on in the upper half.
 void main()
 {
     ivec2 texel = ivec2(gl_GlobalInvocationID.xy), size = textureSize(reflection_ray, 0);
     if (texel.x >= size.x || texel.y >= size.y) return;
     vec4 ray = texelFetch(reflection_ray, texel, 0);
     vec3 origin = texelFetch(reflection_origin, texel, 0).xyz + local_eye;
-    Surface end = NO_SURFACE;
-    float distance = 0.0;  // where no ray was traced
+    Surface end = NO_SURFACE, beyond = NO_SURFACE;
+    vec3 more_direct = vec3(0.0);
+    float distance = 0.0;  // where no ray was traced; negative where one goes on
     if (ray.a < 0.0 && abs(dot(ray.xyz, ray.xyz) - 1.0) < MAX_UNIT_ERROR && is_finite(dot(origin, vec3(1.0)))) {
-        Hit hit = nearest_hit(origin, ray.xyz);
-        bool met = hit.body >= 0;
-        distance = met ? hit.distance : sky_distance;
-        if (met) end = surface_at(hit, origin, ray.xyz);
-        else end.emission = sky(ray.xyz);
+        distance = trace(origin, ray.xyz, 0.0, end);
+        float n_v = -dot(ray.xyz, end.normal), share = onward_share(end.f0, end.roughness, n_v);
+        if (share > 0.0) {
+            vec3 mirrored = share * specular_albedo(end.f0, end.roughness, n_v);
+            vec3 instead = share * specular_albedo(end.f0, end.roughness, MEAN_COSINE);
+            float sharp = 1.0 - smoothstep(SHARP_HIGHLIGHT, BROAD_HIGHLIGHT, end.roughness);
+            vec3 for_direct = min(end.albedo - sharp * instead, 1.0 - sharp * mirrored);
+            end.albedo = min(end.albedo - instead, 1.0 - mirrored);
+            more_direct = for_direct - end.albedo;
+            vec2 u = fract(vec2(texel_noise(vec2(texel)), texel_noise(vec2(texel.y, size.x - texel.x))) + noise_offset);
+            vec3 onward = reflected(-ray.xyz, end.normal, end.face, end.roughness * end.roughness, u);
+            float further = trace(end.position + ray_epsilon * end.face, onward, sharp, beyond);
+            distance = -(dot(mirrored - end.albedo, vec3(1.0)) > 0.0 ? distance + further : distance);
+            beyond.albedo *= mirrored;
+            beyond.emission *= mirrored;
+        }
     }
-    store_ray_end(texel, end, distance);
+    store_ray_end(texel, end, distance, more_direct);
+    store_ray_end(texel + ivec2(0, size.y), beyond, 0.0, vec3(0.0));
 }

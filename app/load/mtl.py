@@ -3,6 +3,7 @@
 Colours are linear, colour textures sRGB-encoded. Height maps and maps of highlights are ignored.
 """
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,6 +26,7 @@ _OPTION_WORDS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-bm": 1, "-cc": 1, "-
                  "-texres": 1, "-type": 1}
 _OPTION_VECTORS = ("-o", "-s", "-t")
 
+_COLORS = "kd", "ke", "ks"
 _CHANNELS = {"r": 0, "g": 1, "b": 2, "m": 3}
 
 Values = dict[str, list[str]]
@@ -83,6 +85,10 @@ class _MaterialBuilder:
         self._folder, self._images, self._builder = folder, images, builder
 
     def build(self, name: str, values: Values) -> Material:
+        for key in (*_COLORS, "d", "tr", "ns", "pr", "pm"):
+            if key in values and not all(map(_is_number, values[key][:3] if key in _COLORS else values[key][-1:])):
+                said = " ".join((key, *values[key]))
+                self._builder.notice(f"material {name!r}: {said!r} is no number, so it is ignored")
         albedo, emission, specular = (_color(values.get(k)) for k in ("kd", "ke", "ks"))
         albedo_map, emission_map, mask = (self._texture(name, values.get(k)) for k in ("map_kd", "map_ke", "map_d"))
         if albedo is None or (albedo_map is not None and max(albedo) == 0):
@@ -238,7 +244,7 @@ def _opacity(values: dict[str, list[str]]) -> float:
 
 
 def _color(words: list[str] | None) -> tuple[float, float, float] | None:
-    if words is None or not _is_number(words[0]):
+    if words is None or not all(map(_is_number, words[:3])):
         return None
     numbers = [float(w) for w in words[:3]]
     return color(numbers if len(numbers) == 3 else [numbers[0]] * 3)
@@ -249,13 +255,11 @@ def _clamp(values: tuple[float, float, float]) -> tuple[float, float, float]:
 
 
 def _number(words: list[str] | None, default: float) -> float:
-    value = float(words[-1]) if words and _is_number(words[-1]) else default
-    return value if np.isfinite(value) else default
+    return float(words[-1]) if words and _is_number(words[-1]) else default
 
 
 def _is_number(word: str) -> bool:
     try:
-        float(word)
+        return math.isfinite(float(word))
     except ValueError:
         return False
-    return True

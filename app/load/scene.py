@@ -216,7 +216,7 @@ def require_instances(builder: SceneBuilder, path: Path) -> None:
     SceneError
         When there is not.
     """
-    if not builder.instances:
+    if all(not i.moves and np.count_nonzero(i.transform[:3, :3].any(axis=0)) < 2 for i in builder.instances):
         hints = f": {'; '.join(builder.notices)}" if builder.notices else ""
         raise SceneError(f"no triangle to draw{hints}", path, "expected at least one triangle with an area")
 

@@ -19,7 +19,7 @@ from app.scene import Material
 
 PIXELS_PER_TEXEL = 16  # of the grid, within these limits:
 MIN_TEXELS, MAX_TEXELS = 2**16, 2**17
-MAX_ROUGHNESS = 0.6  # from which surfaces need no rays, as in reflection.glsl
+MAX_ROUGHNESS = 0.6  # from which surfaces need no rays, as in ray_share.glsl
 MARCH_STEPS = 16
 RAY_EPSILON = 1e-4   # of the scene's longest edge, by which rays start off their surface
 # Frames that are gathered, of mirrors and of rough surfaces.
@@ -35,14 +35,7 @@ def grid(size: Size) -> Size:
 
 def needs_rays(material: Material) -> bool:
     """Whether a material is smooth enough somewhere for its reflections to be traced."""
-    if not (max(material.specular) > 0.0 or material.metallic > 0.0):
-        return False
-    texture = material.metallic_roughness_map
-    if texture is None:
-        return material.roughness < MAX_ROUGHNESS
-    values = np.nan_to_num(texture.pixels[..., 1], nan=1.0)
-    smoothest = float(values.min()) / (255.0 if texture.pixels.dtype == np.uint8 else 1.0)
-    return material.roughness * smoothest < MAX_ROUGHNESS
+    return material.min_roughness < MAX_ROUGHNESS
 
 
 def declare_march(grid: Size, extent: float, has_history: bool, prefix: str = "") -> Pass:

@@ -3,6 +3,7 @@
 Direct light at the rays' ends is drawn as in the picture; indirect light is that of the world surfels around.
 """
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -20,7 +21,8 @@ from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
 from app.math3d import GOLDEN_RATIO, R2, put_rows, row_dots
 from app.passes.surfel_buffer import SurfelBuffer
-from app.raycast.caster import Caster, Hits
+from app.raycast.caster import Caster, Hits, concatenate
+from app.raycast.onward_rays import go_on
 from app.scene import Environment
 from app.surfels.tracked import TrackedSurfels
 
@@ -35,6 +37,7 @@ MAX_SLOPE = 0.1       # of the line between them over the surface at one of them
 SAME_NORMAL = 0.95    # cosine of the angle between their normals
 MIN_OTHERS = 4        # around, by whose mean the light of one is limited
 MAX_OVER_OTHERS = 4.0  # times that mean and that of all ends: rare light beside emitters would be dots
+ONWARD_STEPS = GOLDEN_RATIO, math.sqrt(2)  # of a frame's random numbers in shaders, other ones than of the first rays
 TRACED_SIDE = 8       # texels along the edges of what a work group of reflection_trace.comp traces
 
 
@@ -54,7 +57,7 @@ def declare(grid: tuple[int, int], surfels: TrackedSurfels, lights: LightSet, en
     return Pass(prefix + "reflection_rays", reads=(*rays, "surfel_light", *lights.shadow_maps),
                 optional=("surfel_indirect",), writes={prefix + "reflection_traced": Tex("f4", 4, size=grid)},
                 make=lambda device, bound: (
-                    _make_on_gpu(device, bound, grid, surfels, lights, environment, prefix)
+                    _make_on_gpu(device, bound, grid, surfels, lights, environment, has_history, prefix)
                     if surfels.caster.shader_rays else
                     _make(device, bound, grid, surfels, lights, environment, has_history, prefix)))
 
@@ -75,38 +78,42 @@ def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: Trac
             lookup = surfels.lookup
             of_surfels = lookup.smooth(_light_of(surfels, bound, resources))
 
-            def light_at(hits: Hits, ends: Ints) -> F32:
+            def light_at(hits: Hits, ends: Ints) -> tuple[F32, F32]:
                 light = direct.estimate(frame, resources, hits.position, hits.normal, shadow_rays,
                                         lambda traced: _averaged(traced, rows.take(ends), grid, hits))
-                return light + lookup.interpolate(of_surfels, hits.position, hits.normal)
+                return light, lookup.interpolate(of_surfels, hits.position, hits.normal)
 
             shift = frame.view.eye - surfels.caster.origin
             origin = _read(resources, prefix + "reflection_origin").take(rows, axis=0)[:, :3] + shift
+            seeds = frame.index if has_history else 0, int(2**32 * frame.noise_phase)
+            u = np.random.default_rng(seeds).random((len(rows), 2), np.float32)
             put_rows(traced, rows, _trace(surfels.caster, light_at, environment, origin.astype(np.float32),
-                                          ray.take(rows, axis=0)[:, :3]))
+                                          ray.take(rows, axis=0)[:, :3], u))
         resources[prefix + "reflection_traced"].write(traced.tobytes())
 
     return execute
 
 
 def _make_on_gpu(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: TrackedSurfels, lights: LightSet,
-                 environment: Environment | None, prefix: str) -> Execute:
+                 environment: Environment | None, has_history: bool, prefix: str) -> Execute:
     """The same with rays that shaders trace, all of them in each frame."""
     rays = surfels.caster.shader_rays
     assert rays is not None
-    direct = DirectLight(device, lights, read_defines(bound), grid, surfels.caster, on_gpu=True)
+    ends_grid = grid[0], 2 * grid[1]  # those of the rays, and above them those of rays that go on
+    direct = DirectLight(device, lights, read_defines(bound), ends_grid, surfels.caster, on_gpu=True)
     trace = device.program("reflection_trace.comp", defines={"HAS_ENVIRONMENT": 1} if environment else {})
     light = device.program("reflection_light.comp", defines=lights.defines)
     sky = {} if environment is None else {"environment": environment_texture(device, environment)}
     rotation = 0.0 if environment is None else environment.rotation_deg / 360 % 1.0
     buffer = SurfelBuffer(device, surfels)
     ends = dict(zip(("end_position", "end_normal", "end_albedo", "end_emission"),
-                    (*direct.points, *(device.ctx.texture(grid, 4, dtype="f4") for _ in range(2))), strict=True))
+                    (*direct.points, *(device.ctx.texture(ends_grid, 4, dtype="f4") for _ in range(2))), strict=True))
 
     def execute(frame: FrameState, resources: Resources) -> None:
         caster = surfels.caster
         trace.set(local_eye=tuple(frame.view.eye - caster.origin), sky_distance=SKY_DISTANCE * caster.extent,
-                  rotation=rotation)
+                  rotation=rotation, ray_epsilon=caster.ray_epsilon, noise_phase=frame.noise_phase,
+                  noise_offset=tuple(step * (1 + frame.index * has_history) % 1.0 for step in ONWARD_STEPS))
         rays.bind(trace)
         traced = {**{name: resources[prefix + name] for name in ("reflection_origin", "reflection_ray")}, **sky}
         run_over_grid(device, trace, grid, TRACED_SIDE, traced, tuple(ends.values()))
@@ -177,30 +184,49 @@ def _averaged(light: F32, rows: Ints, grid: tuple[int, int], hits: Hits) -> F32:
     return total
 
 
-def _trace(caster: Caster, light_at: Callable[[Hits, Ints], F32], environment: Environment | None, origin: F32,
-           direction: F32) -> F32:
-    """Radiance along rays and their lengths, to what is most seen, shape (N, 4); negative where they pass something.
+def _trace(caster: Caster, light_at: Callable[[Hits, Ints], tuple[F32, F32]], environment: Environment | None,
+           origin: F32, direction: F32, u: F32) -> F32:
+    """Radiance along rays and their lengths, to what is most seen, shape (N, 4).
+
+    Lengths are negative where rays pass something or go on, so that what the screen shows at their end is not all.
 
     Parameters
     ----------
     light_at : callable
-        Takes what is met, and which of the rays end at the first of it; gives irradiance / π there.
+        Takes what is met, and which of the rays end at the first of it; gives direct and indirect irradiance / π there.
+    u : ndarray, float32, shape (N, 2)
+        In [0, 1), that choose where rays go on.
     """
     finite: Bools = np.asarray(np.isfinite(origin).all(axis=1))
+    count = len(origin)
     met = caster.cast_through(np.where(finite[:, None], origin, 0), direction)
-    found = np.zeros((len(origin), 4), np.float32)
-    is_sky = met.hits.body < 0
-    seen = np.flatnonzero(finite.take(met.ray) & ~is_sky)
-    if len(seen):
-        at, ray, share = met.hits.select(seen), met.ray.take(seen), met.share.take(seen, axis=0)
-        np.add.at(found[:, :3], ray, share * (at.traced_emission + at.albedo * light_at(at, ray[seen < len(origin)])))
-    sky = np.flatnonzero(finite & is_sky[:len(origin)])
-    if environment is not None and len(sky):
-        found[sky, :3] += met.share.take(sky, axis=0) * radiance_along(environment, direction[sky].astype(np.float64))
-    distance = np.where(is_sky, SKY_DISTANCE * caster.extent, met.hits.distance)
-    order = np.argsort(met.share.sum(axis=1), kind="stable")  # the last one of a ray is the one most seen
-    found[met.ray[order], 3] = distance[order]
-    found[met.ray[len(origin):], 3] *= -1
+    ends = np.flatnonzero(finite & (met.hits.body[:count] >= 0))
+    onward = go_on(caster, met.hits.select(ends), direction.take(ends, axis=0), u.take(ends, axis=0))
+    goes_on = ends.take(onward.end)
+    hits = concatenate([met.hits, onward.hits])
+    for_direct = hits.albedo.copy()
+    hits.albedo[goes_on], for_direct[goes_on] = onward.left, onward.left_for_direct
+    emission = np.concatenate([met.hits.traced_emission, onward.hits.emission])
+    ray, along = np.concatenate([met.ray, goes_on]), np.concatenate([direction.take(met.ray, axis=0), onward.direction])
+    share = np.concatenate([met.share, met.share.take(goes_on, axis=0) * onward.share])
+    is_sky, counts = hits.body < 0, finite.take(ray)
+    found = np.zeros((count, 4), np.float32)
+    if len(lit := np.flatnonzero(counts & ~is_sky)):
+        at = hits.select(lit)
+        direct, indirect = light_at(at, ray[lit[lit < count]])
+        light = emission.take(lit, axis=0) + for_direct.take(lit, axis=0) * direct + at.albedo * indirect
+        np.add.at(found[:, :3], ray[lit], share[lit] * light)
+    if environment is not None and len(sky := np.flatnonzero(counts & is_sky)):
+        np.add.at(found[:, :3], ray[sky], share[sky] * radiance_along(environment, along[sky].astype(np.float64)))
+    distance = np.where(is_sky, SKY_DISTANCE * caster.extent, hits.distance)
+    distance[len(met.ray):] += distance[goes_on]
+    seen = met.share.sum(axis=1)
+    mirrored = onward.share.sum(axis=1) / np.maximum((onward.share + onward.left).sum(axis=1), 1e-6)
+    seen = np.concatenate([seen, seen[goes_on] * mirrored])
+    seen[goes_on] *= 1 - mirrored
+    order = np.argsort(seen, kind="stable")  # the last one of a ray is the one most seen
+    found[ray[order], 3] = distance[order]
+    found[ray[count:], 3] *= -1
     found[~finite, 3] = 0
     return found
 

@@ -1,6 +1,8 @@
 """A set of triangles that moves as one, and the surface properties at the points where rays meet it."""
 
-from collections.abc import Iterable, Sequence
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,7 +18,8 @@ from app.scene import Instance, Material, Scene, Texture
 from app.specular_albedo import MEAN_COSINE, specular_albedo
 
 # Those that rays see, beside that of transmission.
-_MAPS = ("albedo_map", "emission_map", "metallic_roughness_map", "specular_map")
+_REFLECTING_MAPS = "albedo_map", "metallic_roughness_map", "specular_map"
+_MAPS = "emission_map", *_REFLECTING_MAPS
 MIN_OPACITY = 1e-3  # of what rays meet, so that nothing divides by 0
 HASH_CELLS = 2**14  # of a triangle's edge, in which hits have the same random number
 MAX_PASSED = 16  # surfaces with holes, culled backs and light proxies that a ray can pass
@@ -39,6 +42,55 @@ class SurfaceInteraction:
     normal: F32
     albedo: F32
     emission: F32
+
+
+@dataclass(frozen=True, eq=False)
+class Lobes:
+    """Specular lobes at N hits.
+
+    Attributes
+    ----------
+    f0 : ndarray, float32, shape (N, 3)
+        Reflectance at normal incidence, 0 where there is no lobe.
+    roughness : ndarray, float32, shape (N, 1)
+        Perceptual.
+    face : ndarray, float32, shape (N, 3)
+        Unit normal of the triangle where there is one.
+    """
+
+    f0: F32
+    roughness: F32
+    face: F32
+
+
+@dataclass(frozen=True, eq=False)
+class _Base:
+    """The core material model at N hits.
+
+    Attributes
+    ----------
+    material : ndarray of int, shape (N,)
+        Index into ``Body.materials``.
+    color, dielectric : ndarray, float32, shape (N, 3)
+        Base colour, and F0 of what is no metal.
+    roughness, metallic : ndarray, float32, shape (N, 1)
+        Perceptual roughness, and share of metal.
+    """
+
+    material: Ints
+    color: F32
+    dielectric: F32
+    roughness: F32
+    metallic: F32
+
+    @property
+    def f0(self) -> F32:
+        """Reflectance at normal incidence, shape (N, 3)."""
+        return np.asarray(self.dielectric + self.metallic * (self.color.clip(0, 1) - self.dielectric))
+
+    def select(self, rows: Ints) -> _Base:
+        """The hits at indices."""
+        return _Base(*(values.take(rows, axis=0) for values in vars(self).values()))
 
 
 class Body:
@@ -101,11 +153,12 @@ class Body:
         self.alpha_tested = np.array([m.alpha_cutoff is not None or m.is_see_through for m in self.materials], bool)
         self.one_sided = np.array([m.is_one_sided for m in self.materials], bool)
         self.lit_through = np.array([m.is_lit_through for m in self.materials], bool)
-        self._transmits = np.array([m.transmission is not None for m in self.materials], bool)
-        self._has_glass = bool(self._transmits.any())
-        self._varies = np.array([bool(m.maps) or m.emits or m.transmission is not None for m in self.materials],
-                                bool)
+        self._has_glass = any(m.transmission is not None for m in self.materials)
+        self._is_mapped = np.array([any(m.maps.get(name) is not None for name in _REFLECTING_MAPS)
+                                    for m in self.materials], bool)
+        self._emits_or_transmits = np.array([m.emits or m.transmission is not None for m in self.materials], bool)
         self._has_specular = np.array([m.has_specular and not m.is_unlit for m in self.materials], bool)
+        self._min_roughness = np.array([1.0 if m.is_unlit else m.min_roughness for m in self.materials])
         self._albedo = _columns([(0.0,) * 3 if m.is_unlit else m.albedo for m in self.materials], 3)
         self._specular = _columns([m.specular for m in self.materials], 3)
         self._roughness_metallic = _columns([(m.roughness, m.metallic) for m in self.materials], 2)
@@ -200,14 +253,15 @@ class Body:
             start = origins.take(rows, axis=0) + passed[:, None] * along
             distance, triangle, uv, _ = self._cast((self._passable,), start, along, 1 - passed)
             met = triangle >= 0
-            passes = met & self._is_passed(triangle, uv, -along, tint is not None)  # light comes from the other end
+            # Light comes from the other end. Where it is tinted, as much passes as of the brightest channel.
+            passes, passing = self._passed_and_tint(triangle, uv, -along, self.lit_through,
+                                                    np.mean if tint is None else np.max)
             if not proxies_block:
                 passes |= met & self.is_light_proxy(triangle)
             occluded[rows[met & ~passes]] = True
             passed = passed + distance + steps[rows]
-            if tint is not None and self._has_glass:
-                through = np.flatnonzero(passes)
-                tint[rows[through]] *= self._tint(triangle[through], uv[through])
+            if tint is not None:
+                tint[rows[passes]] *= passing[passes]
             passes &= passed < 1
             rows, passed = rows[passes], passed[passes]
         return occluded
@@ -225,27 +279,22 @@ class Body:
         along = unit_rows(b - a)
         return origin, np.stack([along, np.cross(normal, along), normal], axis=2).astype(np.float32)
 
-    def _is_passed(self, triangle: Ints, uv: F32, directions: F32, is_tinted: bool) -> Bools:
-        """Whether light that moves along ``directions`` goes through the surface there, shape (N,).
-
-        As much passes as does on the mean of the channels, or of the brightest one where what passes is tinted then.
-        """
-        passed: Bools = np.zeros(len(triangle), np.bool_)
-        met, share = self._passing_where_passable(triangle, uv, directions, self.lit_through)
-        passed[met] = _passes_by_chance((share.max if is_tinted else share.mean)(axis=1), uv[met])
-        return passed
-
     def passed_and_tint(self, triangle: Ints, uv: F32, directions: F32) -> tuple[Bools, F32]:
         """Whether rays along ``directions`` go through the surface, shape (N,), as often as light does on the mean.
 
         And light in each channel over that mean for those that do, 1 for others, shape (N, 3).
         """
+        return self._passed_and_tint(triangle, uv, directions, self.one_sided, np.mean)
+
+    def _passed_and_tint(self, triangle: Ints, uv: F32, directions: F32, culled: Bools,
+                         often: Callable[..., F32]) -> tuple[Bools, F32]:
+        """``passed_and_tint`` with a mean or another measure of the channels, where backs of ``culled`` are passed."""
         passed, tint = np.zeros(len(triangle), np.bool_), np.ones((len(triangle), 3), np.float32)
-        met, share = self._passing_where_passable(triangle, uv, directions, self.one_sided)
-        mean = share.mean(axis=1)
-        passes = _passes_by_chance(mean, uv[met])
+        met, share = self._passing_where_passable(triangle, uv, directions, culled)
+        chance = often(share, axis=1)
+        passes = _passes_by_chance(chance, uv[met])
         passed[met] = passes
-        tint[met[passes]] = share[passes] / np.maximum(mean[passes, None], np.float32(MIN_OPACITY))
+        tint[met[passes]] = share[passes] / np.maximum(chance[passes, None], np.float32(MIN_OPACITY))
         return passed, tint
 
     def passing(self, triangle: Ints, uv: F32, directions: F32) -> F32:
@@ -284,15 +333,6 @@ class Body:
         shares[backs[~self._is_front(triangle[backs], directions.take(met[backs], axis=0))]] = 1
         return met, shares
 
-    def _tint(self, triangle: Ints, uv: F32) -> F32:
-        """Light in each channel over that in the brightest one, (N, 3), where rays pass surfaces."""
-        tint = np.ones((len(triangle), 3), np.float32)
-        material = self.material[triangle]
-        for index, rows in self._by_material(np.flatnonzero(self._transmits[material]), triangle):
-            share = self._passing(self.materials[index], triangle[rows], uv[rows])[0]
-            tint[rows] = share / np.maximum(share.max(axis=1, keepdims=True), 1e-6)
-        return tint
-
     def _passing(self, m: Material, triangle: Ints, uv: F32) -> tuple[F32, F32]:
         """Shares of light that pass what is covered, (N, 3), and share that is not for diffuse reflection, (N,)."""
         share = np.tile(np.asarray(m.passing, np.float32), (len(triangle), 1))
@@ -317,51 +357,70 @@ class Body:
         length = row_lengths(normal)[:, None]
         normal = np.where(length > 1e-6, normal / np.maximum(length, 1e-30), face)
         normal = np.where(row_dots(normal, face)[:, None] < 0, -normal, normal)
-        material = self.material[triangle]
-        albedo = self._albedo.take(material, axis=0)
-        if self.colors is not None:
-            albedo *= self._interpolate(self.colors, triangle, uv)[:, :3]
-        emission = np.zeros_like(albedo)
-        specular = self._specular.take(material, axis=0)
-        roughness, metallic = self._roughness_metallic.take(material, axis=0).T[..., None]
+        base = self._base(triangle, uv)
+        albedo, emission = base.color.copy(), np.zeros_like(base.color)
         passing, refracted = np.zeros((2, len(triangle)), np.float32)
-        varying = np.flatnonzero(self._varies[material])
-        everywhere = [self._interpolate(uvs, triangle, uv) for uvs in self.uvs] if len(varying) else []
-        for index, rows in self._by_material(varying, triangle):
-            m = self.materials[index]
-            at = [uvs.take(rows, axis=0) for uvs in everywhere]
-            if m.albedo_map is not None:
-                albedo[rows] *= self._textured(m.albedo_map, at, m.alpha_cutoff is not None)
-            if m.specular_map is not None:
-                specular[rows] *= self._textured(m.specular_map, at)
-            if m.metallic_roughness_map is not None:
-                maps = self._textured(m.metallic_roughness_map, at)
-                roughness[rows] *= maps[:, 1:2]
-                metallic[rows] *= maps[:, 2:]
+        for index, rows in self._by_material(np.flatnonzero(self._emits_or_transmits[base.material]), triangle):
+            m, at = self.materials[index], (triangle[rows], uv[rows])
             if m.transmission is not None:
-                shares, refracted[rows] = self._passing(m, triangle[rows], uv[rows])
+                shares, refracted[rows] = self._passing(m, *at)
                 passing[rows] = shares.mean(axis=1)
             if m.emits:
                 emits = m.double_sided | self._is_front(triangle[rows], directions[rows])[:, None]
-                emitted = np.array(m.emission, np.float32) * self._textured(m.emission_map, at)
-                emission[rows] = np.where(emits, emitted, 0.0)
-        shiny = np.flatnonzero(self._has_specular.take(material))
-        of_shiny = (values.take(shiny, axis=0) for values in (albedo.clip(0, 1), specular, roughness, metallic))
-        base, dielectric, roughness, metallic = of_shiny
-        matte = base
+                texels = self._textured(m.emission_map, [self._interpolate(uvs, *at) for uvs in self.uvs])
+                emission[rows] = np.where(emits, np.array(m.emission, np.float32) * texels, 0.0)
+        shiny = np.flatnonzero(self._has_specular.take(base.material))
+        of_shiny = base.select(shiny)
+        matte = of_shiny.color.clip(0, 1)
         if self._has_glass:
             diffuse = np.float32(1) - refracted[:, None]
             albedo *= diffuse
-            matte = base * diffuse.take(shiny, axis=0)
-        put_rows(albedo, shiny, _reflectance(base, matte, dielectric, roughness, metallic))
+            matte = matte * diffuse.take(shiny, axis=0)
+        put_rows(albedo, shiny, _reflectance(of_shiny, matte))
         if self._has_glass:
             met = np.maximum(np.float32(1) - passing, np.float32(MIN_OPACITY))[:, None]  # share of rays that meet it
             albedo, emission = albedo / met, emission / met
         return SurfaceInteraction(normal.astype(np.float32), np.clip(albedo, 0.0, 1.0), np.maximum(emission, 0.0))
 
+    def lobes(self, triangle: Ints, uv: F32, max_roughness: float) -> Lobes:
+        """The specular lobes at hits as for ``Caster.lobes``, with face normals in the body's space on any side."""
+        f0, face = np.zeros((2, len(triangle), 3), np.float32)
+        roughness = np.ones((len(triangle), 1), np.float32)
+        rows = np.flatnonzero(self._min_roughness.take(self.material.take(triangle)) < max_roughness)
+        base = self._base(triangle.take(rows), uv.take(rows, axis=0))
+        f0[rows], roughness[rows], face[rows] = base.f0, base.roughness, unit_rows(self._face(triangle.take(rows)))
+        return Lobes(f0, roughness, face)
+
+    def _base(self, triangle: Ints, uv: F32) -> _Base:
+        """What the core material model says of surfaces at hits."""
+        material = self.material[triangle]
+        color = self._albedo.take(material, axis=0)
+        if self.colors is not None:
+            color *= self._interpolate(self.colors, triangle, uv)[:, :3]
+        dielectric = self._specular.take(material, axis=0)
+        roughness, metallic = self._roughness_metallic.take(material, axis=0).T[..., None]
+        mapped = np.flatnonzero(self._is_mapped[material])
+        everywhere = [self._interpolate(uvs, triangle, uv) for uvs in self.uvs] if len(mapped) else []
+        for index, rows in self._by_material(mapped, triangle):
+            m = self.materials[index]
+            at = [uvs.take(rows, axis=0) for uvs in everywhere]
+            if m.albedo_map is not None:
+                color[rows] *= self._textured(m.albedo_map, at, m.alpha_cutoff is not None)
+            if m.specular_map is not None:
+                dielectric[rows] *= self._textured(m.specular_map, at)
+            if m.metallic_roughness_map is not None:
+                maps = self._textured(m.metallic_roughness_map, at)
+                roughness[rows] *= maps[:, 1:2]
+                metallic[rows] *= maps[:, 2:]
+        return _Base(material, color, dielectric, roughness, metallic)
+
     def _is_front(self, triangle: Ints, directions: F32) -> Bools:
+        return (row_dots(self._face(triangle), directions) < 0) != self.mirrored[triangle]
+
+    def _face(self, triangle: Ints) -> F32:
+        """Cross product of two edges, shape (N, 3)."""
         a, b, c = (self.positions.take(corner, axis=0) for corner in self.triangles.take(triangle, axis=0).T)
-        return (row_dots(np.cross(b - a, c - a), directions) < 0) != self.mirrored[triangle]
+        return np.asarray(np.cross(b - a, c - a))
 
     def _interpolate(self, values: F32, triangle: Ints, uv: F32) -> F32:
         """Vertex values at barycentric coordinates."""
@@ -393,14 +452,13 @@ def _columns(rows: Sequence[Sequence[float]], count: int) -> F32:
     return np.array(rows, np.float32).reshape(-1, count)
 
 
-def _reflectance(base: F32, matte: F32, dielectric: F32, roughness: F32, metallic: F32) -> F32:
-    """Diffuse and specular albedo of surfaces of a base colour, also without what glass lets through; at most 1.
+def _reflectance(base: _Base, matte: F32) -> F32:
+    """Diffuse and specular albedo, shape (N, 3), at most 1.
 
-    All have the shape (N, 3) or (N, 1).
+    ``matte`` is the base colour without what glass lets through, shape (N, 3), at most 1.
     """
-    cosine = np.full_like(roughness, MEAN_COSINE)
-    specular = specular_albedo(dielectric + metallic * (base - dielectric), roughness, cosine)
-    return np.asarray(specular + np.minimum(matte * (1 - metallic), 1 - specular))
+    specular = specular_albedo(base.f0, base.roughness, np.full_like(base.roughness, MEAN_COSINE))
+    return np.asarray(specular + np.minimum(matte * (1 - base.metallic), 1 - specular))
 
 
 def hash_uv(uv: F32) -> F32:

@@ -24,7 +24,7 @@ from app.math3d import (
     translation,
     unit_rows,
 )
-from app.raycast.body import MAX_PASSED, Body, hash_uv
+from app.raycast.body import MAX_PASSED, Body, Lobes, hash_uv
 from app.raycast.prefiltered_textures import PrefilteredTextures
 from app.scene import Instance, Scene
 
@@ -205,6 +205,20 @@ class Caster:
             if rows.any():
                 instance[rows] = np.asarray(members)[body.part[hits.triangle[rows]]]
         return instance
+
+    def lobes(self, hits: Hits, max_roughness: float) -> Lobes:
+        """The specular lobes at N hits, with face normals in local space on the side of the hits' normals.
+
+        Materials that are nowhere as smooth as ``max_roughness`` have none.
+        """
+        f0, face = np.zeros((2, len(hits.body), 3), np.float32)
+        roughness = np.ones((len(hits.body), 1), np.float32)
+        for index, body in enumerate(self.bodies):
+            rows = np.flatnonzero(hits.body == index)
+            found = body.lobes(hits.triangle.take(rows), hits.uv.take(rows, axis=0), max_roughness)
+            f0[rows], roughness[rows] = found.f0, found.roughness
+            face[rows] = found.face if index == STATIC else transform_normals(found.face, self.matrices[index])
+        return Lobes(f0, roughness, np.where(row_dots(face, hits.normal)[:, None] < 0, -face, face))
 
     def _pose_body(self, time: float) -> Body:
         """The body of all animated instances, in local space."""

@@ -2,7 +2,7 @@
 #include "numbers.glsl"
 #include "surfel_kernel.glsl"
 
-uniform sampler2D end_position;  // local space
+uniform sampler2D end_position;  // local space; a of this, the normal and the emission: what the albedo for direct light has more
 uniform sampler2D end_normal;    // 0: none
 uniform sampler2D end_albedo;    // a: the ray's length
 uniform sampler2D end_emission;
@@ -26,9 +26,10 @@ vec3 direct_at(ivec2 end)
 // Light that an end reflects and emits; ``own`` is the indirect light that arrives at it where surfels are not asked.
 vec3 light_of(ivec2 end, bool asks_surfels, vec3 own)
 {
-    vec3 normal = texelFetch(end_normal, end, 0).xyz, emitted = texelFetch(end_emission, end, 0).rgb;
-    if (dot(normal, normal) < 0.5) return emitted;
-    SurfelLight between = surfel_light_at(texelFetch(end_position, end, 0).xyz, normal);
-    vec3 arrives = direct_at(end) + between.sky + (asks_surfels ? between.indirect : own);
-    return emitted + texelFetch(end_albedo, end, 0).rgb * arrives;
+    vec4 normal = texelFetch(end_normal, end, 0), emitted = texelFetch(end_emission, end, 0);
+    if (dot(normal.xyz, normal.xyz) < 0.5) return emitted.rgb;
+    vec4 position = texelFetch(end_position, end, 0);
+    SurfelLight between = surfel_light_at(position.xyz, normal.xyz);
+    vec3 direct = direct_at(end), arrives = direct + between.sky + (asks_surfels ? between.indirect : own);
+    return emitted.rgb + texelFetch(end_albedo, end, 0).rgb * arrives + vec3(position.a, normal.a, emitted.a) * direct;
 }

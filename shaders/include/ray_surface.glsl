@@ -15,8 +15,11 @@ layout(std430, binding = 7) readonly buffer RayTexels { float ray_texels[]; };
 struct Surface {
     vec3 position;  // local space
     vec3 normal;    // unit length, on the side of the ray's origin
+    vec3 face;      // that of the triangle
     vec3 albedo;    // share of light from everywhere that goes back along the ray
-    vec3 emission;  // W/(sr m²), of what no analytic light stands for
+    vec3 emission;  // W/(sr m²)
+    vec3 f0;        // reflectance of the specular lobe at normal incidence, 0 for none
+    float roughness;  // perceptual
 };
 
 vec4 interpolate(int row, ivec3 vertices, vec3 weights)
@@ -43,8 +46,14 @@ vec3 textured(int row, vec4 uvs)
     return vec3(ray_texels[index], ray_texels[index + 1], ray_texels[index + 2]);
 }
 
-// The surface at a hit of nearest_hit.
-Surface surface_at(Hit hit, vec3 origin, vec3 along)
+// A vector of a body's space that goes by the transpose of the inverse, as normals do, in local space.
+vec3 turned(Body body, vec3 v)
+{
+    return normalize(v.x * body.to_body[0].xyz + v.y * body.to_body[1].xyz + v.z * body.to_body[2].xyz);
+}
+
+// The surface at a hit of nearest_hit; proxy_share: of the emission of light proxies, which analytic lights stand for.
+Surface surface_at(Hit hit, vec3 origin, vec3 along, float proxy_share)
 {
     Body body = ray_bodies[hit.body];
     ivec4 corners = ray_corners[hit.triangle];
@@ -63,17 +72,20 @@ Surface surface_at(Hit hit, vec3 origin, vec3 along)
     normal = dot(normal, face) < 0.0 ? -normal : normal;
 
     vec3 albedo = base * interpolate(2, corners.xyz, weights).rgb * textured(material + ALBEDO_MAP, uvs);
+    vec3 f0 = vec3(0.0);
+    float roughness = 1.0;
     if ((kind & HAS_SPECULAR) != 0) {
         vec3 maps = textured(material + METALLIC_ROUGHNESS_MAP, uvs), color = clamp(albedo, 0.0, 1.0);
         float metallic = emitted.w * maps.b;
-        vec3 f0 = mix(reflected.rgb * textured(material + SPECULAR_MAP, uvs), color, metallic);
-        vec3 specular = specular_albedo(f0, reflected.w * maps.g, MEAN_COSINE);
+        f0 = mix(reflected.rgb * textured(material + SPECULAR_MAP, uvs), color, metallic);
+        roughness = reflected.w * maps.g;
+        vec3 specular = specular_albedo(f0, roughness, MEAN_COSINE);
         albedo = specular + min(color * (1.0 - metallic), 1.0 - specular);
     }
     bool front = (dot(hit.face, step) < 0.0) != ((hit.flags & IS_MIRRORED) != 0);
-    bool emits = (kind & EMITS) != 0 && (hit.flags & IS_PROXY) == 0 && ((kind & IS_DOUBLE_SIDED) != 0 || front);
+    bool emits = (kind & EMITS) != 0 && ((kind & IS_DOUBLE_SIDED) != 0 || front);
     vec3 emission = emits ? max(emitted.rgb * textured(material + EMISSION_MAP, uvs), 0.0) : vec3(0.0);
-    // Rows of the inverse, since normals go by its transpose.
-    vec3 local = normal.x * body.to_body[0].xyz + normal.y * body.to_body[1].xyz + normal.z * body.to_body[2].xyz;
-    return Surface(origin + along * hit.distance, normalize(local), clamp(albedo, 0.0, 1.0), emission);
+    emission *= (hit.flags & IS_PROXY) != 0 ? proxy_share : 1.0;
+    return Surface(origin + along * hit.distance, turned(body, normal), turned(body, face), clamp(albedo, 0.0, 1.0), emission,
+                   f0, roughness);
 }

@@ -167,9 +167,9 @@ def test_light_of_a_window_is_that_of_the_cpu() -> None:
 @pytest.mark.parametrize("environment", [None, Environment(np.linspace([0.3, 0.5, 1.0], [1.2, 0.8, 0.5], 64,
                                                                        dtype=np.float32)[:, None])])
 def test_reflections_are_those_of_the_cpu(environment: Environment | None) -> None:
-    """Of what is behind the camera, on a polished floor, in a room with a hole."""
+    """Of what is behind the camera, on a polished floor, in a room with a hole; a box there mirrors the room itself."""
     polished = Material(albedo=(0.3,) * 3, specular=(0.5,) * 3, roughness=0.15)
-    red = replace(GREY, albedo=(0.9, 0.2, 0.1))
+    red = Material(albedo=(0.9, 0.2, 0.1), metallic=1.0, roughness=0.1)
     scene = make_scene([quad((-2, 0, 2), (4, 0, 0), (0, 0, -4), polished), quad((-2, 0, -2), (4, 0, 0), (0, 3, 0)),
                         box((-0.2, 0.3, 1.0), (0.6, 0.8, 0.2), red)], [LAMP_ABOVE], CAMERA)
     scene = replace(scene, environment=environment)

@@ -93,6 +93,8 @@ def test_traced_light_is_tinted_by_glass() -> None:
 
     red = Material(albedo=(1.0, 0.1, 0.2), transmission=Transmission(factor=1.0), roughness=0.0)
     np.testing.assert_allclose(light_below(red) / light_below(), red.passing, rtol=0.03)
+    black = replace(red, albedo=(0.0, 0.0, 0.0), alpha=0.25, is_blended=True)  # what it doesn't cover has no tint
+    np.testing.assert_allclose(light_below(black) / light_below(), 0.75, rtol=0.03)
 
 
 def test_cpu_and_gpu_trace_the_same_highlights() -> None:

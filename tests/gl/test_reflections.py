@@ -77,6 +77,19 @@ def test_a_mirror_shows_as_much_light_as_the_wall_sends(small_ember: Path) -> No
     np.testing.assert_allclose(seen[part].mean(axis=(0, 1)), there[part].mean(axis=(0, 1)), rtol=0.2)
 
 
+def test_a_mirror_shows_what_a_mirror_beside_it_shows(small_ember: Path) -> None:
+    """The same as the mirror beside it shows to the eye's mirror image."""
+    beside = quad((-0.98, 0, 1), (0, 0, -2), (0, 2, 0), MIRROR)
+    from_behind = Camera((0.0, 1.0, -2.5), (0.0, 1.0, 1.0), fov_y_deg=50.0)  # the mirror has no back
+    scene = room(replace(MIRROR, is_back_culled=True), beside)
+    seen = draw(scene, small_ember, (CAMERA,) * 8)[-1]["reflection"]
+    there = draw(scene, small_ember, (from_behind,) * 8)[-1]["reflection"][:, ::-1]
+    part = slice(24, 48), slice(6, 20)
+    assert there[part].min() > 0
+    np.testing.assert_allclose(seen[part].mean(axis=(0, 1)), there[part].mean(axis=(0, 1)), rtol=0.1)
+    np.testing.assert_allclose(seen[part].mean(axis=(0, 2)), there[part].mean(axis=(0, 2)), rtol=0.2)
+
+
 def test_a_coarse_grid_is_interpolated(small_ember: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As in large pictures: about the same light, and no blocks of pixels that share a texel."""
     fine = draw(room(), small_ember, (CAMERA,) * 4)[-1]["reflection"]

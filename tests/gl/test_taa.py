@@ -311,6 +311,19 @@ def test_what_was_not_resampled_is_not_sharpened(pixels: float) -> None:
     np.testing.assert_allclose(shown[8:-8, 8:-8], taa[8:-8, 8:-8], atol=2e-3 if pixels else 0.0)
 
 
+def test_a_wall_beside_a_lamp_has_no_dark_rim_in_motion() -> None:
+    """The lobes of the history's filter would take a tenth of the lamp's light from it."""
+    wall, lamp = Material(albedo=(0.5,) * 3), Material(albedo=(0.0,) * 3, emission=(20.0,) * 3)
+    panels = [quad((x, -3, 0.02), (0.12, 0.03, 0), (0, 6, 0), lamp) for x in (-0.9, -0.3, 0.3)]
+    scene = make_scene([quad((-4, -3, 0), (8, 0, 0), (0, 6, 0), wall), *panels], [PointLight((0, 0, 4), (25.0,) * 3)])
+    with renderer(scene, outputs=("final", "lit")) as drawn:
+        for frame in range(12):
+            images = drawn.render(Camera((0.006 * frame, 0.0, 3.0), (0.006 * frame, 0.0, 0.0), fov_y_deg=40.0))
+    shown = images["lit"].max(axis=2) < 1.0
+    assert 0.6 < shown.mean() < 0.95
+    assert images["final"][shown].min() > 0.7 * np.median(images["final"][shown])
+
+
 def test_sharpening_stays_in_the_range_of_the_neighbours() -> None:
     taa, shown = (pan(0.4, resource) for resource in ("taa", "sharpened"))
     beside = [np.roll(taa, shift, axis) for axis in (0, 1) for shift in (-1, 1)]

@@ -11,8 +11,8 @@ void main()
     vec3 origin = rays[5 * i].xyz, along = rays[5 * i + 1].xyz;
     Hit hit = nearest_hit(origin, along);
     bool blocked = is_occluded(origin, along, true), without_proxies = is_occluded(origin, along, false);
-    Surface s = Surface(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0));
-    if (hit.body >= 0) s = surface_at(hit, origin, along);
+    Surface s = Surface(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), 1.0);
+    if (hit.body >= 0) s = surface_at(hit, origin, along, 0.0);
     rays[5 * i] = vec4(hit.body >= 0 ? hit.distance : -1.0, hit.body, blocked, without_proxies);
     rays[5 * i + 1] = vec4(s.position, 0.0);
     rays[5 * i + 2] = vec4(s.normal, 0.0);

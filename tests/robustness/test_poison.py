@@ -90,7 +90,8 @@ class Patient:
                 assert final.max() <= self.bound
         return images
 
-    def poison(self, resources: tuple[str, ...], value: float | Callable[[Image], Image], texel: tuple[int, int] | None = None) -> None:
+    def poison(self, resources: tuple[str, ...], value: float | Callable[[Image], Image],
+               texel: tuple[int, int] | None = None) -> None:
         """All texels, or one by row and column."""
         def one(image: Image) -> Image:
             image = image.astype(np.float32)
@@ -106,8 +107,9 @@ class Patient:
 
 
 def both_infinities(image: Image) -> Image:
-    """Alternately, from texel to texel and from channel to channel."""
-    return np.where(np.indices(image.shape).sum(axis=0) % 2, np.inf, -np.inf)
+    """One in each half along the longest axis, so that sums over channels and neighbours are infinite too."""
+    axis = int(np.argmax(image.shape))
+    return np.where(np.indices(image.shape)[axis] < image.shape[axis] // 2, np.inf, -np.inf)
 
 
 @contextmanager

@@ -61,6 +61,13 @@ def test_errors_say_what_is_wrong_with_a_file(tmp_path, name, content, match):
         load_scene(tmp_path / name)
 
 
+def test_a_file_whose_nodes_are_all_scaled_to_nothing_has_nothing_to_draw(tmp_path):
+    file = Gltf()
+    file.json["nodes"][0]["scale"] = [0, 0, 0]
+    with pytest.raises(SceneError, match="no triangle to draw"):
+        load_scene(file.save(tmp_path))
+
+
 @pytest.mark.parametrize(("key", "value", "match"), [
     ("componentType", 5130, "componentType 5130 is none of 5120, "),
     ("type", "VEC5", "type 'VEC5' is none of SCALAR, ")])

@@ -101,6 +101,15 @@ def test_a_mask_stays_visible_where_the_material_is_half_transparent(tmp_path):
     assert material.alpha * 1.0 >= material.alpha_cutoff > 0
 
 
+def test_what_is_no_number_in_an_mtl_file_is_named(tmp_path):
+    mtl = "newmtl a\nKd 0.5 x 0.2\nNs nan\nKe 2\nd -halo 1\n"
+    material, scene = only_material(write_obj(tmp_path, PLANE, mtl))
+    assert material.albedo == (0.8,) * 3 and material.emission == (2.0,) * 3
+    assert [n for n in scene.notices if "no number" in n] == [
+        "material 'a': 'kd 0.5 x 0.2' is no number, so it is ignored",
+        "material 'a': 'ns nan' is no number, so it is ignored"]
+
+
 def test_opacity_is_the_coverage_of_a_blended_surface_and_d_takes_precedence_over_tr(tmp_path):
     solid, scene = only_material(write_obj(tmp_path, PLANE, "newmtl a\nTr 1.0\nd 1.0\n"))
     assert not solid.is_blended and not any("transparent" in n for n in scene.notices)
