@@ -1,7 +1,7 @@
 // Averages reflected light over 3x3 texels, a distance apart, of one surface, as far as the lobe spreads on the way to what it
 // reflects and the frames gathered leave noise; mirrors only fill texels without a sample. Seen at a slant, a lobe is narrow across
 // the plane of incidence: a half vector that tilts by x turns the reflection by 2x in that plane, and by 2x cos(angle of incidence)
-// across it. Two passes, at distances 3 and 1; the last also spreads light to texels that show something else, for glossy surfaces
+// across it; a surface that bends by alpha turns it as far. Two passes, at distances 3 and 1; the last also spreads light to texels that show something else, for glossy surfaces
 // thinner than a texel and at edges.
 #include "numbers.glsl"
 #include "grid.glsl"
@@ -86,7 +86,9 @@ void main()
         vec2 radii = min(radius, lobe_radius(at, roughness_there, there.a)) / shrink * vec2(1.0, cosine);
         radii = max(radii, frames > 0.0 ? 0.0 : HOLE_RADIUS);
         vec2 along = vec2(offset) * axes;
-        float weight = exp(-dot(0.5 / max(radii * radii, 1e-3), along * along) - rougher * rougher);
+        vec3 bend = there.xyz - surface.xyz;
+        float alpha = roughness * roughness / shrink, bent = frames > 0.0 ? 0.5 * dot(bend, bend) / max(alpha * alpha, 1e-5) : 0.0;
+        float weight = exp(-dot(0.5 / max(radii * radii, 1e-3), along * along) - rougher * rougher - bent);
         bool known = is_surface(there.a) && is_finite(dot(light, vec4(1.0))) && light.a > 0.0;
         bool counts = known && is_finite(weight) && abs(away) <= PLANE_TOLERANCE * depth_scale(surface.a)
             && dot(surface.xyz, there.xyz) >= SAME_NORMAL;
