@@ -17,7 +17,7 @@ from app.passes import reflection, reflection_rays
 from app.renderer import Renderer
 from app.scene import Camera, Environment, Material, PointLight, Scene, Texture, Transmission
 from app.settings import Settings
-from tests.gl.scenes import Part, box, make_scene, quad
+from tests.gl.scenes import Part, box, make_scene, quad, sphere
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "coarse_shadows")]
 
@@ -246,6 +246,18 @@ def test_a_metal_rod_shows_a_small_bright_spot_from_the_first_frames_on(small_em
              for image in draw(scene, small_ember, (CAMERA,) * 60, size)]
     print(f"LIGHT {np.mean(light[8:17]) / np.mean(light[30:]):.3f}")
     assert np.mean(light[8:17]) == pytest.approx(np.mean(light[30:]), rel=0.1)
+
+
+def test_a_metal_ball_is_not_blurred_more_than_its_lobe(small_ember: Path) -> None:
+    """Bands of a sky are wider than the lobe, but in the ball nearer together than it would spread on a floor."""
+    bands = np.where(np.arange(64)[:, None, None] // 4 % 2, 2.0, 0.2) * np.ones((64, 4, 3))
+    gold = Material("gold", albedo=(1.0, 1.0, 1.0), metallic=1.0, roughness=0.2)
+    scene = replace(make_scene([sphere((0.0, 1.0, -1.0), 0.6, 48, gold)], [], CAMERA),
+                    environment=Environment(bands.astype(np.float32)))
+    image = draw(scene, small_ember, (CAMERA,) * 6)[-1]["reflection"][..., 0]
+    column = image[:, 44:52].mean(axis=1)[28:44]  # around the middle of the ball
+    print(f"BANDS between {column.min():.2f} and {column.max():.2f}")
+    assert column.max() > 1.8 * column.min()
 
 
 def test_what_a_mirror_showed_at_rest_is_gone_when_the_camera_moves(small_ember: Path,
