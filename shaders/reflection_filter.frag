@@ -1,8 +1,8 @@
 // Averages reflected light over 3x3 texels, a distance apart, of one surface, as far as the lobe spreads on the way to what it
 // reflects and the frames gathered leave noise; mirrors only fill texels without a sample. Seen at a slant, a lobe is narrow across
 // the plane of incidence: a half vector that tilts by x turns the reflection by 2x in that plane, and by 2x cos(angle of incidence)
-// across it; a surface that bends by alpha turns it as far. Two passes, at distances 3 and 1; the last also spreads light to texels that show something else, for glossy surfaces
-// thinner than a texel and at edges.
+// across it; a surface that bends by alpha turns it as far. Two passes, at distances 3 and 1; the last also spreads light to texels
+// that show something else, for glossy surfaces thinner than a texel and at edges.
 #include "numbers.glsl"
 #include "grid.glsl"
 #include "nearest_texel.glsl"

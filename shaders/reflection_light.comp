@@ -1,7 +1,7 @@
-// Light along the rays of reflection_trace.comp, also from where they go on.
+// Light along the rays of reflection_trace.comp, also from where they go on, where lengths are negative.
 #include "ray_ends.glsl"
 
-layout(rgba32f, binding = 0) writeonly uniform image2D reflection_traced;  // radiance; a: length, negative where it goes on, 0 where no ray was traced
+layout(rgba32f, binding = 0) writeonly uniform image2D reflection_traced;  // radiance; a: length, 0 where no ray was traced
 
 void main()
 {

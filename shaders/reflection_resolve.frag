@@ -9,7 +9,7 @@ const float MIN_RATIO = 1e-4;        // of a ray's length to the depth where it 
 
 uniform sampler2D reflection_origin;  // relative space; a: negative on another surface than the texel's
 uniform sampler2D reflection_ray;     // direction; a: length if the screen shows the end
-uniform sampler2D reflection_traced;  // radiance; a: length, negative where it passes glass or goes on, 0 where no ray was traced
+uniform sampler2D reflection_traced;  // radiance; a: length, negative where a ray passes glass or goes on, 0 for none
 uniform sampler2D normal;
 uniform sampler2D depth;
 uniform sampler2D direct;

@@ -89,7 +89,7 @@ class _MaterialBuilder:
             if key in values and not all(map(_is_number, values[key][:3] if key in _COLORS else values[key][-1:])):
                 said = " ".join((key, *values[key]))
                 self._builder.notice(f"material {name!r}: {said!r} is no number, so it is ignored")
-        albedo, emission, specular = (_color(values.get(k)) for k in ("kd", "ke", "ks"))
+        albedo, emission, specular = (_color(values.get(k)) for k in _COLORS)
         albedo_map, emission_map, mask = (self._texture(name, values.get(k)) for k in ("map_kd", "map_ke", "map_d"))
         if albedo is None or (albedo_map is not None and max(albedo) == 0):
             albedo = (1.0, 1.0, 1.0) if albedo_map is not None else (0.8, 0.8, 0.8)

@@ -260,7 +260,7 @@ class Body:
                 passes |= met & self.is_light_proxy(triangle)
             occluded[rows[met & ~passes]] = True
             passed = passed + distance + steps[rows]
-            if tint is not None:
+            if tint is not None and self._has_glass:
                 tint[rows[passes]] *= passing[passes]
             passes &= passed < 1
             rows, passed = rows[passes], passed[passes]
@@ -358,7 +358,7 @@ class Body:
         normal = np.where(length > 1e-6, normal / np.maximum(length, 1e-30), face)
         normal = np.where(row_dots(normal, face)[:, None] < 0, -normal, normal)
         base = self._base(triangle, uv)
-        albedo, emission = base.color.copy(), np.zeros_like(base.color)
+        albedo, emission = base.color, np.zeros_like(base.color)
         passing, refracted = np.zeros((2, len(triangle)), np.float32)
         for index, rows in self._by_material(np.flatnonzero(self._emits_or_transmits[base.material]), triangle):
             m, at = self.materials[index], (triangle[rows], uv[rows])

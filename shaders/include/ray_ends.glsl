@@ -2,7 +2,8 @@
 #include "numbers.glsl"
 #include "surfel_kernel.glsl"
 
-uniform sampler2D end_position;  // local space; a of this, the normal and the emission: what the albedo for direct light has more
+// a of the position, the normal and the emission: what the albedo for direct light has more.
+uniform sampler2D end_position;  // local space
 uniform sampler2D end_normal;    // 0: none
 uniform sampler2D end_albedo;    // a: the ray's length
 uniform sampler2D end_emission;

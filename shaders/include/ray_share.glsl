@@ -1,4 +1,4 @@
-// Which surfaces reflect light by rays; app/raycast/onward_rays.py has the same constants.
+// Which surfaces reflect light by rays; app/raycast/onward_rays.py has the same constants for those that go on.
 #include "specular_albedo.glsl"
 
 const float FULL_RAY_ROUGHNESS = 0.4;  // perceptual; up to here reflections are traced,
