@@ -6,7 +6,11 @@
 
 const int BLUR_TAPS = 8;
 const float GOLDEN_ANGLE = 2.39996323;
-const float MIN_BLUR = 0.5;  // pixels
+const float MIN_BLUR = 0.5;    // pixels
+const float FILL_RADIUS = 4.0;  // pixels to what stands in for what is hidden
+const int VOLUME_STEPS = 16;    // of a ray through a volume
+const float PASSED = 0.2;       // of the volume's depth, behind which a ray has passed something
+const int REFINEMENTS = 3;      // halvings of the step that meets something
 const int INDIRECT_TAPS = 8;
 const float INDIRECT_RADIUS = 24.0;  // pixels
 const float SAME_DEPTH = 0.05;       // relative difference of depths of one surface,
@@ -33,7 +37,7 @@ uniform sampler2D normal;
 uniform sampler2D arriving;  // diffuse light on a coarse grid; a: depth of the layer there, 0 for none
 #endif
 #ifdef HAS_REFRACTION
-uniform sampler2D refraction;
+uniform sampler2D refraction;  // pixels to where light comes from; z: slope of its spread; a: depth of the glass
 #endif
 #ifdef HAS_OUTER_REFLECTION
 uniform sampler2D outer_reflection;  // a: 1 for the layer, 0 for a clear coat
@@ -42,30 +46,80 @@ uniform sampler2D outer_reflection;  // a: 1 for the layer, 0 for a clear coat
 layout(location = 0) out vec4 out_lit;
 
 #ifdef HAS_REFRACTION
-// Light behind a surface at depth d that is seen through rough or thick glass.
-vec3 transmitted_light(float d, vec3 from)
+// Whether a texel shows nothing nearer than a depth.
+bool is_behind(ivec2 texel, float nearest)
 {
-    vec2 pixel = gl_FragCoord.xy + from.xy;
-    float there = texelFetch(opaque_depth, ivec2(clamp(pixel, vec2(0.0), image.xy - 1.0)), 0).r;
-    // What lies before the surface is not seen through it.
-    bool is_behind = !is_surface(there) || there > d;
-    pixel = is_behind ? pixel : gl_FragCoord.xy;
-    there = is_behind ? there : texelFetch(opaque_depth, ivec2(gl_FragCoord.xy), 0).r;
+    float there = texelFetch(opaque_depth, texel, 0).r;
+    return !is_surface(there) || there > nearest;
+}
+
+ivec2 texel_at(vec2 pixel) { return ivec2(clamp(pixel, vec2(0.5), image.xy - 0.5)); }
+
+// Share of the way on screen through a volume from depth d, to a point from.xy pixels aside and from.w deeper, after
+// which the ray meets what is opaque; 1 if it leaves the volume.
+float share_inside(float d, vec4 from)
+{
+    float before = (texel_noise(gl_FragCoord.xy) - 1.0) / float(VOLUME_STEPS), met = 1.0;
+    for (int i = 1; i <= VOLUME_STEPS + 1 + REFINEMENTS && before < 1.0 && from.w > 0.0; ++i) {
+        float s = met < 1.0 ? 0.5 * (before + met) : min(before + 1.0 / float(VOLUME_STEPS), 1.0);
+#ifdef ORTHOGRAPHIC
+        float z = mix(d, d + from.w, s);
+#else
+        float z = d * (d + from.w) / mix(d + from.w, d, s);
+#endif
+        float there = texelFetch(opaque_depth, texel_at(gl_FragCoord.xy + s * from.xy), 0).r;
+        // What the ray is far behind of it has passed.
+        bool meets = is_surface(there) && there > d && there < z && z - there < PASSED * from.w;
+        met = meets ? s : met;
+        before = meets ? before : s;
+    }
+    return met;
+}
+
+// Between the four texels around a pixel; a: the share of them that is behind.
+vec4 interpolated(vec2 pixel, float nearest)
+{
+    vec2 first = floor(pixel - 0.5), part = pixel - 0.5 - first;
+    vec4 sum = vec4(0.0);
+    for (int i = 0; i < 4; ++i) {
+        vec2 corner = vec2(i & 1, i >> 1), weight = mix(1.0 - part, part, corner);
+        ivec2 t = texel_at(first + corner + 0.5);
+        vec4 tap = vec4(sanitize_radiance(texelFetch(behind, t, 0).rgb), 1.0) * weight.x * weight.y;
+        sum += is_behind(t, nearest) ? tap : vec4(0.0);
+    }
+    return sum;
+}
+
+// Around a pixel as far as GGX spreads its slopes, half of them within radius pixels; a: number of taps that are behind.
+vec4 blurred(vec2 pixel, float radius, float lod, float nearest)
+{
+    float turn = 6.2831853 * texel_noise(gl_FragCoord.xy);
+    vec4 sum = vec4(0.0);
+    for (int i = 0; i < BLUR_TAPS; ++i) {
+        float angle = turn + GOLDEN_ANGLE * float(i), u = (float(i) + 0.5) / float(BLUR_TAPS);
+        vec2 at = clamp(pixel + radius * sqrt(u / (1.0 - u)) * vec2(cos(angle), sin(angle)), vec2(0.5), image.xy - 0.5);
+        vec4 tap = vec4(sanitize_radiance(textureLod(behind, at * image.zw, lod).rgb), 1.0);
+        sum += is_behind(ivec2(at), nearest) ? tap : vec4(0.0);
+    }
+    return sum;
+}
+
+// Light behind a surface at depth d that is seen through rough or thick glass, which it leaves from.w farther away.
+vec3 transmitted_light(float d, vec4 from)
+{
+    float s = share_inside(d, from), nearest = s < 1.0 ? d : d + from.w;
+    vec2 pixel = clamp(gl_FragCoord.xy + s * from.xy, vec2(0.5), image.xy - 0.5);
+    ivec2 texel = is_behind(ivec2(pixel), nearest) ? ivec2(pixel) : ivec2(gl_FragCoord.xy);
+    float there = texelFetch(opaque_depth, texel, 0).r;
 #ifdef ORTHOGRAPHIC
     float share = is_surface(there) ? max(there - d, 0.0) : depth_scale(d);  // of a unit, as lens.y is in scene units
 #else
     float share = is_surface(there) ? max(there - d, 0.0) / there : 1.0;  // of the way from the eye
 #endif
     float radius = from.z * share * 0.5 * image.y / lens.y;
-    if (radius < MIN_BLUR) return sanitize_radiance(textureLod(behind, pixel * image.zw, 0.0).rgb);
-    float turn = 6.2831853 * texel_noise(gl_FragCoord.xy), lod = log2(max(radius * 0.7, 1.0));
-    vec3 sum = vec3(0.0);
-    for (int i = 0; i < BLUR_TAPS; ++i) {
-        float angle = turn + GOLDEN_ANGLE * float(i), u = (float(i) + 0.5) / float(BLUR_TAPS);
-        vec2 at = pixel + radius * sqrt(u / (1.0 - u)) * vec2(cos(angle), sin(angle));  // as GGX spreads its slopes
-        sum += sanitize_radiance(textureLod(behind, clamp(at * image.zw, 0.0, 1.0), lod).rgb);
-    }
-    return sum / float(BLUR_TAPS);
+    vec4 sum = radius < MIN_BLUR ? interpolated(pixel, nearest) : blurred(pixel, radius, log2(max(radius * 0.7, 1.0)), nearest);
+    if (sum.a <= 0.0) sum = blurred(pixel, FILL_RADIUS, 0.0, nearest);
+    return sum.a > 0.0 ? sum.rgb / sum.a : sanitize_radiance(texelFetch(behind, texel, 0).rgb);
 }
 #endif
 
@@ -109,8 +163,8 @@ void main()
         vec4 passing = texelFetch(passage, texel, 0);
         float coverage = sanitize_albedo(passing.aaa).x;
 #ifdef HAS_REFRACTION
-        vec3 from = texelFetch(refraction, texel, 0).xyz;
-        light = transmitted_light(d, clamp(mix(from, vec3(0.0), isnan(from)), -HALF_MAX, HALF_MAX));
+        vec4 from = texelFetch(refraction, texel, 0);
+        light = transmitted_light(d, clamp(mix(from, vec4(0.0), isnan(from)), vec4(-HALF_MAX, -HALF_MAX, 0.0, 0.0), vec4(HALF_MAX)));
 #endif
         light *= sanitize_albedo(passing.rgb);
         light += sanitize_radiance(texelFetch(direct, texel, 0).rgb);

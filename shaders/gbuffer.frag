@@ -151,7 +151,7 @@ layout(location = WRITE_SHEEN) out vec4 out_sheen;           // colour, perceptu
 layout(location = WRITE_PASSAGE) out vec4 out_passage;       // share of the light behind that passes; a: coverage
 #endif
 #ifdef WRITE_REFRACTION
-layout(location = WRITE_REFRACTION) out vec4 out_refraction; // pixels to where it comes from; z: slope of its spread
+layout(location = WRITE_REFRACTION) out vec4 out_refraction; // pixels to where it comes from; slope of its spread; depth
 #endif
 #ifdef WRITE_INSTANCE
 layout(location = WRITE_INSTANCE) out float out_instance;
@@ -227,6 +227,10 @@ void main()
     vec4 base = vec4(albedo, 1.0);
 #ifdef ALBEDO_MAP
     base *= lookup(albedo_map, map_at(albedo_uv));
+#if defined(ALPHA_MASK) && defined(ACCUMULATES)
+    // Coarse levels of a mask are all above or all below the cutoff; frames of the finest see the share that it covers.
+    base.a = textureLod(albedo_map, map_at(albedo_uv), 0.0).a;
+#endif
 #endif
 #ifdef VERTEX_COLOR
     base *= color;
@@ -406,8 +410,9 @@ void main()
 #ifdef TRANSMISSION
     float tilt = reflectance.a * reflectance.a;  // slope that half of the microfacets stay below
     bool is_thick = transmission.z > 0.0;
-    vec2 from = is_thick ? pixels_to(position + thickness * refracted) : vec2(0.0);
-    out_refraction = vec4(from, min(tilt * (is_thick ? transmission.y - 1.0 : 2.0), HALF_MAX), 0.0);
+    vec3 exit = position + (is_thick ? thickness * refracted : vec3(0.0));
+    float spread = tilt * (is_thick ? transmission.y - 1.0 : 2.0);
+    out_refraction = vec4(is_thick ? pixels_to(exit) : vec2(0.0), min(vec2(spread, view_depth(exit) - view_depth(position)), HALF_MAX));
 #else
     out_refraction = vec4(0.0);
 #endif

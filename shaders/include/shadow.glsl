@@ -16,6 +16,8 @@ const int PENUMBRA_TAPS = 14;          // of the filter
 const float HARD_KERNEL = 1.0;         // smallest radius of the filter, in texels
 const float CONTACT_KERNEL = 1.25;     // least radius around a receiver in which blockers much nearer to it are looked for, in texels
 const float CONTACT_FADE = 0.35;       // a blocker hides all that it covers where the light's image at it is smaller than the filter by this share of the filter's radius
+const float PAST_EDGE = 4.0;           // texels behind the receiver's plane, from which a texel shows what is past its edge
+const float BESIDE = 6.0;              // texels before the receiver, up to which a blocker is right beside it
 const float SMALLEST_RIM = 0.5;        // of the rim's usual radius
 const float MIN_BLOCKER_SHARE = 0.15;    // of the distance to the light; blockers nearer to the light are not searched
 const float SLACK = 2.0;               // on the light's squared radius, when asking whether a line meets it
@@ -453,6 +455,9 @@ vec2 parallel_texel_passes(Light light, ParallelReceiver r, vec2 at, float sprea
     float stored = stored_depth(light, at), size = image_size(light, r, at, stored, spread);
     if (meets_image(r, at, size)) return vec2(0.0, 1.0);
     if (hider.image == 0.0) return vec2(1.0);
+    // What hides the light right beside the receiver, such as the other wall of a corner, may end where the receiver does.
+    float texel = 2.0 / light.tile.z * light.u.x, past = dot(r.gradient, at - r.fraction) + PAST_EDGE * texel;
+    if (r.depth - hider.depth < BESIDE * texel && stored - r.depth > past) return vec2(0.0);
     vec2 texels = floor(at * light.tile.z) - floor(r.fraction * light.tile.z);
     bool may_go_on = size > 0.0 && size < hider.image;
     float plane = hider.depth + dot(hider.gradient, texels);

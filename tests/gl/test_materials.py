@@ -172,6 +172,21 @@ def test_a_map_of_the_second_uv_set_is_one_of_the_first_with_its_transform(name:
     assert_alike(images, expected, (*OUTPUTS, "emission"), atol=5e-3)
 
 
+def test_a_mask_covers_its_share_from_far_away() -> None:
+    """Wires over 15 % of a fence, two tiles to a pixel; no coarse level of it reaches the cutoff."""
+    wires = np.ones((64, 64, 4), np.float32)
+    rows, columns = np.indices((64, 64))
+    wires[..., 3] = np.minimum(abs((rows + columns) % 64 - 32), abs((rows - columns) % 64 - 32)) < 3
+    tiled = np.diag([2.31 * SIZE[0], 1.77 * SIZE[1], 1.0])
+    fence = Material(albedo=(1.0,) * 3, albedo_map=Texture(wires, transform=tiled), alpha_cutoff=0.5, is_unlit=True)
+    camera = Camera((0.0, 0.0, 2.0), (0.0, 0.0, 0.0), fov_y_deg=20.0)
+    with Renderer(replace(card(fence), lights=()), Settings(SIZE, provider="cpu"), None) as renderer:
+        for _ in range(31):
+            renderer.advance(camera)
+        seen = renderer.render(camera)["final"]
+    assert seen.mean() == pytest.approx(wires[..., 3].mean(), rel=0.1)
+
+
 def test_nearest_magnification_has_no_colours_between() -> None:
     pixels = np.zeros((2, 2, 4), np.uint8)
     pixels[:, 1] = 255

@@ -140,6 +140,26 @@ def test_a_volume_shifts_what_is_behind_it_by_refraction() -> None:
         np.testing.assert_allclose(seen[23:25, 23:25].mean(), 1 - (4 - z) / 8, atol=4e-3)
 
 
+@pytest.mark.parametrize("camera", [SLANTED, replace(SLANTED, fov_y_deg=0.0, orthographic_height=1.0)])
+def test_what_is_inside_a_volume_is_seen_where_the_refracted_ray_meets_it(camera: Camera) -> None:
+    below = 0.2  # the front of the volume
+    inside = floor(4.0, 0.5 - below, Material(albedo=WHITE, albedo_map=RAMP, is_unlit=True))
+    seen = draw(make_scene([floor(2.0, 0.5, glass(ior=1.5, thickness=0.8)), inside], camera=camera), SIZE)["final"]
+    refracted = math.asin(math.sin(math.pi / 4) / 1.5)
+    z = 0.5 - below * math.tan(refracted)
+    np.testing.assert_allclose(seen[23:25, 23:25].mean(), 1 - (4 - z) / 8, atol=4e-3)
+
+
+def test_glass_does_not_repeat_what_stands_before_it() -> None:
+    """A red strip on a block of glass, where the refracted view meets it from below; its outline counts too."""
+    ground = floor(4.0, 0.0, Material(albedo=(0.0, 0.0, 1.0), is_unlit=True))
+    strip = floor(0.12, 0.52, Material(albedo=(1.0, 0.0, 0.0), is_unlit=True))
+    seen = [draw(make_scene([*things, ground], camera=SLANTED), (96, 96))["final"][..., 0] > 0.3
+            for things in ((strip,), (strip, floor(1.5, 0.5, glass(ior=1.5, thickness=0.4))))]
+    assert seen[0].sum() > 50
+    assert (seen[1] & ~seen[0]).sum() < 0.03 * seen[0].sum()
+
+
 def test_a_volume_of_infinite_index_stays_finite() -> None:
     pane = floor(1.0, 0.5, glass(ior=math.inf, thickness=0.5, roughness=0.5))
     with Renderer(make_scene([pane, WALL], camera=TOP), Settings(SIZE, taa=False, check=True, provider="cpu")) as r:

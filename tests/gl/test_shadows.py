@@ -304,6 +304,17 @@ def test_no_light_enters_an_attic_of_sheets(kind: str, most: float) -> None:
     assert (free > 0).mean() > 0.4 and leak < most
 
 
+@pytest.mark.parametrize("offset", [0.003, 0.007, 0.012])
+def test_no_sun_enters_a_corner_of_two_sheets(offset: float) -> None:
+    """Texels of the sun's map on the corner show what lies far behind it; boxes far away make them coarse."""
+    sun = DirectionalLight((0.82, -0.42, 0.28), (3.0, 3.0, 3.0), angular_radius_deg=1.5)
+    camera = Camera((1.0 + offset, 1.2, -1.0), (2.0 + offset, 1.2, -2.0), fov_y_deg=50.0)
+    parts = [quad((-2, 0, -2), (4, 0, 0), (0, 3, 0)), quad((2, 0, -2), (0, 0, 2), (0, 3, 0)), floor(2.0),
+             box((18, -0.5, 18), (1, 1, 1)), box((-19, -0.5, -19), (1, 1, 1))]
+    above_floor = draw(make_scene(parts, [sun], camera), (256, 192), ("direct",))["direct"][:130]
+    assert above_floor.max() < 0.02
+
+
 @pytest.mark.parametrize("kind", ["point", "sun", "spot"])
 def test_a_masked_caster_casts_a_masked_shadow(kind: str) -> None:
     light, towards = np.array([0.0, 3.0, 0.0]), np.array([0.0, 1.0, 0.0])
