@@ -9,8 +9,11 @@ const float GOLDEN_ANGLE = 2.39996323;
 const float MIN_BLUR = 0.5;    // pixels
 const float FILL_RADIUS = 4.0;  // pixels to what stands in for what is hidden
 const int VOLUME_STEPS = 16;    // of a ray through a volume
+const int HALVINGS = 5;         // of a step that meets something
+const int MAX_HITS = 2;         // of such steps
 const float PASSED = 0.2;       // of the volume's depth, behind which a ray has passed something
-const int REFINEMENTS = 3;      // halvings of the step that meets something
+const float CROSSING = 0.25;    // of that distance, up to which it meets a surface after all halvings
+const float LEAVES = 2.0;
 const int INDIRECT_TAPS = 8;
 const float INDIRECT_RADIUS = 24.0;  // pixels
 const float SAME_DEPTH = 0.05;       // relative difference of depths of one surface,
@@ -37,7 +40,7 @@ uniform sampler2D normal;
 uniform sampler2D arriving;  // diffuse light on a coarse grid; a: depth of the layer there, 0 for none
 #endif
 #ifdef HAS_REFRACTION
-uniform sampler2D refraction;  // pixels to where light comes from; z: slope of its spread; a: depth of the glass
+uniform sampler2D refraction;  // pixels to where light comes from; z: slope of its spread; a: depth of the glass / depth_scale
 #endif
 #ifdef HAS_OUTER_REFLECTION
 uniform sampler2D outer_reflection;  // a: 1 for the layer, 0 for a clear coat
@@ -55,25 +58,40 @@ bool is_behind(ivec2 texel, float nearest)
 
 ivec2 texel_at(vec2 pixel) { return ivec2(clamp(pixel, vec2(0.5), image.xy - 0.5)); }
 
-// Share of the way on screen through a volume from depth d, to a point from.xy pixels aside and from.w deeper, after
-// which the ray meets what is opaque; 1 if it leaves the volume.
-float share_inside(float d, vec4 from)
+float depth_inside(float d, float thick, float s)
 {
-    float before = (texel_noise(gl_FragCoord.xy) - 1.0) / float(VOLUME_STEPS), met = 1.0;
-    for (int i = 1; i <= VOLUME_STEPS + 1 + REFINEMENTS && before < 1.0 && from.w > 0.0; ++i) {
-        float s = met < 1.0 ? 0.5 * (before + met) : min(before + 1.0 / float(VOLUME_STEPS), 1.0);
 #ifdef ORTHOGRAPHIC
-        float z = mix(d, d + from.w, s);
+    return d + s * thick;
 #else
-        float z = d * (d + from.w) / mix(d + from.w, d, s);
+    return d * (d + thick) / mix(d + thick, d, s);
 #endif
-        float there = texelFetch(opaque_depth, texel_at(gl_FragCoord.xy + s * from.xy), 0).r;
-        // What the ray is far behind of it has passed.
-        bool meets = is_surface(there) && there > d && there < z && z - there < PASSED * from.w;
+}
+
+// Share of the way on screen through a volume from depth d, to a point ``aside`` and ``thick`` deeper, after which the ray
+// meets what is opaque; LEAVES if it meets nothing.
+float share_inside(float d, vec2 aside, float thick)
+{
+    float before = (texel_noise(gl_FragCoord.xy) - 1.0) / float(VOLUME_STEPS);
+    float step_end = 0.0, met = 0.0, slack = 0.0, behind_it = 0.0;
+    int halvings = 0;
+    bool crosses = false;
+    for (int i = 0; i < VOLUME_STEPS + 1 + MAX_HITS * HALVINGS && before < 1.0 && !crosses && thick > 0.0; ++i) {
+        bool halves = halvings > 0;
+        float s = halves ? 0.5 * (before + met) : min(before + 1.0 / float(VOLUME_STEPS), 1.0);
+        float z = depth_inside(d, thick, s), there = texelFetch(opaque_depth, texel_at(gl_FragCoord.xy + s * aside), 0).r;
+        slack = halves ? slack : max(PASSED * thick, z - depth_inside(d, thick, before));
+        bool meets = is_surface(there) && there > d && there < z && z - there < slack;
+        halvings = halves ? halvings - 1 : meets ? HALVINGS : 0;
+        step_end = halves ? step_end : s;
         met = meets ? s : met;
+        behind_it = meets ? z - there : behind_it;
         before = meets ? before : s;
+        // Behind an outline the distance to what the ray passes stays; where it crosses a surface, it shrinks.
+        bool is_last = halves && halvings == 0;
+        crosses = is_last && behind_it < CROSSING * slack;
+        before = is_last ? step_end : before;
     }
-    return met;
+    return crosses ? met : LEAVES;
 }
 
 // Between the four texels around a pixel; a: the share of them that is behind.
@@ -104,11 +122,11 @@ vec4 blurred(vec2 pixel, float radius, float lod, float nearest)
     return sum;
 }
 
-// Light behind a surface at depth d that is seen through rough or thick glass, which it leaves from.w farther away.
+// Light behind a surface at depth d that is seen through rough or thick glass.
 vec3 transmitted_light(float d, vec4 from)
 {
-    float s = share_inside(d, from), nearest = s < 1.0 ? d : d + from.w;
-    vec2 pixel = clamp(gl_FragCoord.xy + s * from.xy, vec2(0.5), image.xy - 0.5);
+    float thick = from.w * depth_scale(d), s = share_inside(d, from.xy, thick), nearest = s < LEAVES ? d : d + thick;
+    vec2 pixel = clamp(gl_FragCoord.xy + min(s, 1.0) * from.xy, vec2(0.5), image.xy - 0.5);
     ivec2 texel = is_behind(ivec2(pixel), nearest) ? ivec2(pixel) : ivec2(gl_FragCoord.xy);
     float there = texelFetch(opaque_depth, texel, 0).r;
 #ifdef ORTHOGRAPHIC

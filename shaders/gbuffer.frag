@@ -151,7 +151,7 @@ layout(location = WRITE_SHEEN) out vec4 out_sheen;           // colour, perceptu
 layout(location = WRITE_PASSAGE) out vec4 out_passage;       // share of the light behind that passes; a: coverage
 #endif
 #ifdef WRITE_REFRACTION
-layout(location = WRITE_REFRACTION) out vec4 out_refraction; // pixels to where it comes from; slope of its spread; depth
+layout(location = WRITE_REFRACTION) out vec4 out_refraction; // pixels to where it comes from; slope of its spread; depth / depth_scale
 #endif
 #ifdef WRITE_INSTANCE
 layout(location = WRITE_INSTANCE) out float out_instance;
@@ -226,10 +226,11 @@ void main()
     vec3 face = face_normal(), n = shading_normal(face);  // before the discard, as all that takes derivatives
     vec4 base = vec4(albedo, 1.0);
 #ifdef ALBEDO_MAP
-    base *= lookup(albedo_map, map_at(albedo_uv));
 #if defined(ALPHA_MASK) && defined(ACCUMULATES)
     // Coarse levels of a mask are all above or all below the cutoff; frames of the finest see the share that it covers.
-    base.a = textureLod(albedo_map, map_at(albedo_uv), 0.0).a;
+    base *= textureLod(albedo_map, map_at(albedo_uv), 0.0);
+#else
+    base *= lookup(albedo_map, map_at(albedo_uv));
 #endif
 #endif
 #ifdef VERTEX_COLOR
@@ -412,7 +413,8 @@ void main()
     bool is_thick = transmission.z > 0.0;
     vec3 exit = position + (is_thick ? thickness * refracted : vec3(0.0));
     float spread = tilt * (is_thick ? transmission.y - 1.0 : 2.0);
-    out_refraction = vec4(is_thick ? pixels_to(exit) : vec2(0.0), min(vec2(spread, view_depth(exit) - view_depth(position)), HALF_MAX));
+    float here = view_depth(position), deep = (view_depth(exit) - here) / depth_scale(here);
+    out_refraction = vec4(is_thick ? pixels_to(exit) : vec2(0.0), min(vec2(spread, deep), HALF_MAX));
 #else
     out_refraction = vec4(0.0);
 #endif

@@ -13,12 +13,15 @@ const float MAX_BRIGHTENING = 4.0;   // history counts as at most this many time
 const float MAX_RARE = 40.0;         // the same where few rays of a wide lobe meet a window or a lamp, and at rest
 const float SHARP = 0.1, BLURRED = 0.25;  // roughness up to which the history of what moves is bounded, and from which it isn't;
 const float NARROW = 1.5, WIDE = 3.0;     // the same for the spread of the lobe in texels, of which few rays meet a window
+const float MAX_WEIGHT = 8.0;             // of a traced sample
 const float SIGMAS = 2.0;            // of their mean, within which history counts
 
 uniform sampler2D reflection_now;  // radiance; a: length of the ray / depth where it starts, none of the texel's surface if <= 0
 #ifdef FAST_PATH
 uniform sampler2D reflection_origin;  // a: 0 where nothing reflects
 #elif defined(HAS_REFLECTION_LOW_PREV)
+uniform sampler2D reflection_ray;     // a: negative if the screen does not show the end
+uniform sampler2D reflection_chance;  // that such a ray is traced
 uniform sampler2D reflection_gbuffer;
 uniform sampler2D specular_roughness;
 uniform sampler2D motion;
@@ -30,14 +33,20 @@ uniform mat4 previous_from_relative;  // camera space of the frame before, from 
 uniform vec4 previous_lens;    // half the image's size; where the view axis met it
 uniform vec2 max_frames;       // of the history of mirrors, and of rough surfaces
 uniform bool history_valid;
-uniform bool bounded;          // whether that of sharp images counts only within what the texels around show now,
-uniform float camera_share;    // and 1 if that of blurred ones counts anyway, since only the camera moves
+uniform bool bounded;          // whether that of sharp images counts only within what the texels around show now
 #endif
 
 layout(location = WRITE_REFLECTION_LOW) out vec4 out_reflection_low;       // radiance; a: frames
 layout(location = WRITE_REFLECTION_DISTANCE) out float out_reflection_distance;  // length of the rays / depth
 
 #if defined(HAS_REFLECTION_LOW_PREV) && !defined(FAST_PATH)
+// How many samples a texel's counts for: a traced one stands for rays that were not, as those that the screen shows all are.
+float sample_weight(ivec2 low)
+{
+    float chance = texelFetch(reflection_chance, ivec2(0), 0).r;
+    return texelFetch(reflection_ray, low, 0).a < 0.0 && chance < 1.0 ? 1.0 / max(chance, 1.0 / MAX_WEIGHT) : 1.0;
+}
+
 vec3 previous_point(vec2 pixel, float depth)
 {
     return unproject(pixel, depth, previous_lens.xy, previous_lens.zw);
@@ -119,13 +128,14 @@ void main()
     float old_distance = old_distances / weight;
     vec3 margin = SIGMAS * deviation;
     float blur = max(smoothstep(SHARP, BLURRED, roughness), smoothstep(NARROW, WIDE, lobe_texels(reach, roughness, depth, ratio)));
-    float loose = bounded ? blur * camera_share : 1.0;
+    float loose = bounded ? blur : 1.0;
     history.rgb = brightest > 0.0 ? min(history.rgb, mix(MAX_BRIGHTENING, MAX_RARE, loose) * brightest) : history.rgb;
     vec3 near = clamp(history.rgb, mean - margin, mean + margin);
     history.rgb = count >= MIN_NEIGHBOURS ? mix(near, history.rgb, loose) : history.rgb;
     float frames = clamp(history.a * weight, 1.0, mix(max_frames.x, max_frames.y, clamp(roughness, 0.0, 1.0)));
-    float share = sampled ? 1.0 / (frames + 1.0) : 0.0;
-    out_reflection_low = vec4(mix(history.rgb, now.rgb, share), sampled ? frames + 1.0 : frames);
+    // Of a sharp image, all rays of a texel end where the screen shows them, or none.
+    float weight_now = sampled ? mix(1.0, sample_weight(low), blur) : 0.0, share = weight_now / (frames + weight_now);
+    out_reflection_low = vec4(mix(history.rgb, now.rgb, share), frames + weight_now);
     out_reflection_distance = mix(old_distance, now.a, share);
 #endif
 #endif

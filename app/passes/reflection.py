@@ -72,8 +72,8 @@ def declare_gathering(grid: Size, has_history: bool, prefix: str = "") -> Iterat
                       "normal", "depth", "direct", "albedo", "indirect", "specular_roughness"),
                optional=("occlusion", "emission"), writes={prefix + "reflection_now": light},
                make=make_fullscreen("reflection_resolve.frag", strip=prefix, fast_path=always))
-    history = ("reflection_origin", "reflection_gbuffer", "specular_roughness", "motion", "reflection_low@prev",
-               "reflection_distance@prev", "reflection_gbuffer@prev")
+    history = ("reflection_origin", "reflection_ray", "reflection_chance", "reflection_gbuffer", "specular_roughness",
+               "motion", "reflection_low@prev", "reflection_distance@prev", "reflection_gbuffer@prev")
     reads = "reflection_now", *(history if has_history else ())
     gathered: dict[str, Resource] = {prefix + "reflection_low": Tex("f4", 4, size=grid),
                                      prefix + "reflection_distance": Tex("f4", 1, size=grid)}
@@ -191,5 +191,4 @@ def _history_uniforms(grid: Size, frame: FrameState) -> dict[str, object]:
     return {"ratio": ratio_to(grid, frame), "previous_from_relative": affine_matrix(previous.rotation) @ moved,
             "previous_lens": (*previous.half_size, *previous.center), "max_frames": MAX_FRAMES[frame.motion],
             "history_valid": frame.history_valid and not frame.relit,
-            "bounded": frame.motion is not MotionKind.NONE,
-            "camera_share": float(frame.motion is MotionKind.CAMERA)}
+            "bounded": frame.motion is not MotionKind.NONE}

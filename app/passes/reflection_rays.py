@@ -55,7 +55,8 @@ def declare(grid: tuple[int, int], surfels: TrackedSurfels, lights: LightSet, en
     # The pass that writes ``surfel_light`` moves the surfels.
     rays = prefix + "reflection_origin", prefix + "reflection_ray"
     return Pass(prefix + "reflection_rays", reads=(*rays, "surfel_light", *lights.shadow_maps),
-                optional=("surfel_indirect",), writes={prefix + "reflection_traced": Tex("f4", 4, size=grid)},
+                optional=("surfel_indirect",), writes={prefix + "reflection_traced": Tex("f4", 4, size=grid),
+                                                     prefix + "reflection_chance": Tex("f4", 1, size=(1, 1))},
                 make=lambda device, bound: (
                     _make_on_gpu(device, bound, grid, surfels, lights, environment, has_history, prefix)
                     if surfels.caster.shader_rays else
@@ -72,7 +73,9 @@ def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: Trac
         continues = has_history and frame.history_valid
         budget = FRAME_RAYS[frame.motion] if continues else FIRST_RAYS
         shadow_rays = SHADOW_RAYS_AT_REST if continues and frame.motion is MotionKind.NONE else 1
-        rows = _choose(ray, (dither + GOLDEN_RATIO * frame.index) % 1.0, budget)
+        rows, chance = _choose(ray, (dither + GOLDEN_RATIO * frame.index) % 1.0, budget)
+        if prefix + "reflection_chance" in bound.writes:  # which a history reads
+            resources[prefix + "reflection_chance"].write(np.float32(chance).tobytes())
         traced = np.zeros_like(ray)
         if len(rows):
             lookup = surfels.lookup
@@ -111,6 +114,8 @@ def _make_on_gpu(device: Device, bound: BoundPass, grid: tuple[int, int], surfel
 
     def execute(frame: FrameState, resources: Resources) -> None:
         caster = surfels.caster
+        if prefix + "reflection_chance" in bound.writes:
+            resources[prefix + "reflection_chance"].write(np.float32(1).tobytes())
         trace.set(local_eye=tuple(frame.view.eye - caster.origin), sky_distance=SKY_DISTANCE * caster.extent,
                   rotation=rotation, ray_epsilon=caster.ray_epsilon, noise_phase=frame.noise_phase,
                   noise_offset=tuple(step * (1 + frame.index * has_history) % 1.0 for step in ONWARD_STEPS))
@@ -135,14 +140,18 @@ def _read(resources: Resources, name: str) -> F32:
     return np.frombuffer(resources[name].read(), np.float32).reshape(-1, 4)
 
 
-def _choose(ray: F32, threshold: F32, budget: int) -> Ints:
-    """At most about ``budget`` of the rays whose end the screen does not show, spread evenly, others in each frame."""
-    rows = np.flatnonzero(ray[:, 3] < 0)
+def _choose(ray: F32, threshold: F32, budget: int) -> tuple[Ints, float]:
+    """At most about ``budget`` of the rays whose end the screen does not show, spread evenly, others in each frame.
+
+    Also the chance that each of them had.
+    """
+    rows, chance = np.flatnonzero(ray[:, 3] < 0), 1.0
     if len(rows) > budget:
-        rows = rows[threshold.take(rows) < budget / len(rows)]
+        chance = budget / len(rows)
+        rows = rows[threshold.take(rows) < chance]
     with np.errstate(invalid="ignore", over="ignore"):
         direction = ray.take(rows, axis=0)[:, :3]
-        return rows[np.abs(row_dots(direction, direction) - 1) < MAX_UNIT_ERROR]
+        return rows[np.abs(row_dots(direction, direction) - 1) < MAX_UNIT_ERROR], chance
 
 
 def _averaged(light: F32, rows: Ints, grid: tuple[int, int], hits: Hits) -> F32:

@@ -449,20 +449,20 @@ bool parallel_texel_blocks(Light light, ParallelReceiver r, vec2 at, float sprea
     return meets_image(r, at, image_size(light, r, at, stored_depth(light, at), spread));
 }
 
-// As texel_passes.
-vec2 parallel_texel_passes(Light light, ParallelReceiver r, vec2 at, float spread, ParallelHider hider)
+// As texel_passes. z: whether the texel shows what is past the receiver's edge, beside what hides the light right there.
+vec3 parallel_texel_passes(Light light, ParallelReceiver r, vec2 at, float spread, ParallelHider hider)
 {
     float stored = stored_depth(light, at), size = image_size(light, r, at, stored, spread);
-    if (meets_image(r, at, size)) return vec2(0.0, 1.0);
-    if (hider.image == 0.0) return vec2(1.0);
+    if (meets_image(r, at, size)) return vec3(0.0, 1.0, 0.0);
+    if (hider.image == 0.0) return vec3(1.0, 1.0, 0.0);
     // What hides the light right beside the receiver, such as the other wall of a corner, may end where the receiver does.
     float texel = 2.0 / light.tile.z * light.u.x, past = dot(r.gradient, at - r.fraction) + PAST_EDGE * texel;
-    if (r.depth - hider.depth < BESIDE * texel && stored - r.depth > past) return vec2(0.0);
+    if (r.depth - hider.depth < BESIDE * texel && stored - r.depth > past) return vec3(0.0, 0.0, 1.0);
     vec2 texels = floor(at * light.tile.z) - floor(r.fraction * light.tile.z);
     bool may_go_on = size > 0.0 && size < hider.image;
     float plane = hider.depth + dot(hider.gradient, texels);
     bool is_plane = stored < plane + plane_slack(hider.gradient);
-    return may_go_on || is_plane ? vec2(0.0) : vec2(1.0);
+    return may_go_on || is_plane ? vec3(0.0) : vec3(1.0, 1.0, 0.0);
 }
 
 // As nearest_blocker, but blockers near the receiver weigh more: little of the light passes them. z: the radius of the
@@ -533,11 +533,11 @@ float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, 
     pattern = quad_pattern(noise, PENUMBRA_TAPS);
     ParallelHider hider = ParallelHider(0.0, 0.0, vec2(0.0));
     for (int i = 0; i < min(taps, 1); ++i) hider = find_parallel_hider(light, r, spread);
-    vec2 passed = vec2(0.0);
+    vec3 found = vec3(0.0);
     for (int i = 0; i < taps; ++i) {
         vec2 at = r.fraction + next_point(pattern, false) * width;
-        vec2 passes = parallel_texel_passes(light, r, at, spread, hider);
-        passed += passes;
+        vec3 passes = parallel_texel_passes(light, r, at, spread, hider);
+        found += passes;
 #ifdef HAS_SHADOW_TRANSMITTANCE
         ivec2 t = ivec2(light.tile.xy + clamp(at * light.tile.z, 0.0, light.tile.z - 1.0));
         tint += passes.x * vec4(texel_transmittance(t, r.depth, OWN_TEXELS * 2.0 / light.tile.z * light.u.x), 1.0);
@@ -545,6 +545,7 @@ float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, 
     }
     contact = vec2(quad_sum(contact.x), quad_sum(contact.y));
     float passes_contact = 1.0 - contact.x / max(contact.y, 1.0);
+    vec2 passed = found.y > 0.0 ? found.xy : found.zz;
     return passes_contact * soft_visibility(seen, penumbra, passed, taps, p, n);
 }
 

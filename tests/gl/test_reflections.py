@@ -15,7 +15,7 @@ from app.frame import FrameInputs
 from app.network.selection import SSGI, Model, find_model
 from app.passes import reflection, reflection_rays
 from app.renderer import Renderer
-from app.scene import Camera, Environment, Material, PointLight, Scene, Texture, Transmission
+from app.scene import Camera, Environment, Material, Motion, PointLight, Scene, Texture, Transmission
 from app.settings import Settings
 from tests.gl.scenes import Part, box, make_scene, quad, sphere
 
@@ -269,6 +269,25 @@ def test_what_a_mirror_showed_at_rest_is_gone_when_the_camera_moves(small_ember:
     before = draw(room(), small_ember, (CAMERA,) * 20)[-1]["reflection"]
     print("MOVED", *(np.abs(image - settled).mean() / settled.mean() for image in (after, before)))
     assert np.abs(after - settled).mean() < 0.1 * settled.mean()
+
+
+def test_light_of_few_traced_rays_is_that_of_all(small_ember: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A rough floor reflects a dark wall in view and a bright sky out of view, while a box moves."""
+    rough = Material(albedo=(0.05,) * 3, specular=(0.5,) * 3, roughness=0.4)
+    dark = Material(albedo=(0.02,) * 3)
+    here, there = np.eye(4), np.eye(4)
+    there[0, 3] = 0.5
+    parts = [quad((-2, 0, 1), (4, 0, 0), (0, 0, -3), rough), quad((-2, 0, -2), (4, 0, 0), (0, 0.8, 0), dark),
+             box((1.5, 0.0, -1.5), (0.1, 0.1, 0.1), dark, Motion(np.array([0.0, 1.0]), np.stack([here, there])))]
+    scene = replace(make_scene(parts, [LAMP], CAMERA), environment=Environment(np.ones((2, 4, 3), np.float32)))
+    camera = Camera((0.0, 0.7, 1.0), (0.0, 0.2, -1.5), fov_y_deg=50.0)
+    light = []
+    for budget in (2**17, 512):
+        monkeypatch.setattr(reflection_rays, "FRAME_RAYS", dict.fromkeys(reflection_rays.FRAME_RAYS, budget))
+        with Renderer(scene, Settings(size=SIZE, outputs=("reflection",), provider="cpu"), small_ember) as renderer:
+            frames = [renderer.render(camera, 0.02 * k)["reflection"][36:].mean() for k in range(24)]
+        light.append(np.mean(frames[12:]))
+    assert light[1] == pytest.approx(light[0], rel=0.1)
 
 
 def test_reflections_can_be_switched_off(small_ember: Path) -> None:
