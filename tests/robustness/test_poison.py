@@ -145,7 +145,11 @@ def bounded_and_healing(patient: Patient, resources: tuple[str, ...],
     np.testing.assert_array_equal(patient.draw(1)[0], patient.clean[0])
 
 
-@pytest.mark.parametrize("value", [halves(np.nan, -100.0), halves(np.inf, -np.inf)], ids=["nan and -100", "infinities"])
+IN_HALVES = pytest.mark.parametrize("value", [halves(np.nan, -100.0), halves(np.inf, -np.inf)],
+                                    ids=["nan and -100", "infinities"])
+
+
+@IN_HALVES
 def test_every_resource(patient: Patient, value: Callable[[Image], Image]) -> None:
     failures = {}
     for resource in patient.resources:
@@ -161,10 +165,10 @@ def test_the_whole_g_buffer(patient: Patient, poison: str) -> None:
     bounded_and_healing(patient, G_BUFFER, POISONS[poison])
 
 
-@pytest.mark.parametrize("poison", POISONS)
-def test_history_heals_without_a_cut(patient: Patient, poison: str) -> None:
+@IN_HALVES
+def test_history_heals_without_a_cut(patient: Patient, value: Callable[[Image], Image]) -> None:
     everything = tuple(patient.resources)
-    patient.poison(everything, POISONS[poison])
+    patient.poison(everything, value)
     patient.draw(POISONED)
     patient.cure(everything)
     healed, clean = patient.more(HEALING)[-1], patient.clean[-1]
