@@ -6,14 +6,14 @@
 
 const int BLUR_TAPS = 8;
 const float GOLDEN_ANGLE = 2.39996323;
-const float MIN_BLUR = 0.5;    // pixels
+const float MIN_BLUR = 0.5;     // pixels
 const float FILL_RADIUS = 4.0;  // pixels to what stands in for what is hidden
 const int VOLUME_STEPS = 16;    // of a ray through a volume
 const int HALVINGS = 5;         // of a step that meets something
 const int MAX_HITS = 2;         // of such steps
 const float PASSED = 0.2;       // of the volume's depth, behind which a ray has passed something
 const float CROSSING = 0.25;    // of that distance, up to which it meets a surface after all halvings
-const float LEAVES = 2.0;
+const float LEAVES = 2.0;       // share of the way of a ray that meets nothing
 const int INDIRECT_TAPS = 8;
 const float INDIRECT_RADIUS = 24.0;  // pixels
 const float SAME_DEPTH = 0.05;       // relative difference of depths of one surface,
@@ -56,7 +56,11 @@ bool is_behind(ivec2 texel, float nearest)
     return !is_surface(there) || there > nearest;
 }
 
-ivec2 texel_at(vec2 pixel) { return ivec2(clamp(pixel, vec2(0.5), image.xy - 0.5)); }
+vec2 inside_image(vec2 pixel) { return clamp(pixel, vec2(0.5), image.xy - 0.5); }
+
+ivec2 texel_at(vec2 pixel) { return ivec2(inside_image(pixel)); }
+
+// Of the ray through a volume, which starts at depth d, after a share s of its way on the screen.
 
 float depth_inside(float d, float thick, float s)
 {
@@ -115,7 +119,7 @@ vec4 blurred(vec2 pixel, float radius, float lod, float nearest)
     vec4 sum = vec4(0.0);
     for (int i = 0; i < BLUR_TAPS; ++i) {
         float angle = turn + GOLDEN_ANGLE * float(i), u = (float(i) + 0.5) / float(BLUR_TAPS);
-        vec2 at = clamp(pixel + radius * sqrt(u / (1.0 - u)) * vec2(cos(angle), sin(angle)), vec2(0.5), image.xy - 0.5);
+        vec2 at = inside_image(pixel + radius * sqrt(u / (1.0 - u)) * vec2(cos(angle), sin(angle)));
         vec4 tap = vec4(sanitize_radiance(textureLod(behind, at * image.zw, lod).rgb), 1.0);
         sum += is_behind(ivec2(at), nearest) ? tap : vec4(0.0);
     }
@@ -126,7 +130,7 @@ vec4 blurred(vec2 pixel, float radius, float lod, float nearest)
 vec3 transmitted_light(float d, vec4 from)
 {
     float thick = from.w * depth_scale(d), s = share_inside(d, from.xy, thick), nearest = s < LEAVES ? d : d + thick;
-    vec2 pixel = clamp(gl_FragCoord.xy + min(s, 1.0) * from.xy, vec2(0.5), image.xy - 0.5);
+    vec2 pixel = inside_image(gl_FragCoord.xy + min(s, 1.0) * from.xy);
     ivec2 texel = is_behind(ivec2(pixel), nearest) ? ivec2(pixel) : ivec2(gl_FragCoord.xy);
     float there = texelFetch(opaque_depth, texel, 0).r;
 #ifdef ORTHOGRAPHIC

@@ -36,7 +36,7 @@ uniform bool history_valid;
 uniform bool bounded;          // whether that of sharp images counts only within what the texels around show now
 #endif
 
-layout(location = WRITE_REFLECTION_LOW) out vec4 out_reflection_low;       // radiance; a: frames
+layout(location = WRITE_REFLECTION_LOW) out vec4 out_reflection_low;       // radiance; a: frames, by their weights
 layout(location = WRITE_REFLECTION_DISTANCE) out float out_reflection_distance;  // length of the rays / depth
 
 #if defined(HAS_REFLECTION_LOW_PREV) && !defined(FAST_PATH)

@@ -74,8 +74,7 @@ def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: Trac
         budget = FRAME_RAYS[frame.motion] if continues else FIRST_RAYS
         shadow_rays = SHADOW_RAYS_AT_REST if continues and frame.motion is MotionKind.NONE else 1
         rows, chance = _choose(ray, (dither + GOLDEN_RATIO * frame.index) % 1.0, budget)
-        if prefix + "reflection_chance" in bound.writes:  # which a history reads
-            resources[prefix + "reflection_chance"].write(np.float32(chance).tobytes())
+        _write_chance(bound, resources, prefix, chance)
         traced = np.zeros_like(ray)
         if len(rows):
             lookup = surfels.lookup
@@ -114,8 +113,7 @@ def _make_on_gpu(device: Device, bound: BoundPass, grid: tuple[int, int], surfel
 
     def execute(frame: FrameState, resources: Resources) -> None:
         caster = surfels.caster
-        if prefix + "reflection_chance" in bound.writes:
-            resources[prefix + "reflection_chance"].write(np.float32(1).tobytes())
+        _write_chance(bound, resources, prefix, 1.0)
         trace.set(local_eye=tuple(frame.view.eye - caster.origin), sky_distance=SKY_DISTANCE * caster.extent,
                   rotation=rotation, ray_epsilon=caster.ray_epsilon, noise_phase=frame.noise_phase,
                   noise_offset=tuple(step * (1 + frame.index * has_history) % 1.0 for step in ONWARD_STEPS))
@@ -138,6 +136,12 @@ def _light_of(surfels: TrackedSurfels, bound: BoundPass, resources: Resources) -
 def _read(resources: Resources, name: str) -> F32:
     """A texture's texels, shape (N, 4), bottom row first."""
     return np.frombuffer(resources[name].read(), np.float32).reshape(-1, 4)
+
+
+def _write_chance(bound: BoundPass, resources: Resources, prefix: str, chance: float) -> None:
+    """Of rays whose end the screen does not show, to be traced; for a history, if there is one."""
+    if (name := prefix + "reflection_chance") in bound.writes:
+        resources[name].write(np.float32(chance).tobytes())
 
 
 def _choose(ray: F32, threshold: F32, budget: int) -> tuple[Ints, float]:

@@ -160,6 +160,13 @@ def test_every_resource(patient: Patient, value: Callable[[Image], Image]) -> No
     assert not failures
 
 
+@pytest.mark.parametrize("poison", ["-inf", "-100"])  # the second halves, which a single number has not
+def test_every_single_number(patient: Patient, poison: str) -> None:
+    for resource in patient.resources:
+        if patient.renderer.resource(resource).size == 1:
+            bounded_and_healing(patient, (resource,), POISONS[poison])
+
+
 @pytest.mark.parametrize("poison", POISONS)
 def test_the_whole_g_buffer(patient: Patient, poison: str) -> None:
     bounded_and_healing(patient, G_BUFFER, POISONS[poison])
