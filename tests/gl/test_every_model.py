@@ -1,4 +1,4 @@
-"""Every model on every real scene, alone and beside one that shades an environment: sane pictures that differ."""
+"""Every model on real scenes, alone and beside one that shades an environment: sane pictures that differ."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ NETWORKS = bundled_models()
 SHADING: dict[str, Model] = {UNSHADOWED: UNSHADOWED} | {n: m for n, m in NETWORKS.items() if shades_environment(m)}
 INDIRECT: dict[str, Model] = {SSGI: SSGI} | {n: m for n, m in NETWORKS.items() if n not in SHADING}
 SKY = Environment(np.linspace([0.3, 0.5, 1.0], [0.4, 0.35, 0.3], 16, dtype=np.float32)[:, None])
-BESIDE = ("cornell-box", "sponza", "stanford", "gltf-cases")  # scenes of each kind
+OF_EACH_KIND = ("cornell-box", "sponza", "stanford", "gltf-cases")  # scenes; the others are drawn by test_scenes.py
 MIN_LIGHT = 0.005    # mean of a picture that is not black
 MIN_GAIN = 1.01      # of the picture's mean by any light that is added; objects in the open get little
 MIN_CHANGE = 0.005  # of the mean; networks that clean the same rays differ by 0.009
@@ -40,7 +40,8 @@ class Stage:
     bare: Images
 
 
-@pytest.fixture(scope="module", params=NAMES)
+@pytest.fixture(scope="module", params=[n if n in OF_EACH_KIND else pytest.param(n, marks=pytest.mark.long)
+                                        for n in NAMES])
 def stage(request: pytest.FixtureRequest, egl: None, scenes: Path) -> Stage:
     entries = json.loads((scenes / "scenes.json").read_text())
     scene = load_scene(scenes / next(e["file"] for e in entries if e["name"] == request.param))
@@ -76,7 +77,7 @@ def test_each_model_gives_a_scene_indirect_light_of_its_own(stage: Stage) -> Non
     all_differ(found)
 
 
-@pytest.mark.parametrize("stage", BESIDE, indirect=True)
+@pytest.mark.parametrize("stage", OF_EACH_KIND, indirect=True)
 def test_two_models_share_a_scene_with_an_environment(stage: Stage, small_ember: Path) -> None:
     """Each model for indirect light beside one that shades; ``ember`` with few surfels, since it was drawn in full."""
     scene = replace(stage.scene, environment=SKY)

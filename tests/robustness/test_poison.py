@@ -32,7 +32,7 @@ pytestmark = pytest.mark.gl
 POISONS = {"nan": np.nan, "+inf": np.inf, "-inf": -np.inf, "-100": -100.0}
 SIZE = (61, 47)
 FIRST_SAMPLES = 8  # of what rays gather in a frame without history: one of 64 takes several times as long
-POISONED, FADING = 3, 3  # frames
+POISONED, FADING = 2, 2  # frames: the second one has a history
 HEALING = JITTER_PERIOD  # frames, so that the healed picture averages the same samples as the clean one
 
 
@@ -142,6 +142,10 @@ def bounded_and_healing(patient: Patient, resources: tuple[str, ...],
     finally:
         patient.cure(resources)
     np.testing.assert_array_less(patient.more(FADING)[-1], 2 * patient.clean[FADING].max())
+
+
+def has_recovered(patient: Patient) -> None:
+    """Nothing is left of any poison after a cut."""
     np.testing.assert_array_equal(patient.draw(1)[0], patient.clean[0])
 
 
@@ -158,6 +162,7 @@ def test_every_resource(patient: Patient, value: Callable[[Image], Image]) -> No
         except AssertionError as error:
             failures[resource] = error
     assert not failures
+    has_recovered(patient)
 
 
 @pytest.mark.parametrize("poison", ["-inf", "-100"])  # the second halves, which a single number has not
@@ -165,11 +170,13 @@ def test_every_single_number(patient: Patient, poison: str) -> None:
     for resource in patient.resources:
         if patient.renderer.resource(resource).size == 1:
             bounded_and_healing(patient, (resource,), POISONS[poison])
+    has_recovered(patient)
 
 
 @pytest.mark.parametrize("poison", POISONS)
 def test_the_whole_g_buffer(patient: Patient, poison: str) -> None:
     bounded_and_healing(patient, G_BUFFER, POISONS[poison])
+    has_recovered(patient)
 
 
 @IN_HALVES
