@@ -22,7 +22,7 @@ from app.graph import BoundPass, Pass, Tex
 from app.math3d import GOLDEN_RATIO, R2, put_rows, row_dots
 from app.passes.surfel_buffer import SurfelBuffer
 from app.raycast.caster import Caster, Hits, concatenate
-from app.raycast.onward_rays import go_on
+from app.raycast.onward_rays import go_on, of_highlights
 from app.scene import Environment
 from app.surfels.tracked import TrackedSurfels
 
@@ -219,6 +219,9 @@ def _trace(caster: Caster, light_at: Callable[[Hits, Ints], tuple[F32, F32]], en
     hits = concatenate([met.hits, onward.hits])
     for_direct = hits.albedo.copy()
     hits.albedo[goes_on], for_direct[goes_on] = onward.left, onward.left_for_direct
+    passed = np.arange(count, len(met.ray))
+    for_highlights = of_highlights(caster, met.hits.select(passed)) / np.maximum(met.covering[passed], 1e-6)
+    for_direct[passed] = np.maximum(for_direct[passed] - for_highlights, 0)
     emission = np.concatenate([met.hits.traced_emission, onward.hits.emission])
     ray, along = np.concatenate([met.ray, goes_on]), np.concatenate([direction.take(met.ray, axis=0), onward.direction])
     share = np.concatenate([met.share, met.share.take(goes_on, axis=0) * onward.share])

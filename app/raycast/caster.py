@@ -109,11 +109,14 @@ class SeenHits:
         The ray that each is on.
     share : ndarray, float32, shape (M, 3)
         Of the radiance of each, what arrives at the ray's origin.
+    covering : ndarray, float32, shape (M, 1)
+        Share of light that does not pass each, of which its albedo is a share.
     """
 
     hits: Hits
     ray: Ints
     share: F32
+    covering: F32
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,11 +270,13 @@ class Caster:
         ray, passing = np.concatenate([p.ray for p in found]), np.concatenate([p.passing for p in found])
         rows = np.flatnonzero(hits.distance < ends.distance.take(ray))
         rows = rows[np.lexsort((hits.distance.take(rows), ray.take(rows)))]
+        covering = 1 - passing.take(rows, axis=0).mean(axis=1, keepdims=True)
         share, left = _arriving(ray.take(rows), passing.take(rows, axis=0), len(origins))
         chosen, factor = _choose_one(ray.take(rows), share.mean(axis=1), hits.uv.take(rows, axis=0))
         rows, share = rows.take(chosen), share.take(chosen, axis=0) * factor[:, None]
         return SeenHits(concatenate([ends, hits.select(rows)]),
-                        np.concatenate([np.arange(len(origins)), ray.take(rows)]), np.concatenate([left, share]))
+                        np.concatenate([np.arange(len(origins)), ray.take(rows)]), np.concatenate([left, share]),
+                        np.concatenate([np.ones((len(origins), 1), np.float32), covering.take(chosen, axis=0)]))
 
     def _cast(self, origins: F32, directions: F32, bodies: Iterable[int], t_max: F32 | None,
               passed: list[_Passed] | None) -> Hits:

@@ -71,12 +71,24 @@ def go_on(caster: Caster, ends: Hits, direction: F32, u: F32) -> OnwardRays:
     met = caster.cast_through(ends.position.take(rows, axis=0) + caster.ray_epsilon * face, onward)
     at_mean = specular_albedo(f0, roughness, np.full_like(roughness, MEAN_COSINE))
     mirrored = share * mirrored.take(rows, axis=0)
-    sharp = 1 - _smoothstep(SHARP_HIGHLIGHT, BROAD_HIGHLIGHT, roughness)
+    sharp = sharpness(roughness)
     albedo, ray = ends.albedo.take(rows, axis=0), met.ray
     left, for_direct = (np.minimum(albedo - part * share * at_mean, 1 - part * mirrored) for part in (1, sharp))
     emission = met.hits.traced_emission + sharp.take(ray, axis=0) * met.hits.emission_of(light_proxies=True)
     return OnwardRays(replace(met.hits, emission=emission), mirrored.take(ray, axis=0) * met.share, rows.take(ray),
                       onward.take(ray, axis=0), left.take(ray, axis=0), for_direct.take(ray, axis=0))
+
+
+def of_highlights(caster: Caster, hits: Hits) -> F32:
+    """Of the albedo at N hits what stands for highlights of smooth surfaces, which are small spots; shape (N, 3)."""
+    lobes = caster.lobes(hits, BROAD_HIGHLIGHT)
+    return sharpness(lobes.roughness) * specular_albedo(lobes.f0, lobes.roughness,
+                                                        np.full_like(lobes.roughness, MEAN_COSINE))
+
+
+def sharpness(roughness: F32) -> F32:
+    """How far highlights of lamps on a surface are their mirror images."""
+    return 1 - _smoothstep(SHARP_HIGHLIGHT, BROAD_HIGHLIGHT, roughness)
 
 
 def _smoothstep(low: float, high: float, x: F32) -> F32:

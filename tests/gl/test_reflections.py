@@ -27,6 +27,7 @@ MIRROR = Material("mirror", albedo=(1.0, 1.0, 1.0), metallic=1.0, roughness=0.0)
 ROUGH_METAL = Material("rough metal", albedo=(0.9, 0.9, 0.9), metallic=1.0, roughness=0.5)
 WHITE, RED, BLUE = (Material(name, albedo=albedo) for name, albedo in (
     ("white", (0.7, 0.7, 0.7)), ("red", (0.7, 0.02, 0.02)), ("blue", (0.02, 0.02, 0.7))))
+DARK = Material("dark", albedo=(0.02, 0.02, 0.02))
 LAMP = PointLight((0.0, 1.6, 0.0), (3.0, 3.0, 3.0), radius=0.05)
 CAMERA = Camera((0.0, 1.0, 0.5), (0.0, 1.0, -1.0), fov_y_deg=50.0)
 
@@ -274,11 +275,10 @@ def test_what_a_mirror_showed_at_rest_is_gone_when_the_camera_moves(small_ember:
 def test_light_of_few_traced_rays_is_that_of_all(small_ember: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A rough floor reflects a dark wall in view and a bright sky out of view, while a box moves."""
     rough = Material(albedo=(0.05,) * 3, specular=(0.5,) * 3, roughness=0.4)
-    dark = Material(albedo=(0.02,) * 3)
     here, there = np.eye(4), np.eye(4)
     there[0, 3] = 0.5
-    parts = [quad((-2, 0, 1), (4, 0, 0), (0, 0, -3), rough), quad((-2, 0, -2), (4, 0, 0), (0, 0.8, 0), dark),
-             box((1.5, 0.0, -1.5), (0.1, 0.1, 0.1), dark, Motion(np.array([0.0, 1.0]), np.stack([here, there])))]
+    parts = [quad((-2, 0, 1), (4, 0, 0), (0, 0, -3), rough), quad((-2, 0, -2), (4, 0, 0), (0, 0.8, 0), DARK),
+             box((1.5, 0.0, -1.5), (0.1, 0.1, 0.1), DARK, Motion(np.array([0.0, 1.0]), np.stack([here, there])))]
     scene = replace(make_scene(parts, [LAMP], CAMERA), environment=Environment(np.ones((2, 4, 3), np.float32)))
     camera = Camera((0.0, 0.7, 1.0), (0.0, 0.2, -1.5), fov_y_deg=50.0)
     light = []
@@ -445,6 +445,16 @@ def test_mirrors_show_what_is_behind_glass_in_its_tint(material: Material, passi
     scene = replace(make_scene(before_sky, camera=CAMERA), environment=Environment(np.ones((8, 16, 3), np.float32)))
     seen = draw(scene, small_ember)[-1]["reflection"][24:48, 36:60]
     np.testing.assert_allclose(seen, np.broadcast_to(passing, seen.shape), rtol=0.01)
+
+
+def test_lamps_do_not_brighten_clear_glass_in_a_mirror(small_ember: Path) -> None:
+    """Their highlights on it are small spots; as diffuse light they would hide a dark wall, in grains."""
+    glass = replace(BLACK, roughness=0.0, specular=(0.04,) * 3, transmission=Transmission(1.0), albedo=(1.0,) * 3)
+    before_wall = quad((-1, 0, -1), (2, 0, 0), (0, 2, 0), MIRROR), quad((1, 0, 1), (-2, 0, 0), (0, 2, 0), DARK)
+    pane = quad((-1, 0, 0.7), (2, 0, 0), (0, 2, 0), glass)
+    bare, behind = (draw(make_scene([*before_wall, *front], [LAMP], CAMERA), small_ember)[-1]["reflection"]
+                    for front in ((), (pane,)))
+    np.testing.assert_allclose(behind[12:40, 24:72], 0.96 * bare[12:40, 24:72], atol=0.01)  # diffuse light was 0.08
 
 
 def test_a_floor_shows_what_is_behind_a_veil_in_its_tint(small_ember: Path) -> None:
