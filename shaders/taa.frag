@@ -24,6 +24,8 @@ const float MAX_SPECK = 48.0;       // times the luma of its history and of what
 const float MOVING_FRAMES = 8.0;    // history length while something moves through the texel
 const float STILL_FRAMES = 256.0;
 const float RISING_FRAMES = 32.0;   // that count in proportion to their number; all later ones count alike
+const float FLICKERING = 0.15;      // of the luma, deviation over time of what each frame shows in part, such as a grating
+const float FLICKERING_FRAMES = 16.0;  // its history length while something else moves
 
 uniform sampler2D taa_prev;  // rgb: history, a: frames accumulated
 uniform sampler2D taa_deviation_prev;
@@ -36,13 +38,15 @@ uniform sampler2D resampled_prev;
 layout(location = WRITE_RESAMPLED) out float out_resampled;  // how often the history was resampled, by its weight
 #endif
 
-#ifdef SETTLED
+#if defined(SETTLED) || defined(CAMERA_RESTS)
 float deviation_before(ivec2 t)
 {
     float deviation = texelFetch(taa_deviation_prev, t, 0).r;
     return is_finite(deviation) ? max(deviation, 0.0) : 0.0;
 }
+#endif
 
+#ifdef SETTLED
 // Whether a texel's history is far brighter than all that its samples lead to expect.
 bool has_flashed(float now, float past, float deviation)
 {
@@ -70,13 +74,19 @@ void main()
 #ifdef SETTLED  // history shows what is visible now, so it is rejected only where motion contradicts it
     visible = visible || (still && abs(moved.z - moved.w) <= DEPTH_TOLERANCE * moved.w);
 #endif
-    bool keep = visible && healthy && history_valid;
-
     vec3 offset = ycocg(history) - mean;
+#if defined(SETTLED) || defined(CAMERA_RESTS)
+    float own = ycocg(now).x, past = ycocg(history).x, spread = deviation_before(t);
+#endif
+#ifdef CAMERA_RESTS  // what has rested for longer than the history of what moves has had nothing moving before it
+    bool flickers = still && accumulated.a > MOVING_FRAMES && spread > FLICKERING * past
+        && abs(own - past) <= EXPECTED_GAMMA * spread;
+    visible = visible || flickers;
+#endif
+    bool keep = visible && healthy && history_valid;
 #ifdef SETTLED
     float share = clip_share(offset, SETTLED_GAMMA * deviation);
     ivec2 corner = t + outward;
-    float own = ycocg(now).x, past = ycocg(history).x, spread = deviation_before(t);
     float past_beside = ycocg(texelFetch(taa_prev, corner, 0).rgb).x;
     bool flashed = quad_any(has_flashed(own, past, spread)
         || has_flashed(ycocg(current(corner)).x, past_beside, deviation_before(corner)));
@@ -91,15 +101,23 @@ void main()
     float kept = accumulated.a * (accumulated.a < MIN_SAMPLES ? 1.0 : mix(0.25, 1.0, share));
 #else
     float share = clip_share(offset, CLIP_GAMMA * deviation);
+#ifdef CAMERA_RESTS
+    share = flickers ? 1.0 : share;
+#endif
     float kept = accumulated.a * mix(0.25, 1.0, share);
 #endif
     history = max(rgb(mean + offset * share), 0.0);
-    float frames = keep ? min(kept + 1.0, still ? STILL_FRAMES : MOVING_FRAMES) : 1.0, weight = 1.0 / frames;
+    float max_frames = still ? STILL_FRAMES : MOVING_FRAMES;
+#ifdef CAMERA_RESTS
+    max_frames = flickers ? FLICKERING_FRAMES : max_frames;
+#endif
+    float frames = keep ? min(kept + 1.0, max_frames) : 1.0, weight = 1.0 / frames;
 
     out_deviation = 0.0;
-#ifdef SETTLED
+#if defined(SETTLED) || defined(CAMERA_RESTS)
     float change = ycocg(now - history).x, variance_before = share < 1.0 ? 0.0 : spread * spread;
-#ifdef GATHERS_REFLECTIONS  // pixel by pixel, so that later ones of the first frames have more of them, and count more
+#if defined(SETTLED) && defined(GATHERS_REFLECTIONS)
+    // Pixel by pixel, so that later ones of the first frames have more of them, and count more.
     if (still) weight = 1.0 / (frames - 0.5 * (min(frames, RISING_FRAMES) - 1.0));
 #endif
     if (keep) out_deviation = min(sqrt((1.0 - weight) * (variance_before + change * change * weight)), HALF_MAX);

@@ -8,6 +8,7 @@ from app.arrays import F64
 from app.gl.context import Device
 from app.gl.frame_state import Execute, FrameState
 from app.gl.fullscreen import make_fullscreen
+from app.gl.pool import Resources
 from app.graph import PREVIOUS, BoundPass, Pass, Resource, Tex
 from app.math3d import View
 
@@ -47,13 +48,18 @@ def declare(has_sky: bool, motion: str, depth: str, is_sharpened: bool, size: tu
         defines["GATHERS_REFLECTIONS"] = 1
 
     def reprojecting(shader: str) -> Callable[[Device, BoundPass], Execute]:
-        """In two variants, so that what settled frames need costs nothing while something moves."""
+        """In variants, so that what frames of a camera at rest need costs nothing while it moves."""
         def make(device: Device, bound: BoundPass) -> Execute:
-            unsettled, settled = (make_fullscreen(
+            moving, resting, settled = (make_fullscreen(
                 shader, uniforms, {**defines, **variant},
                 samplers={motion: "motion", depth + PREVIOUS: "depth_prev"})(device, bound)
-                for variant in ({}, {"SETTLED": 1}))
-            return lambda frame, resources: (settled if frame.settled else unsettled)(frame, resources)
+                for variant in ({}, {"CAMERA_RESTS": 1}, {"SETTLED": 1}))
+
+            def execute(frame: FrameState, resources: Resources) -> None:
+                draw = settled if frame.settled else resting if frame.camera_rests else moving
+                draw(frame, resources)
+
+            return execute
 
         return make
 

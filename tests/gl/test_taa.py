@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -81,6 +81,44 @@ def test_light_thinner_than_a_texel_is_kept(width: float, behind: float) -> None
     over = (final[..., 1] - behind).clip(0).sum(axis=1).mean() / (1.0 - behind)
     print(f"WIRES of {width} texels before {behind}: {over / 13:.4f} texels of light")
     assert over / 13 == pytest.approx(width, rel=0.05)
+
+
+def wires_and_a_box(seconds: tuple[float, ...], places: tuple[tuple[float, float, float], ...]) -> Scene:
+    """Lit wires 0.4 texels wide before a dark wall, and a box above that slides and shades what is behind it."""
+    texel = 2 * 2.0 * np.tan(np.radians(22.5)) / SIZE[1]
+    wires = [quad((x, -2, 0), (0.4 * texel, 0, 0), (0, 4, 0), Material(albedo=(0.8,) * 3))
+             for x in np.linspace(-0.9, 0.9, 41)]
+    moving = box((-0.2, 0.4, 0.3), (0.4, 0.4, 0.1), motion=slide(seconds, places))
+    wall = quad((-4, -4, -0.1), (8, 0, 0), (0, 8, 0), Material(albedo=(0.02,) * 3))
+    return make_scene([wall, *wires, moving], [PointLight((0.0, 4.0, 4.0), (90.0,) * 3)],
+                      Camera((0.0, 0.0, 2.0), (0.0, 0.0, 0.0), fov_y_deg=45.0))
+
+
+def filmed(scene: Scene, seconds: Sequence[float]) -> NDArray[np.float32]:
+    """The last of frames of a camera at rest, at those times."""
+    camera = scene.cameras["main"].at(0.0)
+    with renderer(scene) as r:
+        return [r.render(camera, time)["final"] for time in seconds][-1]
+
+
+def test_wires_at_rest_stay_while_a_box_moves_beside_them() -> None:
+    scene = wires_and_a_box((0.0, 1.0), ((0.0, 0.0, 0.0), (0.2, 0.0, 0.0)))
+    below = slice(120, 190), slice(20, 236)  # where neither the box nor its shadow comes
+    rest, moving = (filmed(scene, [0.0] * 32 + [FRAME * k for k in range(1, frames)])[below] for frames in (1, 13))
+    noise = np.abs(moving - rest).mean() / rest.mean()
+    print(f"WIRES while a box moves: {noise:.3f} of their light off")
+    assert noise < 0.15
+
+
+def test_wires_are_lit_soon_after_a_shadow_has_left_them() -> None:
+    far = (3.0, 0.0, 0.0)
+    scene = wires_and_a_box((0.0, FRAME, 10.0), ((0.0, 0.0, 0.0), far, (3.5, 0.0, 0.0)))
+    shaded = slice(80, 100), slice(110, 146)
+    after = filmed(scene, [0.0] * 32 + [FRAME * k for k in range(1, 25)])[shaded].mean()
+    before, lit = (filmed(scene, [time] * 24)[shaded].mean() for time in (0.0, 1.0))
+    print(f"SHADOW {before:.4f}, after it has left {after:.4f}, without it {lit:.4f}")
+    assert before < 0.7 * lit
+    assert after == pytest.approx(lit, rel=0.1)
 
 
 SOFT = make_scene([floor(2.0), box((-0.3, 0, -0.3), (0.6,) * 3)], [PointLight((-1.2, 1.6, 0.6), (9.0,) * 3, 0.3)],
