@@ -470,6 +470,8 @@ class EmissionPoints:
         Whether a point also emits against its normal.
     hides_itself : bool
         Whether light that leaves the points meets the surfaces around them, as in a shade that emits within too.
+    is_sparse : bool
+        Whether the surfaces fill little of the light, as a neon sign does, so that highlights do not have its shape.
     """
 
     offset: F32
@@ -478,6 +480,7 @@ class EmissionPoints:
     area: F32
     two_sided: Bools
     hides_itself: bool = False
+    is_sparse: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@
 #include "sky_irradiance.glsl"
 #include "sky_specular.glsl"
 #include "ggx.glsl"
+#include "sparse_lights.glsl"
 #ifdef HAS_TRACED_RECT
 #include "traced_rects.glsl"
 #endif
@@ -139,7 +140,7 @@ void main()
     do {
         traced += irradiance(lights[i], p, n);
 #ifdef WRITE_SPECULAR
-        traced_specular += ggx_specular(lights[i], p, n, lobe);
+        traced_specular += is_sparse(i) ? vec3(0.0) : ggx_specular(lights[i], p, n, lobe);
 #endif
     } while (++i < spheres_end);
 #endif
@@ -152,6 +153,9 @@ void main()
 #else
     traced += rects_irradiance(p, n, is_surface(d), quad);
 #endif
+#endif
+#if defined(HAS_SPARSE_LIGHT) && defined(WRITE_SPECULAR)
+    traced_specular += sparse_specular(p, n, lobe, is_surface(d) && is_shiny);
 #endif
 #ifdef LAYERS
     for (int m = MAPPED_COUNT; m < (is_surface(d) ? LIGHT_COUNT : MAPPED_COUNT); ++m)

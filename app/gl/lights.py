@@ -15,7 +15,6 @@ from app.arrays import F32, F64, Bools
 from app.errors import SceneError
 from app.gl.context import Device
 from app.gl.near_cascade import Cascade, cascade_around
-from app.gl.shader import Program
 from app.gl.shadow_atlas import CUBE_MAP, PARALLEL_MAP, SINGLE_MAP, Tile, lay_out, size_of
 from app.math3d import affine_matrix, look_rotation, normalize, orthographic, perspective
 from app.scene import DirectionalLight, Light, PointLight, RectLight, Scene, SpotLight, bounds_of, swept_bounds_of
@@ -32,7 +31,7 @@ SUNK = 1e-3      # share of the scene's height by which what is not level may li
 MAX_THROW = 0.5  # of half the scene's size: blockers of parallel light farther away are not searched
 IN_PLANE = 1e-4  # of a rectangle's size: points so near its plane count as in it, or rounding would decide their side
 
-POINT_ROWS = 4   # of texels for the emission points of a light
+POINT_ROWS = 5   # of texels for the emission points of a light
 POINT_LEVELS = 5  # of the tree of its points below the root
 POINTS_UNIT = 14  # texture unit of the emission points, beyond those of what passes read
 
@@ -82,7 +81,8 @@ class LightSet:
     Attributes
     ----------
     lights : tuple of Light
-        Those with maps first, then spheres, then rectangles, as in the uniform block.
+        Those with maps first, then spheres, then rectangles, as in the uniform block; those of both that are sparse
+        follow each other.
     mapped : tuple of Light
         Those with maps.
     bounds : ndarray, float64, shape (2, 3)
@@ -124,8 +124,14 @@ class LightSet:
 
     def _set_lights(self, scene: Scene, traced: tuple[bool, ...]) -> None:
         self.mapped = tuple(light for light, is_traced in zip(scene.lights, traced, strict=True) if not is_traced)
-        others = (light for light, is_traced in zip(scene.lights, traced, strict=True) if is_traced)
-        self.lights = (*self.mapped, *sorted(others, key=lambda light: isinstance(light, RectLight)))
+        others = tuple(light for light, is_traced in zip(scene.lights, traced, strict=True) if is_traced)
+        points = scene.approximate_lights
+        kinds = [(isinstance(light, RectLight), light in points and points[light].is_sparse) for light in others]
+        # Spheres, then rectangles, and sparse ones between the others.
+        order = sorted(range(len(others)), key=lambda k: (kinds[k][0], kinds[k][0] != kinds[k][1]))
+        self.lights = (*self.mapped, *(others[k] for k in order))
+        sparse = [len(self.mapped) + place for place, k in enumerate(order) if kinds[k][1]]
+        self._sparse = range(sparse[0], sparse[-1] + 1) if sparse else range(0)
         self._points = {light: scene.approximate_lights[light] for light in self.lights[len(self.mapped):]
                         if light in scene.approximate_lights}
 
@@ -138,19 +144,21 @@ class LightSet:
             return None
         width = max(2 << POINT_LEVELS, max(len(points.area) for points in self._points.values()))
         texels = np.zeros((len(self._points), POINT_ROWS, width, 4), np.float32)
-        for (positions, normals, intensities, nodes), points in zip(texels, self._points.values(), strict=True):
+        for (positions, normals, intensities, nodes, shares), points in zip(texels, self._points.values(), strict=True):
             count = len(points.area)
             positions[:count] = np.concatenate([points.offset, points.area[:, None] / np.float32(math.pi)], axis=1)
             normals[:count] = np.concatenate([points.normal, points.two_sided[:, None]], axis=1)
             intensities[:count, :3] = points.intensity
             nodes[:2 << POINT_LEVELS] = _tree(positions[:count])
+            shares[:2 << POINT_LEVELS, :3] = _shares(points.intensity)
         return self._ctx.texture((width, texels.shape[0] * POINT_ROWS), 4, texels.tobytes(), dtype="f4")
 
-    def bind_emission_points(self, program: Program) -> None:
-        """Let ``program`` read the emission points of traced lights, if any has some."""
-        if self._emission_points is not None:
-            self._emission_points.use(POINTS_UNIT)
-            program.set(emission_points=POINTS_UNIT)
+    def bind_emission_points(self) -> dict[str, object]:
+        """Bind the emission points of traced lights, if any has some; the uniform of shaders that read them."""
+        if self._emission_points is None:
+            return {}
+        self._emission_points.use(POINTS_UNIT)
+        return {"emission_points": POINTS_UNIT}
 
     def release(self) -> None:
         self.buffer.release()
@@ -231,10 +239,12 @@ class LightSet:
             **{f"HAS_{MAP_NAMES[tile.kind]}_MAP": True for tile in self.tiles},
             "HAS_TRACED_LIGHT": bool(traced), "HAS_TRACED_SPHERE": rect_count < len(traced),
             "HAS_TRACED_RECT": rect_count > 0, "HAS_EMISSION_POINTS": bool(self._points),
+            "HAS_SPARSE_LIGHT": bool(self._sparse),
         }
         return {"LIGHT_COUNT": len(self.lights), "MAPPED_COUNT": len(self.mapped),
                 "RECTS_BEGIN": len(self.lights) - rect_count,
                 **({"POINT_LEVELS": POINT_LEVELS} if self._points else {}),
+                **({"SPARSE_BEGIN": self._sparse.start, "SPARSE_END": self._sparse.stop} if self._sparse else {}),
                 **{name: 1 for name in sorted(flags) if flags[name]}}
 
     def upload(self, eye: F64) -> None:
@@ -333,6 +343,17 @@ class _Parallel:
     direction: F64
     center: F64
     half: float
+
+
+def _shares(intensity: F32) -> F64:
+    """The share that each node of ``_tree`` has of the light of points, shape (2 << POINT_LEVELS, 3)."""
+    shares = np.zeros((2 << POINT_LEVELS, 3))
+    sums = np.concatenate([np.zeros((1, 3)), np.cumsum(intensity, axis=0, dtype=np.float64)])
+    for level in range(POINT_LEVELS + 1):
+        ends = np.arange((1 << level) + 1) * len(intensity) / (1 << level)
+        at = np.stack([np.interp(ends, np.arange(len(sums)), channel) for channel in sums.T], axis=1)
+        shares[1 << level:2 << level] = np.diff(at, axis=0) / np.maximum(sums[-1], 1e-30)
+    return shares
 
 
 def _tree(points: F32) -> F64:

@@ -142,8 +142,7 @@ class ShadowRays:
 def set_frame(program: Program, frame: FrameState, scene: RayScene) -> None:
     """Set what variants of shadow_rays.frag need of a frame, beside their receivers."""
     program.set(noise_phase=frame.noise_phase, ray_epsilon=RAY_EPSILON * scene.extent,
-                sky_distance=SKY_DISTANCE * scene.extent)
-    frame.lights.bind_emission_points(program)
+                sky_distance=SKY_DISTANCE * scene.extent, **frame.lights.bind_emission_points())
 
 
 def _mean(total: F32, samples: F32) -> F32:

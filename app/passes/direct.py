@@ -100,6 +100,8 @@ def _make(device: Device, bound: BoundPass, defines: Mapping[str, object], shado
         if lobes is not None:
             lobes.use(LTC_UNIT)
             values["ltc"] = LTC_UNIT
+        if has_specular and "HAS_SPARSE_LIGHT" in defines:
+            values |= frame.lights.bind_emission_points()
         return values
 
     fast_path = None if layer is not None or has_layers else _fast_path(defines, shadow_grid)

@@ -2,6 +2,7 @@
 // cosines; the texels of a quad that shows one flat surface evaluate one each, at the quad's centre, and share the sums.
 #include "lights.glsl"
 #include "ggx.glsl"
+#include "sparse_lights.glsl"
 #include "quad_surface.glsl"
 
 // How much the texels of a quad may differ from its centre:
@@ -14,13 +15,18 @@ struct TracedRects {
     vec3 specular;  // radiance that the lobe reflects
 };
 
-// What a cosine gathers of all of them. Loops have their tests at the end, as in direct.frag.
-vec3 gather_rects(vec3 p, vec3 n, Cosine cosine, bool is_lit)
+// What a cosine gathers of all of them, but for highlights of sparse ones. Loops have their tests at the end, as in direct.frag.
+vec3 gather_rects(vec3 p, vec3 n, Cosine cosine, bool is_lit, bool is_specular)
 {
     vec3 sum = vec3(0.0);
-    int i = RECTS_BEGIN, end = is_lit ? LIGHT_COUNT : RECTS_BEGIN;
+    int first = RECTS_BEGIN, end = is_lit ? LIGHT_COUNT : RECTS_BEGIN;
+#ifdef HAS_SPARSE_LIGHT
+    first = is_specular ? max(SPARSE_END, RECTS_BEGIN) : RECTS_BEGIN;
+#endif
+    int i = min(first, LIGHT_COUNT - 1);
     do {
-        sum += lights[i].color.rgb * rect_light(lights[i], p, n, cosine);
+        vec3 light = lights[i].color.rgb * rect_light(lights[i], p, n, cosine);
+        sum += i < first ? vec3(0.0) : light;
     } while (++i < end);
     return sum;
 }
@@ -87,7 +93,7 @@ vec3 rects_irradiance(vec3 p, vec3 n, bool is_lit, QuadSurface quad)
     p = is_shared ? quad.p : p;
     n = is_shared ? quad.n : n;
 #endif
-    return max(gather_rects(p, n, Cosine(mat3(1.0), n), is_lit), 0.0);
+    return max(gather_rects(p, n, Cosine(mat3(1.0), n), is_lit, false), 0.0);
 }
 
 TracedRects rects_light(vec3 p, vec3 n, Lobe lobe, bool is_lit, bool is_shiny, QuadSurface quad)
@@ -111,7 +117,7 @@ TracedRects rects_light(vec3 p, vec3 n, Lobe lobe, bool is_lit, bool is_shiny, Q
         Cosine cosine = lobe_cosine(rect, max(index - 1, 0));
         cosine.transform = index == 0 ? mat3(1.0) : cosine.transform;
         cosine.axis = index == 0 ? normal : cosine.axis;
-        vec3 sum = gather_rects(at, normal, cosine, is_lit);
+        vec3 sum = gather_rects(at, normal, cosine, is_lit, index > 0);
         irradiance += index == 0 ? sum : vec3(0.0);
         specular += index == 0 ? vec3(0.0) : sum;
     } while (++i < end);

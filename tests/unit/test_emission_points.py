@@ -59,6 +59,25 @@ def test_narrow_sides_get_more_points_than_their_power() -> None:
     assert abs(points.area[on_sides].sum() - 0.04) < 0.001
 
 
+@pytest.mark.parametrize(("radiance", "is_sparse"), [(1.0, False), (0.1, True), (4.0, True)])
+def test_a_light_that_is_far_darker_or_brighter_than_its_surfaces_is_sparse(radiance: float, is_sparse: bool) -> None:
+    square = triangles().select(np.arange(2))
+    color = tuple((radiance * square.radiance[0]).tolist())
+    light = RectLight((0.5, 0.0, 0.5), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0), color)
+    ((_, points),) = place_points(square, [light])
+    assert points.is_sparse == is_sparse
+
+
+def test_parts_of_points_lie_close_together() -> None:
+    """On a closed curve, where points of opposite sides are as far along any axis."""
+    angle = np.linspace(0, 2 * np.pi, 65)
+    ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    corners = np.stack([ring[:-1], ring[1:], ring[1:] + np.array([0, 0, 0.01])], axis=1)
+    points = points_of(EmissiveTriangles(corners, np.ones((64, 3)), np.zeros(64, bool), np.zeros(64, int)))
+    parts = points.offset.reshape(32, -1, 3)
+    assert np.ptp(parts, axis=1).max() < 0.3  # 32 equal parts of the ring are 0.2 long
+
+
 def test_triangles_without_power_do_no_harm() -> None:
     """Such as slivers, which rounding leaves of divided triangles; here the only one that faces its direction."""
     emitters = triangles()
