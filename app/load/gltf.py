@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -39,6 +40,17 @@ def read_gltf(path: Path, builder: SceneBuilder) -> None:
     _Reader(open_gltf(path), builder).run()
 
 
+@contextmanager
+def _within(kind: str, index: int, spec: Any) -> Iterator[None]:
+    """Note in what part of the file an error was met."""
+    try:
+        yield
+    except Exception as error:
+        name = spec.get("name") if isinstance(spec, dict) else None
+        error.add_note(f"in {kind} {index}" + (f" ({name!r})" if name else ""))
+        raise
+
+
 class _Reader:
     def __init__(self, file: GltfFile, builder: SceneBuilder) -> None:
         self._file, self._builder = file, builder
@@ -63,13 +75,15 @@ class _Reader:
         if self._builder.variant in self._builder.variants:
             self._variant = self._builder.variants.index(self._builder.variant)
         for index, spec in enumerate(self._file.items("materials")):
-            material, uv_sets = self._materials.read(spec, index)
+            with _within("material", index, spec):
+                material, uv_sets = self._materials.read(spec, index)
             self._builder.materials.append(material)
             self._uv_sets.append(uv_sets)
         self._builder.materials.append(DEFAULT)
         self._uv_sets.append(())
         for index, world, names in self._nodes():
-            self._visit(index, self._poses.tree.world_at(0.0)[index] if self._is_animated else world, names)
+            with _within("node", index, self._file.items("nodes")[index]):
+                self._visit(index, self._poses.tree.world_at(0.0)[index] if self._is_animated else world, names)
         self._convert_lights()
 
     def _convert_lights(self) -> None:

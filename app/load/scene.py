@@ -174,7 +174,8 @@ def _read(path: Path, variant: str | None, animation: str | None) -> SceneBuilde
     except MemoryError as error:
         raise SceneError("the scene does not fit into memory", path, "expected a smaller or undamaged file") from error
     except Exception as error:
-        raise SceneError(f"the scene file is corrupt: {_reason(error)}", path,
+        reason = " ".join((_reason(error), *getattr(error, "__notes__", ())))
+        raise SceneError(f"the scene file is corrupt: {reason}", path,
                          f"expected a valid {path.suffix} file") from error
     if variant is not None and variant not in builder.variants:
         raise SceneError(f"no material variant {variant!r}", path, did_you_mean(variant, builder.variants))
@@ -201,6 +202,8 @@ def _reason(error: Exception) -> str:
             return "a value is of the wrong kind"
         case ValueError() if str(error).startswith("could not convert string"):
             return "a text is where a number is expected"
+        case IndexError() if "out of " in str(error):  # in Python's own words
+            return "a list is too short, or an index too large,"
         case struct.error():
             return "it ends too early"
         case RecursionError():

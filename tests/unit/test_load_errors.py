@@ -52,7 +52,12 @@ def test_corrupt_files_give_a_one_line_error(tmp_path, suffix, content):
     ("a.gltf", '{"asset": {"version": "2.0"}, "buffers": [], "nodes": 3}', "a value is of the wrong kind"),
     ("a.glb", "glTF\x02", "it ends too early"),
     ("a.gltf", '{"asset": {"version": "2.0"}, "materials": [{"alphaCutoff": "x", "alphaMode": "MASK"}]}',
-     "a text is where a number is expected"),
+     "a text is where a number is expected in material 0 "),
+    ("a.gltf", ('{"asset": {"version": "2.0"}, "materials": [{"name": "a"}, {"name": "wood", "pbrMetallicRoughness": '
+                '{"baseColorFactor": [1, 1, 1]}}]}'),
+     r"a list is too short, or an index too large, in material 1 \('wood'\) "),
+    ("a.gltf", '{"asset": {"version": "2.0"}, "meshes": [], "nodes": [{"name": "chair", "mesh": 3}]}',
+     r" in node 0 \('chair'\) "),
     ("a.glb", "glTF\x02\0\0\0\x14\0\0\0\0\0\0\0BIN\0", "no JSON chunk"),
 ])
 def test_errors_say_what_is_wrong_with_a_file(tmp_path, name, content, match):
