@@ -11,6 +11,7 @@ const float FILL_RADIUS = 4.0;  // pixels to what stands in for what is hidden
 const int VOLUME_STEPS = 16;    // of a ray through a volume
 const int HALVINGS = 5;         // of a step that meets something
 const int MAX_HITS = 2;         // of such steps
+const int STEPS_BACK = 16;      // from what is hidden to where the ray starts
 const float PASSED = 0.2;       // of the volume's depth, behind which a ray has passed something
 const float CROSSING = 0.25;    // of that distance, up to which it meets a surface after all halvings
 const float LEAVES = 2.0;       // share of the way of a ray that meets nothing
@@ -130,8 +131,14 @@ vec4 blurred(vec2 pixel, float radius, float lod, float nearest)
 vec3 transmitted_light(float d, vec4 from)
 {
     float thick = from.w * depth_scale(d), s = share_inside(d, from.xy, thick), nearest = s < LEAVES ? d : d + thick;
-    vec2 pixel = inside_image(gl_FragCoord.xy + min(s, 1.0) * from.xy);
-    ivec2 texel = is_behind(ivec2(pixel), nearest) ? ivec2(pixel) : ivec2(gl_FragCoord.xy);
+    // Where something before the glass hides what the ray meets, what is beside it on the way back stands for that.
+    float to_end = min(s, 1.0), stride = to_end / float(STEPS_BACK), first = stride * texel_noise(gl_FragCoord.xy);
+    vec2 pixel = inside_image(gl_FragCoord.xy + to_end * from.xy);
+    for (int i = 0; i < STEPS_BACK && !is_behind(ivec2(pixel), nearest); ++i) {
+        to_end = max(to_end - (i == 0 ? first : stride), 0.0);
+        pixel = inside_image(gl_FragCoord.xy + to_end * from.xy);
+    }
+    ivec2 texel = ivec2(pixel);
     float there = texelFetch(opaque_depth, texel, 0).r;
 #ifdef ORTHOGRAPHIC
     float share = is_surface(there) ? max(there - d, 0.0) : depth_scale(d);  // of a unit, as lens.y is in scene units

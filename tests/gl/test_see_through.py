@@ -160,6 +160,19 @@ def test_glass_does_not_repeat_what_stands_before_it() -> None:
     assert (seen[1] & ~seen[0]).sum() < 0.03 * seen[0].sum()
 
 
+def test_what_a_thing_before_glass_hides_from_it_is_filled_from_beside_it() -> None:
+    """Not with what is seen without refraction, which is farther away: on a ramp, so is its value."""
+    ground = floor(4.0, 0.0, Material(albedo=WHITE, albedo_map=RAMP, is_unlit=True))
+    block = floor(1.5, 0.5, glass(ior=1.5, thickness=0.4))
+    strip = quad((-1.5, 0.52, 0.03), (3.0, 0, 0), (0, 0, -0.06), Material(albedo=(1.0, 0.0, 0.0), is_unlit=True))
+    clear, seen = (draw(make_scene([*things, block, ground], camera=SLANTED), (96, 96))["final"]
+                   for things in ((), (strip,)))
+    is_strip = seen[..., 0] > 1.5 * seen[..., 1]
+    error = np.abs(seen - clear)[~is_strip][:, 1].max()
+    print(f"HIDDEN {error:.4f}")
+    assert 0.001 < error < 0.03  # 0.07 without refraction
+
+
 def test_a_volume_of_infinite_index_stays_finite() -> None:
     pane = floor(1.0, 0.5, glass(ior=math.inf, thickness=0.5, roughness=0.5))
     with Renderer(make_scene([pane, WALL], camera=TOP), Settings(SIZE, taa=False, check=True, provider="cpu")) as r:
