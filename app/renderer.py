@@ -252,10 +252,10 @@ class Renderer:
         scaled = scene.with_radiance_scale(self._radiance_scale)
         # Edited lights keep their way of shadowing: looking for it takes long, and another one needs other shaders.
         same_kinds = [type(light) for light in lights] == [type(light) for light in self.scene.lights]
-        with self._gl.ctx:  # which the first caster needs
+        with self._gl.ctx:  # which the first caster and the points of approximate lights need
             traced = self._traced if same_kinds else self._needs_rays(scaled)
-        if not self._lights.replace(scaled, traced):
-            return False
+            if not self._lights.replace(scaled, traced):
+                return False
         self.scene, self._traced = scene, traced
         return True
 

@@ -25,7 +25,7 @@ const float MOVING_FRAMES = 8.0;    // history length while something moves thro
 const float STILL_FRAMES = 256.0;
 const float RISING_FRAMES = 32.0;   // that count in proportion to their number; all later ones count alike
 const float FLICKERING = 0.15;      // of the luma, deviation over time of what each frame shows in part, such as a grating
-const float FLICKERING_FRAMES = 16.0;  // its history length while something else moves
+const float FLICKERING_FRAMES = 16.0;  // its history length while something else moves; less one for each darker sample in a row
 
 uniform sampler2D taa_prev;  // rgb: history, a: frames accumulated
 uniform sampler2D taa_deviation_prev;
@@ -109,7 +109,8 @@ void main()
     history = max(rgb(mean + offset * share), 0.0);
     float max_frames = still ? STILL_FRAMES : MOVING_FRAMES;
 #ifdef CAMERA_RESTS
-    max_frames = flickers ? FLICKERING_FRAMES : max_frames;
+    // A shadow that arrives darkens all samples: down to MOVING_FRAMES, history is clipped again.
+    kept = flickers ? (own < past ? min(kept, FLICKERING_FRAMES) - 2.0 : FLICKERING_FRAMES - 1.0) : kept;
 #endif
     float frames = keep ? min(kept + 1.0, max_frames) : 1.0, weight = 1.0 / frames;
 

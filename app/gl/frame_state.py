@@ -111,13 +111,6 @@ class FrameState:
         return self.history_valid and self.still > 1 and self.unchanged > REFRESH_FRAMES
 
     @property
-    def camera_rests(self) -> bool:
-        """Whether the camera is where it was in the last frame."""
-        then, now = self.previous, self.view
-        return (np.array_equal(then.eye, now.eye) and np.array_equal(then.rotation, now.rotation)
-                and (then.half_size, then.center) == (now.half_size, now.center))
-
-    @property
     def settled(self) -> bool:
         """Whether all history shows what is visible now."""
         return self.still >= REFRESH_FRAMES

@@ -33,7 +33,7 @@ IN_PLANE = 1e-4  # of a rectangle's size: points so near its plane count as in i
 
 POINT_ROWS = 5   # of texels for the emission points of a light
 POINT_LEVELS = 5  # of the tree of its points below the root
-POINTS_UNIT = 14  # texture unit of the emission points, beyond those of what passes read
+POINTS_UNIT = 33  # texture unit of the emission points, beyond those that one stage can have samplers for
 
 TRANSMITTANCE_MAPS = "shadow_transmittance", "shadow_transmittance_depth"
 
@@ -174,6 +174,8 @@ class LightSet:
             return False
         self.lights, self.mapped = other.lights, other.mapped
         if self._points != other._points:  # the points themselves are compared by identity
+            if self._emission_points is not None:
+                self._emission_points.release()
             self._points, self._emission_points = other._points, other._make_emission_points()
         return True
 

@@ -48,7 +48,7 @@ def declare(has_sky: bool, motion: str, depth: str, is_sharpened: bool, size: tu
         defines["GATHERS_REFLECTIONS"] = 1
 
     def reprojecting(shader: str) -> Callable[[Device, BoundPass], Execute]:
-        """In variants, so that what frames of a camera at rest need costs nothing while it moves."""
+        """In variants, so that what frames of a camera at rest need costs nothing while it moves or lights change."""
         def make(device: Device, bound: BoundPass) -> Execute:
             moving, resting, settled = (make_fullscreen(
                 shader, uniforms, {**defines, **variant},
@@ -56,7 +56,8 @@ def declare(has_sky: bool, motion: str, depth: str, is_sharpened: bool, size: tu
                 for variant in ({}, {"CAMERA_RESTS": 1}, {"SETTLED": 1}))
 
             def execute(frame: FrameState, resources: Resources) -> None:
-                draw = settled if frame.settled else resting if frame.camera_rests else moving
+                rests = frame.view.same_as(frame.previous) and not frame.relit
+                draw = settled if frame.settled else resting if rests else moving
                 draw(frame, resources)
 
             return execute

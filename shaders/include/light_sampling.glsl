@@ -15,9 +15,10 @@ const int POINT_CANDIDATES = 4;        // of emission points, of which one is ch
 #ifdef HAS_EMISSION_POINTS
 const float EVEN_SHARE_OF_HALVES = 0.1;  // of the choice of a half that knows nothing of it
 
-uniform sampler2D emission_points;  // a light has five rows, here four: offset from its centre and squared radius of a disc of the
-                                    // point's area; normal and whether the back emits too; intensity along the normal;
-                                    // nodes of the tree, the halves of node k at 2 k and 2 k + 1: centre, squared radius
+// A light has five rows: offset from its centre and squared radius of a disc of the point's area; normal and whether the back emits
+// too; intensity along the normal; nodes of the tree, the halves of node k at 2 k and 2 k + 1: centre, squared radius; each node's
+// share of the light in each channel.
+uniform sampler2D emission_points;
 #endif
 
 struct LightSample {

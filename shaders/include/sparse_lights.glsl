@@ -7,9 +7,9 @@
 #ifdef HAS_SPARSE_LIGHT
 const float TOLD_APART = 0.5;  // size of a part, of the lobe's width at its distance
 const float BLURS = 0.25;      // of the distance by which the mirrored ray misses a light, what counts as width
-const float MAX_WIDTH = 0.25;  // of the distance, since highlights of balls near them have edges
+const float MAX_WIDTH = 0.05;  // of the distance, since highlights of balls near them have edges
 
-uniform sampler2D emission_points;  // as in light_sampling.glsl; in a fifth row, each node's share of the light in each channel
+uniform sampler2D emission_points;  // as in light_sampling.glsl
 
 // Intensity towards a point.
 vec3 sparse_intensity(Light light, vec3 to_light)

@@ -110,6 +110,16 @@ def test_wires_at_rest_stay_while_a_box_moves_beside_them() -> None:
     assert noise < 0.15
 
 
+def test_wires_are_dark_soon_after_a_shadow_has_come_over_them() -> None:
+    scene = wires_and_a_box((0.0, FRAME, 10.0), ((3.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.1, 0.0, 0.0)))
+    shaded = slice(80, 100), slice(110, 146)
+    after = filmed(scene, [0.0] * 32 + [FRAME * k for k in range(1, 13)])[shaded].mean()
+    lit, dark = (filmed(scene, [time] * 24)[shaded].mean() for time in (0.0, FRAME))
+    print(f"SHADOW {dark:.4f}, after it has come {after:.4f}, without it {lit:.4f}")
+    assert dark < 0.2 * lit
+    assert after < dark + 0.1 * lit
+
+
 def test_wires_are_lit_soon_after_a_shadow_has_left_them() -> None:
     far = (3.0, 0.0, 0.0)
     scene = wires_and_a_box((0.0, FRAME, 10.0), ((0.0, 0.0, 0.0), far, (3.5, 0.0, 0.0)))
