@@ -64,6 +64,8 @@ def reference(scene: Annotated[Path | None, SCENE] = None,
         write_baselines(out, still, counts, seed, max_bounces)
         return
     about = {"scene": str(scene or "embedded"), "camera": camera or loaded.default_camera, "lighting": loaded.lighting}
+    print("the path tracer is compiled for the scene first, which takes a minute or more if there are many materials",
+          flush=True)
     with transient_progress() as bar:
         task = bar.add_task("tracing", total=1.0)
         traced = write_reference(out, still, spp, seed, max_bounces, about,
