@@ -124,16 +124,14 @@ class LightSet:
 
     def _set_lights(self, scene: Scene, traced: tuple[bool, ...]) -> None:
         self.mapped = tuple(light for light, is_traced in zip(scene.lights, traced, strict=True) if not is_traced)
-        others = tuple(light for light, is_traced in zip(scene.lights, traced, strict=True) if is_traced)
-        points = scene.approximate_lights
-        kinds = [(isinstance(light, RectLight), light in points and points[light].is_sparse) for light in others]
+        others = [light for light, is_traced in zip(scene.lights, traced, strict=True) if is_traced]
+        self._points = {light: scene.approximate_lights[light] for light in others if light in scene.approximate_lights}
+        sparse = {light for light, points in self._points.items() if points.is_sparse}
         # Spheres, then rectangles, and sparse ones between the others.
-        order = sorted(range(len(others)), key=lambda k: (kinds[k][0], kinds[k][0] != kinds[k][1]))
-        self.lights = (*self.mapped, *(others[k] for k in order))
-        sparse = [len(self.mapped) + place for place, k in enumerate(order) if kinds[k][1]]
-        self._sparse = range(sparse[0], sparse[-1] + 1) if sparse else range(0)
-        self._points = {light: scene.approximate_lights[light] for light in self.lights[len(self.mapped):]
-                        if light in scene.approximate_lights}
+        others.sort(key=lambda light: (isinstance(light, RectLight), isinstance(light, RectLight) != (light in sparse)))
+        self.lights = (*self.mapped, *others)
+        places = [place for place, light in enumerate(others, len(self.mapped)) if light in sparse]
+        self._sparse = range(places[0], places[-1] + 1) if places else range(0)
 
     def _lay_out(self) -> None:
         self.tiles, self.cascade_tiles, self.atlas_size = lay_out(self.mapped, self._max_size, self.has_cascades)
