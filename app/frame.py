@@ -46,6 +46,7 @@ from app.passes import (
     tonemap,
     unshadowed_environment,
     upsample,
+    volume_exit,
 )
 from app.raycast.caster import Caster
 from app.scene import Environment, Scene
@@ -89,7 +90,7 @@ NOTHING_TRACED = "the shadows of all lights are in maps"
 SHADOW_RAY_PASSES = ("shadow_gbuffer", "shadow_rays", "shadow_history", "shadow_filter_near", "shadow_filter_far")
 MAX_LAYERS = 4  # of blended and transmissive surfaces; farther ones of a pixel are not drawn
 LAYER_LIGHT_PASSES = (*(f"peel{k}_lowres_gbuffer" for k in range(MAX_LAYERS)), "layer_light")
-LAYER_PASSES = (*(f"peel{k}_{name}" for k in range(MAX_LAYERS) for name in ("gbuffer", "direct", "blend")),
+LAYER_PASSES = (*(f"peel{k}_{name}" for k in range(MAX_LAYERS) for name in ("gbuffer", "exit", "direct", "blend")),
                 *LAYER_LIGHT_PASSES, "front_motion")
 CUBE_PASSES = ("cube_gbuffer", "cube_shadow_rays", "cube_direct", "cube_background")
 GRADIENT_PASSES = ("gradient_filter_near", "gradient_filter_far")
@@ -302,8 +303,13 @@ def _peeled_layers(inputs: FrameInputs) -> Iterator[Step]:
     """Layers of blended and transmissive surfaces, lit like the others and laid over each other, the farthest first."""
     layers = [PeeledLayer(index) for index in range(MAX_LAYERS)]
     shadow_grid = shadow_rays.grid(inputs.settings.render_size) if inputs.is_traced else None
+    has_volumes = any(m.is_volume for m in inputs.scene.materials)
     for before, layer in zip((None, *layers), layers, strict=False):
         yield gbuffer.declare_peeled(inputs.scene, inputs.layers, layer, before)
+        if has_volumes:
+            yield volume_exit.declare(layer)
+        else:
+            yield Absent(layer.prefix + "exit", "no material is a volume")
         # A model shades the G-buffer only, so layers reflect the environment without shadows then.
         yield direct.declare(inputs.lights, inputs.has_specular, shadow_grid, inputs.scene.environment is not None,
                              inputs.layers, inputs.has_normal_maps, layer,
@@ -316,11 +322,12 @@ def _peeled_layers(inputs: FrameInputs) -> Iterator[Step]:
         yield layer_light.declare(layers, grid, inputs.surfels)
     else:
         yield from _absent("the model gives no light of surfels", *LAYER_LIGHT_PASSES)
-    behind = "opaque_lit"
+    behind, next_depth = "opaque_lit", None
     for layer in reversed(layers):
         result = layer.prefix + "lit" if layer.index else "lit"
-        yield blend.declare(layer, behind, result, inputs.models.indirect is not None, inputs.has_surfel_indirect)
-        behind = result
+        yield blend.declare(layer, behind, result, inputs.models.indirect is not None, inputs.has_surfel_indirect,
+                            next_depth)
+        behind, next_depth = result, layer.prefix + "depth" if has_volumes else None
     yield front_motion.declare(layers[0])
 
 

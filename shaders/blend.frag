@@ -8,13 +8,7 @@ const int BLUR_TAPS = 8;
 const float GOLDEN_ANGLE = 2.39996323;
 const float MIN_BLUR = 0.5;     // pixels
 const float FILL_RADIUS = 4.0;  // pixels to what stands in for what is hidden
-const int VOLUME_STEPS = 16;    // of a ray through a volume
-const int HALVINGS = 5;         // of a step that meets something
-const int MAX_HITS = 2;         // of such steps
 const int STEPS_BACK = 16;      // from what is hidden to where the ray starts
-const float PASSED = 0.2;       // of the volume's depth, behind which a ray has passed something
-const float CROSSING = 0.25;    // of that distance, up to which it meets a surface after all halvings
-const float LEAVES = 2.0;       // share of the way of a ray that meets nothing
 const int INDIRECT_TAPS = 8;
 const float INDIRECT_RADIUS = 24.0;  // pixels
 const float SAME_DEPTH = 0.05;       // relative difference of depths of one surface,
@@ -25,6 +19,9 @@ uniform sampler2D albedo;
 uniform sampler2D direct;
 uniform sampler2D depth;     // of the layer
 uniform sampler2D opaque_depth;
+#if defined(HAS_ARRIVING) || defined(HAS_EXIT)
+uniform sampler2D normal;
+#endif
 uniform sampler2D passage;   // a: coverage
 #ifdef HAS_SPECULAR
 uniform sampler2D specular;
@@ -37,14 +34,20 @@ uniform sampler2D indirect;  // of what is opaque
 #endif
 #ifdef HAS_ARRIVING
 #include "sky_irradiance.glsl"
-uniform sampler2D normal;
 uniform sampler2D arriving;  // diffuse light on a coarse grid; a: depth of the layer there, 0 for none
 #endif
+#ifdef HAS_SKY_SPECULAR
+#include "sky_specular.glsl"
+#endif
 #ifdef HAS_REFRACTION
-uniform sampler2D refraction;  // pixels to where light comes from; z: slope of its spread; a: depth of the glass / depth_scale
+uniform sampler2D refraction;  // ior, or 0 if thin; thickness / depth_scale; slope of the spread of what is behind
 #endif
 #ifdef HAS_OUTER_REFLECTION
 uniform sampler2D outer_reflection;  // a: 1 for the layer, 0 for a clear coat
+#endif
+
+#ifdef HAS_REFRACTION
+#include "refracted_source.glsl"
 #endif
 
 layout(location = 0) out vec4 out_lit;
@@ -55,48 +58,6 @@ bool is_behind(ivec2 texel, float nearest)
 {
     float there = texelFetch(opaque_depth, texel, 0).r;
     return !is_surface(there) || there > nearest;
-}
-
-vec2 inside_image(vec2 pixel) { return clamp(pixel, vec2(0.5), image.xy - 0.5); }
-
-ivec2 texel_at(vec2 pixel) { return ivec2(inside_image(pixel)); }
-
-// Of the ray through a volume, which starts at depth d, after a share s of its way on the screen.
-
-float depth_inside(float d, float thick, float s)
-{
-#ifdef ORTHOGRAPHIC
-    return d + s * thick;
-#else
-    return d * (d + thick) / mix(d + thick, d, s);
-#endif
-}
-
-// Share of the way on screen through a volume from depth d, to a point ``aside`` and ``thick`` deeper, after which the ray
-// meets what is opaque; LEAVES if it meets nothing.
-float share_inside(float d, vec2 aside, float thick)
-{
-    float before = (texel_noise(gl_FragCoord.xy) - 1.0) / float(VOLUME_STEPS);
-    float step_end = 0.0, met = 0.0, slack = 0.0, behind_it = 0.0;
-    int halvings = 0;
-    bool crosses = false;
-    for (int i = 0; i < VOLUME_STEPS + 1 + MAX_HITS * HALVINGS && before < 1.0 && !crosses && thick > 0.0; ++i) {
-        bool halves = halvings > 0;
-        float s = halves ? 0.5 * (before + met) : min(before + 1.0 / float(VOLUME_STEPS), 1.0);
-        float z = depth_inside(d, thick, s), there = texelFetch(opaque_depth, texel_at(gl_FragCoord.xy + s * aside), 0).r;
-        slack = halves ? slack : max(PASSED * thick, z - depth_inside(d, thick, before));
-        bool meets = is_surface(there) && there > d && there < z && z - there < slack;
-        halvings = halves ? halvings - 1 : meets ? HALVINGS : 0;
-        step_end = halves ? step_end : s;
-        met = meets ? s : met;
-        behind_it = meets ? z - there : behind_it;
-        before = meets ? before : s;
-        // Behind an outline the distance to what the ray passes stays; where it crosses a surface, it shrinks.
-        bool is_last = halves && halvings == 0;
-        crosses = is_last && behind_it < CROSSING * slack;
-        before = is_last ? step_end : before;
-    }
-    return crosses ? met : LEAVES;
 }
 
 // Between the four texels around a pixel; a: the share of them that is behind.
@@ -127,17 +88,33 @@ vec4 blurred(vec2 pixel, float radius, float lod, float nearest)
     return sum;
 }
 
-// Light behind a surface at depth d that is seen through rough or thick glass.
-vec3 transmitted_light(float d, vec4 from)
+// Radiance from a direction that the picture does not show: the mean of what arrives, or the environment's if it is about
+// as bright as that.
+vec3 surrounding(vec3 direction, vec3 diffuse)
 {
-    float thick = from.w * depth_scale(d), s = share_inside(d, from.xy, thick), nearest = s < LEAVES ? d : d + thick;
+#if defined(HAS_SKY_SPECULAR) && defined(HAS_SKY_IRRADIANCE)
+    vec3 n = sanitize_normal(texelFetch(normal, ivec2(gl_FragCoord.xy), 0).xyz);
+    vec3 sky = unshadowed_sky_specular(relative_from_view(direction), 0.0);
+    float ratio = luminance(diffuse) * PI / max(luminance(unshadowed_sky_irradiance(n)), 1e-30);
+    return mix(diffuse, sky, clamp(1.5 - abs(log2(max(ratio, 1e-30))), 0.0, 1.0));
+#else
+    return diffuse;
+#endif
+}
+
+// Light behind a surface at depth d that is seen through rough or thick glass.
+vec3 transmitted_light(float d, vec4 from, vec3 diffuse)
+{
+    Source source = Source(gl_FragCoord.xy, d, vec3(1.0), true, vec3(0.0));
+#ifdef HAS_EXIT
+    if (from.x > 0.0) source = refracted(d, from);
+#endif
     // Where something before the glass hides what the ray meets, what is beside it on the way back stands for that.
-    float to_end = min(s, 1.0), stride = to_end / float(STEPS_BACK), first = stride * texel_noise(gl_FragCoord.xy);
-    vec2 pixel = inside_image(gl_FragCoord.xy + to_end * from.xy);
-    for (int i = 0; i < STEPS_BACK && !is_behind(ivec2(pixel), nearest); ++i) {
-        to_end = max(to_end - (i == 0 ? first : stride), 0.0);
-        pixel = inside_image(gl_FragCoord.xy + to_end * from.xy);
-    }
+    vec2 aside = inside_image(source.pixel) - gl_FragCoord.xy;
+    float way = 1.0, stride = 1.0 / float(STEPS_BACK), first = stride * texel_noise(gl_FragCoord.xy);
+    for (int i = 0; i < STEPS_BACK && !is_behind(texel_at(gl_FragCoord.xy + way * aside), source.nearest); ++i)
+        way = max(way - (i == 0 ? first : stride), 0.0);
+    vec2 pixel = inside_image(gl_FragCoord.xy + way * aside);
     ivec2 texel = ivec2(pixel);
     float there = texelFetch(opaque_depth, texel, 0).r;
 #ifdef ORTHOGRAPHIC
@@ -145,10 +122,11 @@ vec3 transmitted_light(float d, vec4 from)
 #else
     float share = is_surface(there) ? max(there - d, 0.0) / there : 1.0;  // of the way from the eye
 #endif
-    float radius = from.z * share * 0.5 * image.y / lens.y;
+    float radius = from.z * share * 0.5 * image.y / lens.y, nearest = source.nearest;
     vec4 sum = radius < MIN_BLUR ? interpolated(pixel, nearest) : blurred(pixel, radius, log2(max(radius * 0.7, 1.0)), nearest);
     if (sum.a <= 0.0) sum = blurred(pixel, FILL_RADIUS, 0.0, nearest);
-    return sum.a > 0.0 ? sum.rgb / sum.a : sanitize_radiance(texelFetch(behind, texel, 0).rgb);
+    vec3 light = sum.a > 0.0 ? sum.rgb / sum.a : sanitize_radiance(texelFetch(behind, texel, 0).rgb);
+    return source.tint * (source.is_known ? light : surrounding(source.along, diffuse));
 }
 #endif
 
@@ -191,9 +169,19 @@ void main()
     if (is_surface(d)) {
         vec4 passing = texelFetch(passage, texel, 0);
         float coverage = sanitize_albedo(passing.aaa).x;
+        vec3 diffuse = vec3(0.0);
+#ifdef HAS_INDIRECT
+        diffuse = indirect_around(gl_FragCoord.xy);
+#ifdef HAS_ARRIVING
+#ifdef HAS_SKY_IRRADIANCE
+        diffuse += unshadowed_sky_irradiance(sanitize_normal(texelFetch(normal, texel, 0).xyz)) / PI;
+#endif
+        diffuse = arriving_at(gl_FragCoord.xy, d, diffuse);
+#endif
+#endif
 #ifdef HAS_REFRACTION
         vec4 from = texelFetch(refraction, texel, 0);
-        light = transmitted_light(d, clamp(mix(from, vec4(0.0), isnan(from)), vec4(-HALF_MAX, -HALF_MAX, 0.0, 0.0), vec4(HALF_MAX)));
+        light = transmitted_light(d, clamp(mix(from, vec4(0.0), isnan(from)), 0.0, HALF_MAX), diffuse);
 #endif
         light *= sanitize_albedo(passing.rgb);
         light += sanitize_radiance(texelFetch(direct, texel, 0).rgb);
@@ -207,16 +195,7 @@ void main()
         vec4 mirrored = texelFetch(outer_reflection, texel, 0);
         light += mirrored.a > 0.5 ? sanitize_radiance(mirrored.rgb) : vec3(0.0);
 #endif
-#ifdef HAS_INDIRECT
-        vec3 diffuse = indirect_around(gl_FragCoord.xy);
-#ifdef HAS_ARRIVING
-#ifdef HAS_SKY_IRRADIANCE
-        diffuse += unshadowed_sky_irradiance(sanitize_normal(texelFetch(normal, texel, 0).xyz)) / PI;
-#endif
-        diffuse = arriving_at(gl_FragCoord.xy, d, diffuse);
-#endif
         light += sanitize_albedo(texelFetch(albedo, texel, 0).rgb) * diffuse;
-#endif
     }
     out_lit = vec4(min(light, HALF_MAX), 1.0);
 }

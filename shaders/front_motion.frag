@@ -7,6 +7,9 @@ uniform sampler2D opaque_depth;
 uniform sampler2D motion;   // of the layer
 uniform sampler2D depth;
 uniform sampler2D passage;
+#ifdef HAS_VOLUME
+uniform sampler2D volume;
+#endif
 
 layout(location = WRITE_FRONT_MOTION) out vec4 out_motion;
 layout(location = WRITE_FRONT_DEPTH) out float out_depth;
@@ -15,7 +18,11 @@ void main()
 {
     ivec2 texel = ivec2(gl_FragCoord.xy);
     float d = texelFetch(depth, texel, 0).r;
-    bool is_front = is_surface(d) && dot(texelFetch(passage, texel, 0).rgb, vec3(1.0 / 3.0)) < 0.5;
+    vec3 passing = texelFetch(passage, texel, 0).rgb;
+#ifdef HAS_VOLUME
+    passing *= exp(-texelFetch(volume, texel, 0).rgb);
+#endif
+    bool is_front = is_surface(d) && dot(passing, vec3(1.0 / 3.0)) < 0.5;
     out_motion = is_front ? texelFetch(motion, texel, 0) : texelFetch(opaque_motion, texel, 0);
     out_depth = is_front ? d : texelFetch(opaque_depth, texel, 0).r;
 }

@@ -96,6 +96,8 @@ uniform mat3 sheen_roughness_uv;
 #endif
 #ifdef LABELS
 const float MIN_LABELLED_COVERAGE = 0.5;
+#endif
+#if defined(LABELS) || defined(SEE_THROUGH)
 flat in vec2 labels;                       // numbers of the instance and the material
 #endif
 #if defined(ALPHA_MASK) || defined(BLENDED)
@@ -151,7 +153,11 @@ layout(location = WRITE_SHEEN) out vec4 out_sheen;           // colour, perceptu
 layout(location = WRITE_PASSAGE) out vec4 out_passage;       // share of the light behind that passes; a: coverage
 #endif
 #ifdef WRITE_REFRACTION
-layout(location = WRITE_REFRACTION) out vec4 out_refraction; // pixels to where it comes from; slope of its spread; depth / depth_scale
+layout(location = WRITE_REFRACTION) out vec4 out_refraction; // ior, or 0 if thin; thickness / depth_scale; slope of the spread
+                                                             // of what is seen through it; code of the material
+#endif
+#ifdef WRITE_VOLUME
+layout(location = WRITE_VOLUME) out vec4 out_volume;         // optical depth over the thickness
 #endif
 #ifdef WRITE_INSTANCE
 layout(location = WRITE_INSTANCE) out float out_instance;
@@ -204,20 +210,6 @@ bool is_other_layer(float d)
     other = other || !(is_surface(nearer) && d > nearer);
 #endif
     return other;
-}
-#endif
-
-#ifdef TRANSMISSION
-// Pixels from here to where the relative point p is seen.
-vec2 pixels_to(vec3 p)
-{
-    vec3 q = (view_from_relative * vec4(p, 1.0)).xyz;
-#ifdef ORTHOGRAPHIC
-    vec2 ndc = q.xy / lens.xy + lens.zw;
-#else
-    vec2 ndc = q.xy / (max(-q.z, 1e-6) * lens.xy) + lens.zw;
-#endif
-    return clamp((ndc * 0.5 + 0.5) * image.xy - gl_FragCoord.xy, -image.xy, image.xy);
 }
 #endif
 
@@ -336,10 +328,10 @@ void main()
 #ifdef TRANSMISSION
     // The back of a volume only lets light out, which the front stands for.
     if (transmission.z > 0.0 && gl_FrontFacing != (scale > 0.0)) discard;
-    vec3 to_viewer = -normalize(along_view(position)), refracted = refract(-to_viewer, n, 1.0 / transmission.y);
+    vec3 to_viewer = -normalize(along_view(position));
     vec3 reflected = reflectance.rgb + (1.0 - reflectance.rgb) * pow(1.0 - clamp(dot(n, to_viewer), 0.0, 1.0), 5.0);
     bool is_glossy = max(max(reflectance.r, reflectance.g), reflectance.b) > 0.0;
-    passing = transmitted * tint * (is_glossy ? 1.0 - reflected : vec3(1.0)) * exp(-extinction * thickness);
+    passing = transmitted * tint * (is_glossy ? 1.0 - reflected : vec3(1.0));
 #endif
 #endif
 #ifdef SHEEN
@@ -411,12 +403,18 @@ void main()
 #ifdef TRANSMISSION
     float tilt = reflectance.a * reflectance.a;  // slope that half of the microfacets stay below
     bool is_thick = transmission.z > 0.0;
-    vec3 exit = position + (is_thick ? thickness * refracted : vec3(0.0));
-    float spread = tilt * (is_thick ? transmission.y - 1.0 : 2.0);
-    float here = view_depth(position), deep = (view_depth(exit) - here) / depth_scale(here);
-    out_refraction = vec4(is_thick ? pixels_to(exit) : vec2(0.0), min(vec2(spread, deep), HALF_MAX));
+    float spread = tilt * (is_thick ? transmission.y - 1.0 : 2.0), deep = thickness / depth_scale(view_depth(position));
+    out_refraction = is_thick ? vec4(min(vec3(transmission.y, deep, spread), HALF_MAX), material_code(labels.y))
+                              : vec4(0.0, 0.0, min(spread, HALF_MAX), -1.0);
 #else
-    out_refraction = vec4(0.0);
+    out_refraction = vec4(0.0, 0.0, 0.0, -1.0);
+#endif
+#endif
+#ifdef WRITE_VOLUME
+#ifdef TRANSMISSION
+    out_volume = vec4(min(extinction * thickness, HALF_MAX), 1.0);
+#else
+    out_volume = vec4(0.0);
 #endif
 #endif
 #ifdef WRITE_INSTANCE

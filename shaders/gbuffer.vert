@@ -29,7 +29,7 @@ uniform vec2 jitter;  // clip units
 out vec3 position;
 out vec3 normal;
 flat out float scale;
-#ifdef LABELS
+#if defined(LABELS) || defined(SEE_THROUGH)
 flat out vec2 labels;
 #endif
 
@@ -53,7 +53,7 @@ void main()
     mat4 relative_from_object = affine_matrix(in_relative_x, in_relative_y, in_relative_z);
     mat3 normal_from_object = transpose(mat3(in_normal_x.xyz, in_normal_y.xyz, in_normal_z.xyz));
     scale = in_normal_z.w;
-#ifdef LABELS
+#if defined(LABELS) || defined(SEE_THROUGH)
     labels = vec2(in_normal_x.w, in_normal_y.w);
 #endif
     vec4 p = relative_from_object * vec4(in_position, 1.0);

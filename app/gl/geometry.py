@@ -64,6 +64,7 @@ class GpuScene:
         self.batches, self._batch_of, self._commands = self._make_batches()
         materials = [scene.meshes[i.mesh].material for i in scene.instances]
         self.is_see_through = np.array([scene.materials[m].is_see_through for m in materials], bool)
+        self.is_volume = np.array([scene.materials[m].is_volume for m in materials], bool)
         self.is_light_proxy = np.array([scene.materials[m].is_light_proxy for m in materials], bool)
         count = len(scene.instances)
         self._rows = np.zeros((count, len(INSTANCE_ATTRIBUTES), 4), np.float32)
@@ -154,7 +155,8 @@ class GpuScene:
         return boxes_in_frustum(self.boxes - origin, frustum_planes(clip))
 
     def draw(self, instances: Bools, program_of: Callable[[tuple[str, ...]], Program], origin: F64,
-             previous_origin: F64 | None = None, one_level: bool = False, for_light: bool = False) -> None:
+             previous_origin: F64 | None = None, one_level: bool = False, for_light: bool = False,
+             only_backs: bool = False) -> None:
         """Draw some instances, a mask of shape (N,); matrices lead to space relative to ``origin``.
 
         Parameters
@@ -165,6 +167,8 @@ class GpuScene:
             Whether textures are looked up in the nearest level of detail instead of the two around.
         for_light : bool
             Whether light is to be blocked, which passes fewer backs than cameras see through.
+        only_backs : bool
+            Whether to draw the backs of surfaces, and those alone.
         """
         drawn = instances[self._order]
         if not drawn.any():
@@ -180,7 +184,7 @@ class GpuScene:
             features = batch.surface.features
             if features not in programs:
                 programs[features] = program_of(features)
-            self._apply(programs[features], batch.surface, is_mirrored, one_level, for_light)
+            self._apply(programs[features], batch.surface, is_mirrored, one_level, for_light, only_backs)
             array = self._array(programs[features], batch.buffers)
             array.render_indirect(self._indirect, moderngl.TRIANGLES, count, first)
             first += count
@@ -198,12 +202,13 @@ class GpuScene:
             self._rows[:, rows, 3] = transforms[:, :3, 3] - point
         self._instances.write(self._rows)
 
-    def _apply(self, program: Program, surface: Surface, is_mirrored: bool, one_level: bool, for_light: bool) -> None:
+    def _apply(self, program: Program, surface: Surface, is_mirrored: bool, one_level: bool, for_light: bool,
+               only_backs: bool) -> None:
         """Set the state, textures and uniforms of a surface."""
         ctx = self._device.ctx
-        if surface.material.is_lit_through if for_light else surface.material.is_one_sided:
+        if only_backs or (surface.material.is_lit_through if for_light else surface.material.is_one_sided):
             ctx.enable(moderngl.CULL_FACE)
-            ctx.cull_face = "front" if is_mirrored else "back"
+            ctx.cull_face = "front" if is_mirrored != only_backs else "back"
         else:
             ctx.disable(moderngl.CULL_FACE)
         for name, texture in surface.maps.items():

@@ -26,7 +26,7 @@ WAVING_STAGES = "shadow", "gbuffer", "direct", "surfel_light", "pack_surfels"
 SSGI_STAGES = ("lowres_gbuffer", "ssgi_radiance", "ssgi", "ssgi_filter_near", "ssgi_filter_far", "accumulate",
                "push_pull", "upsample")
 MATERIALS_STAGES = ("gbuffer", "gbuffer_layers", "direct", "composite")
-GLASS_STAGES = ("shadow", "peel0_gbuffer", "peel0_direct", "peel1_gbuffer", "peel1_blend", "peel0_blend",
+GLASS_STAGES = ("shadow", "peel0_gbuffer", "peel0_exit", "peel0_direct", "peel1_gbuffer", "peel1_blend", "peel0_blend",
                 "front_motion")
 PARALLEL_STAGES = "gbuffer", "background", "shadow_filter_far", "direct", "pack_screen", "upsample", "taa"
 BUMPS_STAGES = "gather_history", "gradient_filter_near", "gradient_filter_far", "upsample"

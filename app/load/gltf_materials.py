@@ -161,7 +161,8 @@ class MaterialReader:
         self._builder.approximation("KHR_materials_transmission: what is behind is taken from the picture, with the "
                                     "indirect light of what is opaque there; shadows are tinted, without caustics")
         if volume.get("thicknessFactor"):
-            self._builder.approximation("KHR_materials_volume: light is refracted where it enters, not where it leaves")
+            self._builder.approximation("KHR_materials_volume: light is refracted where it enters and where it first "
+                                        "leaves, to what the picture shows")
         distance = float(volume.get("attenuationDistance", np.inf))
         return Transmission(
             factor, self._textures.read(spec.get("transmissionTexture")), _ior(extensions),

@@ -11,7 +11,8 @@ from app.graph import BoundPass, Pass, Tex
 from app.math3d import R2
 
 
-def declare(layer: PeeledLayer, behind: str, result: str, has_indirect: bool, has_arriving: bool) -> Pass:
+def declare(layer: PeeledLayer, behind: str, result: str, has_indirect: bool, has_arriving: bool,
+            next_depth: str | None) -> Pass:
     """Lay ``layer`` over the resource ``behind``.
 
     What rough surfaces transmit is blurred by mipmaps of ``behind``.
@@ -23,6 +24,8 @@ def declare(layer: PeeledLayer, behind: str, result: str, has_indirect: bool, ha
     has_arriving : bool
         Whether layers have diffuse light of their own; that of opaque surfaces, and the sky's without shadows, is for
         what the grid of that light misses.
+    next_depth : str or None
+        The depth of the layer behind, which rays through volumes may meet; None without one, or without volumes.
     """
     prefix = layer.prefix
 
@@ -32,7 +35,10 @@ def declare(layer: PeeledLayer, behind: str, result: str, has_indirect: bool, ha
     def make(device: Device, bound: BoundPass) -> Execute:
         has_refraction = prefix + "refraction" in bound.reads
         samplers = {behind: "behind", "depth": "opaque_depth"}
-        draw = make_fullscreen("blend.frag", uniforms, strip=prefix, samplers=samplers, layer=layer)(device, bound)
+        if next_depth is not None:
+            samplers[next_depth] = "next_depth"
+        defines = {"HAS_NEXT_DEPTH": 1} if next_depth is not None else {}
+        draw = make_fullscreen("blend.frag", uniforms, defines, prefix, samplers, layer)(device, bound)
         source: moderngl.Framebuffer | None = None
 
         def execute(frame: FrameState, resources: Resources) -> None:
@@ -47,10 +53,12 @@ def declare(layer: PeeledLayer, behind: str, result: str, has_indirect: bool, ha
 
         return execute
 
+    own = ("albedo", "direct", "depth", "passage", *(("arriving",) if has_arriving else ()))
+    others = (behind, "depth", *(("indirect",) if has_indirect else ()), *(() if next_depth is None else (next_depth,)))
+    own_optional = ("emission", "specular", "refraction", "normal", "exit", "volume")
     # The nearest layer mirrors what is around it.
-    shared = (*(() if layer.index else ("outer_reflection",)), *(("sky_irradiance",) if has_arriving else ()))
-    own = ("albedo", "direct", "depth", "passage", *(("arriving", "normal") if has_arriving else ()))
-    optional = ("emission", "specular", "refraction")
-    return Pass(prefix + "blend", reads=(behind, "depth", *(prefix + name for name in own),
-                                         *(("indirect",) if has_indirect else ())),
-                optional=(*(prefix + name for name in optional), *shared), writes={result: Tex("f2", 4)}, make=make)
+    others_optional = (*(() if layer.index else ("outer_reflection",)),
+                       *(("sky_irradiance", "sky_specular") if has_arriving else ()))
+    return Pass(prefix + "blend", reads=(*others, *(prefix + name for name in own)),
+                optional=(*others_optional, *(prefix + name for name in own_optional)),
+                writes={result: Tex("f2", 4)}, make=make)

@@ -96,6 +96,8 @@ def declare_peeled(scene: Scene, layers: Iterable[str], peeled: PeeledLayer, bef
     writes |= dict.fromkeys((*layers, "passage"), color)
     if any(m.transmission is not None for m in scene.materials):
         writes["refraction"] = color
+    if any(m.is_volume for m in scene.materials):
+        writes["volume"] = color
     if before is None:
         writes["motion"] = color
 

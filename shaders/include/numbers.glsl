@@ -19,6 +19,12 @@ vec3 sanitize_radiance(vec3 c)
     return mix(clamp(c, 0.0, HALF_MAX), vec3(0.0), isnan(c));
 }
 
+// Number of a material, as half precision holds it; one in 2048 shares it.
+float material_code(float number)
+{
+    return mod(number, 2048.0);
+}
+
 vec3 sanitize_albedo(vec3 c)
 {
     return mix(clamp(c, 0.0, 1.0), vec3(0.0), isnan(c));

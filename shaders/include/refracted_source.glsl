@@ -1,0 +1,205 @@
+// Where the light comes from that passes a layer. Through a volume of glass the ray is refracted where it enters and where it
+// leaves, and followed on the screen: inside to the nearest back, outside to what the picture shows (after Wyman 2005, "An
+// approximate image-space approach for interactive refraction").
+#include "numbers.glsl"
+#include "camera.glsl"
+#include "projection.glsl"
+#include "grid.glsl"
+#include "noise.glsl"
+
+const int VOLUME_STEPS = 16;       // of a ray through a volume
+const int HALVINGS = 5;            // of a step that meets something
+const int MAX_HITS = 2;            // of such steps
+const float PASSED = 0.2;          // of the volume's depth, or of a way outside, behind which a ray has passed something
+const float CROSSING = 0.25;       // of that distance, up to which it meets a surface after all halvings
+const float LEAVES = 2.0;          // share of the way of a ray that meets nothing
+const int EXIT_STEPS = 28;         // from a layer to where a ray leaves the volume, the first as long as a pixel is wide
+const float EXIT_STRIDE = 1.3;     // of a step, to the one before
+const int EXIT_HALVINGS = 6;
+const float MIN_STEEP = 0.02;      // cosine of a ray to the normal of a plane that it is said to meet
+const int OUTSIDE_STEPS = 20;      // likewise of what has left it
+const float OUTSIDE_STRIDE = 1.5;
+const int OUTSIDE_HALVINGS = 10;
+const float MIN_FORWARD = 0.05;    // along the view, of directions that the picture shows
+const float MAX_BESIDE = 0.05;     // of the image's size, up to which its edge stands for what is beside it
+const float WITHIN = 0.95;         // share of the way through a volume on which a ray meets things in it, not what it stands on
+const float TOUCHING = 0.05;       // of a volume's depth, within which what is behind touches it
+const float FAR = 1e4;             // times depth_scale
+const float MAX_THICKNESSES = 1e6; // length of a way through a volume, which may have none
+
+#ifdef HAS_EXIT
+uniform sampler2D exit;        // of the volume behind the layer: normal in camera space, away from the viewer; a: depth
+uniform sampler2D volume;      // optical depth over the thickness
+#ifdef HAS_NEXT_DEPTH
+uniform sampler2D next_depth;  // of the layer behind
+#endif
+#endif
+
+vec2 inside_image(vec2 pixel) { return clamp(pixel, vec2(0.5), image.xy - 0.5); }
+
+ivec2 texel_at(vec2 pixel) { return ivec2(inside_image(pixel)); }
+
+// Where the light comes from that passes a layer at depth d.
+struct Source {
+    vec2 pixel;      // may be outside the image
+    float nearest;   // depth; what is nearer is not seen there
+    vec3 tint;       // share that the volume lets pass
+    bool is_known;   // whether the pixel shows it
+    vec3 along;      // direction of what it does not show, in camera space
+};
+
+#ifdef HAS_EXIT
+// Of what is seen behind a layer at a pixel, the layer behind it or what is opaque, as far as it is farther than nearest.
+float depth_behind(vec2 pixel, float nearest)
+{
+    ivec2 t = texel_at(pixel);
+    float there = texelFetch(opaque_depth, t, 0).r;
+    there = is_surface(there) && there > nearest ? there : FAR * depth_scale(nearest);
+#ifdef HAS_NEXT_DEPTH
+    float next = texelFetch(next_depth, t, 0).r;
+    there = is_surface(next) && next > nearest ? next : there;
+#endif
+    return there;
+}
+
+// Of the ray through a volume, which starts at depth d, after a share s of its way on the screen.
+
+float depth_inside(float d, float thick, float s)
+{
+#ifdef ORTHOGRAPHIC
+    return d + s * thick;
+#else
+    return d * (d + thick) / mix(d + thick, d, s);
+#endif
+}
+
+// Share of the way on screen through a volume from depth d, to a point ``aside`` and ``thick`` deeper, after which the ray
+// meets a surface; LEAVES if it meets nothing.
+float share_inside(float d, vec2 aside, float thick)
+{
+    float before = (texel_noise(gl_FragCoord.xy) - 1.0) / float(VOLUME_STEPS);
+    float step_end = 0.0, met = 0.0, slack = 0.0, behind_it = 0.0;
+    int halvings = 0;
+    bool crosses = false;
+    for (int i = 0; i < VOLUME_STEPS + 1 + MAX_HITS * HALVINGS && before < 1.0 && !crosses && thick > 0.0; ++i) {
+        bool halves = halvings > 0;
+        float s = halves ? 0.5 * (before + met) : min(before + 1.0 / float(VOLUME_STEPS), 1.0);
+        float z = depth_inside(d, thick, s), there = depth_behind(gl_FragCoord.xy + s * aside, d);
+        slack = halves ? slack : max(PASSED * thick, z - depth_inside(d, thick, before));
+        bool meets = there < z && z - there < slack;
+        halvings = halves ? halvings - 1 : meets ? HALVINGS : 0;
+        step_end = halves ? step_end : s;
+        met = meets ? s : met;
+        behind_it = meets ? z - there : behind_it;
+        before = meets ? before : s;
+        // Behind an outline the distance to what the ray passes stays; where it crosses a surface, it shrinks.
+        bool is_last = halves && halvings == 0;
+        crosses = is_last && behind_it < CROSSING * slack;
+        before = is_last ? step_end : before;
+    }
+    return crosses ? met : LEAVES;
+}
+
+// Also of points beside the image.
+vec2 pixel_of(vec3 at)
+{
+    return project(at, lens.xy, lens.zw).xy;
+}
+
+// Whether a ray that has entered a volume at the layer is still inside at a point.
+bool is_inside(vec3 at)
+{
+    return -at.z > 0.0 && -at.z < texelFetch(exit, texel_at(pixel_of(at)), 0).a;
+}
+
+// Length of a ray from the layer to where it leaves the volume.
+float length_inside(vec3 at, vec3 along)
+{
+    float inside = 0.0, outside = pixel_width(-at.z);
+    int i = 0;
+    do {
+        bool goes_on = is_inside(at + outside * along);
+        inside = goes_on ? outside : inside;
+        outside = goes_on ? EXIT_STRIDE * outside : outside;
+        i = goes_on ? i + 1 : EXIT_STEPS;
+    } while (i < EXIT_STEPS);
+    for (int k = 0; k < EXIT_HALVINGS; ++k) {
+        float middle = 0.5 * (inside + outside);
+        bool goes_on = is_inside(at + middle * along);
+        inside = goes_on ? middle : inside;
+        outside = goes_on ? outside : middle;
+    }
+    // Depths of texels are steps; the planes through them are not.
+    ivec2 texel = texel_at(pixel_of(at + inside * along));
+    vec4 back = texelFetch(exit, texel, 0);
+    float steep = dot(back.xyz, along);
+    float way = dot(back.xyz, view_point(vec2(texel) + 0.5, back.a) - at) / max(steep, MIN_STEEP);
+    return steep > MIN_STEEP ? clamp(way, 0.0, 2.0 * outside) : inside;
+}
+
+// Whether a ray beyond the volume goes on at a point: before what is seen there, or behind it by more than slack.
+bool goes_on_outside(vec3 at, float nearest, float slack)
+{
+    float behind_it = -at.z - depth_behind(pixel_of(at), nearest);
+    return -at.z > 0.0 && (behind_it < 0.0 || behind_it > slack);
+}
+
+// What a ray sees that leaves a volume at a point, behind nearest; what is nearer than gap behind that point touches it.
+Source seen_outside(vec3 at, vec3 along, float nearest, float gap)
+{
+    Source source = Source(pixel_of(at), nearest, vec3(1.0), true, along);
+#ifdef HAS_NEXT_DEPTH
+    float next = texelFetch(next_depth, texel_at(source.pixel), 0).r;  // as a liquid begins where its glass ends
+    if (is_surface(next) && next < -at.z + gap) return source;
+#endif
+    float before = 0.0, met = pixel_width(-at.z);
+    int i = 0;
+    do {
+        bool goes_on = goes_on_outside(at + met * along, nearest, max(PASSED * met, abs(along.z) * (met - before)));
+        before = goes_on ? met : before;
+        met = goes_on ? OUTSIDE_STRIDE * met : met;
+        i = goes_on ? i + 1 : OUTSIDE_STEPS + 1;
+    } while (i < OUTSIDE_STEPS);
+    for (int k = 0; k < OUTSIDE_HALVINGS; ++k) {
+        float middle = 0.5 * (before + met);
+        bool goes_on = goes_on_outside(at + middle * along, nearest, PASSED * met);
+        before = goes_on ? middle : before;
+        met = goes_on ? met : middle;
+    }
+    source.pixel = pixel_of(at + (i > OUTSIDE_STEPS ? 0.5 * (before + met) : FAR * depth_scale(-at.z)) * along);
+    vec2 beside = abs(source.pixel - inside_image(source.pixel)) * image.zw;
+    source.is_known = along.z < -MIN_FORWARD && max(beside.x, beside.y) < MAX_BESIDE;
+    return source;
+}
+
+// As texels of the layer and of its volume tell; ``from`` is that of the texture ``refraction``.
+Source refracted(float d, vec4 from)
+{
+    ivec2 texel = ivec2(gl_FragCoord.xy);
+    vec3 at = view_point(gl_FragCoord.xy, d), view = normalize(view_ray(gl_FragCoord.xy));
+    vec3 n = mat3(view_from_relative) * sanitize_normal(texelFetch(normal, texel, 0).xyz);
+    vec3 along = refract(view, n, 1.0 / max(from.x, 1.0));
+    bool has_exit = texelFetch(exit, texel, 0).a > d;  // otherwise the nominal thickness counts
+    float thick = from.y * depth_scale(d), way = thick;
+    if (has_exit) way = length_inside(at, along);
+    vec3 end = at + way * along, last = has_exit ? at + WITHIN * way * along : end;
+    vec2 aside = pixel_of(last) - gl_FragCoord.xy;
+    float deep = -end.z - d, to_last = -last.z - d, s = share_inside(d, aside, to_last);
+    bool meets = s < LEAVES;
+    Source source = Source(gl_FragCoord.xy + min(s, 1.0) * aside, meets ? d : d + deep, vec3(1.0), true, along);
+    if (meets) {
+        way *= (depth_inside(d, to_last, s) - d) / deep;
+    } else if (has_exit) {
+        vec3 back = texelFetch(exit, texel_at(pixel_of(end)), 0).xyz, outward = refract(along, -back, from.x);
+        // What is totally reflected leaves as far from there, by a surface as parallel as to that where it entered.
+        bool is_total = dot(outward, outward) <= 0.0;
+        end += is_total ? way * reflect(along, back) : vec3(0.0);
+        outward = is_total ? reflect(view, back) : outward;
+        way *= is_total ? 2.0 : 1.0;
+        source = seen_outside(end, outward, d + 0.5 * deep, is_total ? 0.0 : TOUCHING * deep);
+    }
+    source.tint = exp(-texelFetch(volume, texel, 0).rgb * min(way / max(thick, 1e-30), MAX_THICKNESSES));
+    return source;
+}
+#endif
+
