@@ -130,20 +130,21 @@ def check_name(name: str, known: Collection[str], option: str) -> None:
         raise SettingsError(f"unknown name {name!r}", option, did_you_mean(name, known))
 
 
-def parse_scale(text: str, option: str) -> float:
+def parse_scale(text: str, option: str, least: float = 0.0) -> float:
     """A size relative to the image's, such as ``1/8`` or ``0.25``.
 
     Raises
     ------
     SettingsError
-        When it is no number above 0 and at most 1.
+        When it is no number above 0, from ``least`` to 1.
     """
     try:
         scale = float(Fraction(text))
     except (ValueError, ZeroDivisionError):
         raise SettingsError(f"bad scale {text!r}", option, "expected a number, such as 1/8 or 0.25") from None
-    if not 0 < scale <= 1:
-        raise SettingsError(f"bad scale {text!r}", option, "expected a number above 0, at most 1")
+    if not (least <= scale <= 1 and scale > 0):
+        bounds = f"from {least} to 1" if least else "above 0, at most 1"
+        raise SettingsError(f"bad scale {text!r}", option, f"expected a number {bounds}")
     return scale
 
 

@@ -45,7 +45,7 @@ from app.io.terminal import note, transient_progress
 from app.io.video import CODECS, check_video, open_video
 from app.network.selection import DEFAULT_MODEL, NONE, environment_notices, find_model
 from app.scene import CameraPath, Scene
-from app.settings import SETTLE_FRAMES, TONE_MAPS, Settings, parse_size
+from app.settings import MIN_RENDER_SCALE, SETTLE_FRAMES, TONE_MAPS, Settings, parse_size
 
 if TYPE_CHECKING:
     from app.renderer import Renderer
@@ -136,7 +136,7 @@ def render(
     from app.renderer import Renderer
 
     settings = Settings(
-        size=parse_size(size), render_scale=parse_scale(render_scale, "--render-scale"),
+        size=parse_size(size), render_scale=parse_scale(render_scale, "--render-scale", MIN_RENDER_SCALE),
         outputs=parse_names(aov, AOVS, "--aov"), taa=taa, reflections=reflections,
         exposure=exposure, tonemap=tonemap, auto_exposure=auto_exposure, bounces=bounces, seed=seed, provider=provider,
         rays=rays, strict_device=strict_device, timing=timing is not None, check=check,

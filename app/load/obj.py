@@ -27,6 +27,7 @@ from app.scene import Material
 _MAX_OBJECTS = 64  # names; a file with more is one object
 _CREASE_DEG = 40.0  # between triangles, from which on edges are sharp where the file gives neither normals nor groups
 _FLAT_GROUPS = "", "off", "null"  # smoothing groups that are none; 0 is written without its zeros here
+_MAX_QUOTED = 60  # characters of a line
 _VERTEX_KEYS = frozenset(("v", "vt", "vn"))
 
 
@@ -90,7 +91,7 @@ def _read_parts(text: str, stem: str) -> Iterator[_Part]:
     except IndexError as error:
         raise ValueError("a face has a vertex, normal or uv that the file does not list") from error
     except ValueError as error:
-        raise ValueError("a line of numbers can't be read") from error
+        raise ValueError(_unreadable_line(text)) from error
     keys, lists = list(faces), list(faces.values())
     pieces: dict[tuple[str, str, bool, bool], list[tuple[RawMesh, Ints]]] = {}
     for geometry in content.get("geometry", {}).values():
@@ -105,6 +106,23 @@ def _read_parts(text: str, stem: str) -> Iterator[_Part]:
     for (name, material, *_), same in pieces.items():
         groups = np.concatenate([groups for _, groups in same])
         yield _Part(name, material, join_meshes([raw for raw, _ in same]), groups if has_groups else None)
+
+
+def _unreadable_line(text: str) -> str:
+    """Says which line of coordinates holds something else than numbers."""
+    for line in text.splitlines():
+        key, *words = line.split() or ("",)
+        if key in _VERTEX_KEYS and not all(map(_is_number, words)):
+            return f"the line {line[:_MAX_QUOTED]!r} holds something else than numbers"
+    return "a line of numbers can't be read"
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def _sort_faces(text: str, stem: str) -> tuple[str, dict[tuple[str, str, int], _Faces]]:

@@ -44,7 +44,7 @@ def test_corrupt_files_give_a_one_line_error(tmp_path, suffix, content):
     ("a.gltf", ('{"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}], '
                '"meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}]}'), "'accessors' is missing"),
     ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "a face has the vertex 0, but the first one has the number 1"),
-    ("a.obj", "v 0 0 a\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "a line of numbers can't be read"),
+    ("a.obj", "v 0 0 a\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "the line 'v 0 0 a' holds something else than numbers"),
     ("a.obj", "v 0 0 0\nv 1 0 0\nf 1 2\n", "no triangle to draw"),
     ("a.ply", ("ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
                "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 9\n"),
