@@ -326,8 +326,8 @@ def _peeled_layers(inputs: FrameInputs) -> Iterator[Step]:
     for layer in reversed(layers):
         result = layer.prefix + "lit" if layer.index else "lit"
         yield blend.declare(layer, behind, result, inputs.models.indirect is not None, inputs.has_surfel_indirect,
-                            next_depth)
-        behind, next_depth = result, layer.prefix + "depth" if has_volumes else None
+                            has_volumes, next_depth)
+        behind, next_depth = result, layer.prefix + "depth"
     yield front_motion.declare(layers[0])
 
 

@@ -33,11 +33,10 @@ uniform sampler2D emission;
 uniform sampler2D indirect;  // of what is opaque
 #endif
 #ifdef HAS_ARRIVING
-#include "sky_irradiance.glsl"
 uniform sampler2D arriving;  // diffuse light on a coarse grid; a: depth of the layer there, 0 for none
 #endif
-#ifdef HAS_SKY_SPECULAR
-#include "sky_specular.glsl"
+#ifdef HAS_SKY_IRRADIANCE
+#include "sky_irradiance.glsl"
 #endif
 #ifdef HAS_REFRACTION
 uniform sampler2D refraction;  // ior, or 0 if thin; thickness / depth_scale; slope of the spread of what is behind
@@ -57,7 +56,11 @@ layout(location = 0) out vec4 out_lit;
 bool is_behind(ivec2 texel, float nearest)
 {
     float there = texelFetch(opaque_depth, texel, 0).r;
-    return !is_surface(there) || there > nearest;
+    bool is_free = !is_surface(there) || there > nearest;
+#ifdef HAS_EXIT
+    is_free = is_free && depth_beside(texel, nearest) <= 0.0;  // which what is behind the layer lacks there
+#endif
+    return is_free;
 }
 
 // Between the four texels around a pixel; a: the share of them that is behind.
@@ -88,19 +91,27 @@ vec4 blurred(vec2 pixel, float radius, float lod, float nearest)
     return sum;
 }
 
-// Radiance from a direction that the picture does not show: the mean of what arrives, or the environment's if it is about
-// as bright as that.
-vec3 surrounding(vec3 direction, vec3 diffuse)
+#ifdef HAS_EXIT
+// Radiance from a direction that the picture does not show: the mean of what arrives, or the environment's around that
+// direction if it is about as bright as that; where neither is known, as at the edge of the picture.
+vec3 surrounding(vec3 direction, vec3 diffuse, vec3 at_edge)
 {
-#if defined(HAS_SKY_SPECULAR) && defined(HAS_SKY_IRRADIANCE)
+#ifdef HAS_SKY_IRRADIANCE
+    vec3 sky = unshadowed_sky_irradiance(normalize(relative_from_view(direction))) / PI;
+#endif
+#if defined(HAS_ARRIVING) && defined(HAS_SKY_IRRADIANCE)
     vec3 n = sanitize_normal(texelFetch(normal, ivec2(gl_FragCoord.xy), 0).xyz);
-    vec3 sky = unshadowed_sky_specular(relative_from_view(direction), 0.0);
     float ratio = luminance(diffuse) * PI / max(luminance(unshadowed_sky_irradiance(n)), 1e-30);
-    return mix(diffuse, sky, clamp(1.5 - abs(log2(max(ratio, 1e-30))), 0.0, 1.0));
-#else
+    return ratio > 0.0 ? mix(diffuse, sky, clamp(1.5 - abs(log2(ratio)), 0.0, 1.0)) : sky;
+#elif defined(HAS_ARRIVING)
     return diffuse;
+#elif defined(HAS_SKY_IRRADIANCE)
+    return sky;
+#else
+    return at_edge;
 #endif
 }
+#endif
 
 // Light behind a surface at depth d that is seen through rough or thick glass.
 vec3 transmitted_light(float d, vec4 from, vec3 diffuse)
@@ -126,7 +137,10 @@ vec3 transmitted_light(float d, vec4 from, vec3 diffuse)
     vec4 sum = radius < MIN_BLUR ? interpolated(pixel, nearest) : blurred(pixel, radius, log2(max(radius * 0.7, 1.0)), nearest);
     if (sum.a <= 0.0) sum = blurred(pixel, FILL_RADIUS, 0.0, nearest);
     vec3 light = sum.a > 0.0 ? sum.rgb / sum.a : sanitize_radiance(texelFetch(behind, texel, 0).rgb);
-    return source.tint * (source.is_known ? light : surrounding(source.along, diffuse));
+#ifdef HAS_EXIT
+    light = source.tint * (source.is_known ? light : surrounding(source.along, diffuse, light));
+#endif
+    return light;
 }
 #endif
 

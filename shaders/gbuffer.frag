@@ -157,7 +157,7 @@ layout(location = WRITE_REFRACTION) out vec4 out_refraction; // ior, or 0 if thi
                                                              // of what is seen through it; code of the material
 #endif
 #ifdef WRITE_VOLUME
-layout(location = WRITE_VOLUME) out vec4 out_volume;         // optical depth over the thickness
+layout(location = WRITE_VOLUME) out vec4 out_volume;         // extinction times depth_scale
 #endif
 #ifdef WRITE_INSTANCE
 layout(location = WRITE_INSTANCE) out float out_instance;
@@ -412,7 +412,7 @@ void main()
 #endif
 #ifdef WRITE_VOLUME
 #ifdef TRANSMISSION
-    out_volume = vec4(min(extinction * thickness, HALF_MAX), 1.0);
+    out_volume = vec4(min(extinction * depth_scale(view_depth(position)), HALF_MAX), 1.0);
 #else
     out_volume = vec4(0.0);
 #endif

@@ -263,8 +263,8 @@ class GpuScene:
 
     def _sort(self) -> tuple[Ints, list[tuple[Batch, bool, int, int]]]:
         """The instances in the order of drawing, shape (N,), and runs: batch, whether mirrored, first and last + 1."""
-        one_sided = np.array([batch.surface.material.is_one_sided for batch in self.batches], bool)
-        is_mirrored = self._is_mirrored & one_sided[self._batch_of]
+        culled = np.array([m.is_one_sided or m.is_volume for m in (b.surface.material for b in self.batches)], bool)
+        is_mirrored = self._is_mirrored & culled[self._batch_of]
         key = 2 * self._batch_of + is_mirrored
         order = np.argsort(key, kind="stable")
         values, begin, counts = np.unique(key[order], return_index=True, return_counts=True)

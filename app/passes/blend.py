@@ -12,7 +12,7 @@ from app.math3d import R2
 
 
 def declare(layer: PeeledLayer, behind: str, result: str, has_indirect: bool, has_arriving: bool,
-            next_depth: str | None) -> Pass:
+            has_volumes: bool, next_depth: str | None) -> Pass:
     """Lay ``layer`` over the resource ``behind``.
 
     What rough surfaces transmit is blurred by mipmaps of ``behind``.
@@ -24,20 +24,21 @@ def declare(layer: PeeledLayer, behind: str, result: str, has_indirect: bool, ha
     has_arriving : bool
         Whether layers have diffuse light of their own; that of opaque surfaces, and the sky's without shadows, is for
         what the grid of that light misses.
+    has_volumes : bool
+        Whether some material is a volume, through which rays are refracted.
     next_depth : str or None
-        The depth of the layer behind, which rays through volumes may meet; None without one, or without volumes.
+        The depth of the layer behind, which rays through volumes may meet; None without one.
     """
     prefix = layer.prefix
+    next_depths = (next_depth,) if has_volumes and next_depth is not None else ()
 
     def uniforms(frame: FrameState) -> dict[str, object]:
         return {"noise_phase": (frame.noise_phase + R2[1] * frame.index * frame.accumulates) % 1.0}
 
     def make(device: Device, bound: BoundPass) -> Execute:
         has_refraction = prefix + "refraction" in bound.reads
-        samplers = {behind: "behind", "depth": "opaque_depth"}
-        if next_depth is not None:
-            samplers[next_depth] = "next_depth"
-        defines = {"HAS_NEXT_DEPTH": 1} if next_depth is not None else {}
+        samplers = {behind: "behind", "depth": "opaque_depth", **dict.fromkeys(next_depths, "next_depth")}
+        defines = {"HAS_NEXT_DEPTH": 1} if next_depths else {}
         draw = make_fullscreen("blend.frag", uniforms, defines, prefix, samplers, layer)(device, bound)
         source: moderngl.Framebuffer | None = None
 
@@ -53,12 +54,13 @@ def declare(layer: PeeledLayer, behind: str, result: str, has_indirect: bool, ha
 
         return execute
 
-    own = ("albedo", "direct", "depth", "passage", *(("arriving",) if has_arriving else ()))
-    others = (behind, "depth", *(("indirect",) if has_indirect else ()), *(() if next_depth is None else (next_depth,)))
-    own_optional = ("emission", "specular", "refraction", "normal", "exit", "volume")
+    own = ("albedo", "direct", "depth", "passage", *(("arriving",) if has_arriving else ()),
+           *(("normal",) if has_arriving or has_volumes else ()), *(("exit", "volume") if has_volumes else ()))
+    others = (behind, "depth", *(("indirect",) if has_indirect else ()), *next_depths)
+    own_optional = ("emission", "specular", "refraction")
     # The nearest layer mirrors what is around it.
     others_optional = (*(() if layer.index else ("outer_reflection",)),
-                       *(("sky_irradiance", "sky_specular") if has_arriving else ()))
+                       *(("sky_irradiance",) if has_arriving or has_volumes else ()))
     return Pass(prefix + "blend", reads=(*others, *(prefix + name for name in own)),
                 optional=(*others_optional, *(prefix + name for name in own_optional)),
                 writes={result: Tex("f2", 4)}, make=make)

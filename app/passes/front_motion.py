@@ -12,7 +12,7 @@ def declare(nearest: PeeledLayer) -> Pass:
     """The G-buffer's, and those of the nearest layer where more than half of the light comes from it."""
     prefix = nearest.prefix
     opaque, layer = ("motion", "depth"), tuple(prefix + name for name in ("motion", "depth", "passage"))
-    volume = prefix + "volume"
+    volume = tuple(prefix + name for name in ("exit", "volume", "refraction"))
 
     def make(device: Device, bound: BoundPass) -> Execute:
         draw = make_fullscreen("front_motion.frag", strip=prefix, samplers={name: "opaque_" + name for name in opaque},
@@ -28,5 +28,5 @@ def declare(nearest: PeeledLayer) -> Pass:
 
         return execute
 
-    return Pass("front_motion", reads=(*opaque, *layer), optional=(volume,),
+    return Pass("front_motion", reads=(*opaque, *layer), optional=volume,
                 writes={"front_motion": Tex("f2", 4), "front_depth": Tex("f4", 1)}, make=make)

@@ -13,23 +13,23 @@ const int MAX_HITS = 2;            // of such steps
 const float PASSED = 0.2;          // of the volume's depth, or of a way outside, behind which a ray has passed something
 const float CROSSING = 0.25;       // of that distance, up to which it meets a surface after all halvings
 const float LEAVES = 2.0;          // share of the way of a ray that meets nothing
-const int EXIT_STEPS = 28;         // from a layer to where a ray leaves the volume, the first as long as a pixel is wide
-const float EXIT_STRIDE = 1.3;     // of a step, to the one before
+const int EXIT_STEPS = 28;         // from a layer to where a ray leaves the volume; they grow from a pixel's width
+const float EXIT_HEIGHTS = 2.0;    // of the image, that they reach at least,
+const float EXIT_DEPTHS = 4.0;     // and times as far as the volume is deep at the pixel
 const int EXIT_HALVINGS = 6;
 const float MIN_STEEP = 0.02;      // cosine of a ray to the normal of a plane that it is said to meet
-const int OUTSIDE_STEPS = 20;      // likewise of what has left it
-const float OUTSIDE_STRIDE = 1.5;
+const int OUTSIDE_STEPS = 24;      // likewise of what has left it
+const float OUTSIDE_REACH = 64.0;  // times depth_scale
 const int OUTSIDE_HALVINGS = 10;
 const float MIN_FORWARD = 0.05;    // along the view, of directions that the picture shows
 const float MAX_BESIDE = 0.05;     // of the image's size, up to which its edge stands for what is beside it
 const float WITHIN = 0.95;         // share of the way through a volume on which a ray meets things in it, not what it stands on
 const float TOUCHING = 0.05;       // of a volume's depth, within which what is behind touches it
 const float FAR = 1e4;             // times depth_scale
-const float MAX_THICKNESSES = 1e6; // length of a way through a volume, which may have none
 
 #ifdef HAS_EXIT
 uniform sampler2D exit;        // of the volume behind the layer: normal in camera space, away from the viewer; a: depth
-uniform sampler2D volume;      // optical depth over the thickness
+uniform sampler2D volume;      // extinction times depth_scale
 #ifdef HAS_NEXT_DEPTH
 uniform sampler2D next_depth;  // of the layer behind
 #endif
@@ -49,7 +49,14 @@ struct Source {
 };
 
 #ifdef HAS_EXIT
-// Of what is seen behind a layer at a pixel, the layer behind it or what is opaque, as far as it is farther than nearest.
+// Depth of the layer at a texel if it is no volume and behind nearest: a thing beside the glass, not before it; else 0.
+float depth_beside(ivec2 texel, float nearest)
+{
+    float there = texelFetch(depth, texel, 0).r;
+    return is_surface(there) && there > nearest && texelFetch(exit, texel, 0).a <= 0.0 ? there : 0.0;
+}
+
+// Of what is seen behind a layer at a pixel, another layer or what is opaque, as far as it is farther than nearest.
 float depth_behind(vec2 pixel, float nearest)
 {
     ivec2 t = texel_at(pixel);
@@ -59,7 +66,8 @@ float depth_behind(vec2 pixel, float nearest)
     float next = texelFetch(next_depth, t, 0).r;
     there = is_surface(next) && next > nearest ? next : there;
 #endif
-    return there;
+    float beside = depth_beside(t, nearest);
+    return beside > 0.0 ? beside : there;
 }
 
 // Of the ray through a volume, which starts at depth d, after a share s of its way on the screen.
@@ -112,15 +120,22 @@ bool is_inside(vec3 at)
     return -at.z > 0.0 && -at.z < texelFetch(exit, texel_at(pixel_of(at)), 0).a;
 }
 
-// Length of a ray from the layer to where it leaves the volume.
-float length_inside(vec3 at, vec3 along)
+// Factor between steps that grow from first to last.
+float stride(float first, float last, int steps)
+{
+    return exp2(log2(max(last / first, 2.0)) / float(steps - 1));
+}
+
+// Length of a ray from the layer to where it leaves the volume, whose back is ``deep`` behind the layer at its pixel.
+float length_inside(vec3 at, vec3 along, float deep)
 {
     float inside = 0.0, outside = pixel_width(-at.z);
+    float growth = stride(outside, max(EXIT_HEIGHTS * image.y * outside, EXIT_DEPTHS * deep), EXIT_STEPS);
     int i = 0;
     do {
         bool goes_on = is_inside(at + outside * along);
         inside = goes_on ? outside : inside;
-        outside = goes_on ? EXIT_STRIDE * outside : outside;
+        outside = goes_on ? growth * outside : outside;
         i = goes_on ? i + 1 : EXIT_STEPS;
     } while (i < EXIT_STEPS);
     for (int k = 0; k < EXIT_HALVINGS; ++k) {
@@ -135,6 +150,19 @@ float length_inside(vec3 at, vec3 along)
     float steep = dot(back.xyz, along);
     float way = dot(back.xyz, view_point(vec2(texel) + 0.5, back.a) - at) / max(steep, MIN_STEEP);
     return steep > MIN_STEEP ? clamp(way, 0.0, 2.0 * outside) : inside;
+}
+
+// Normal of the back, away from the viewer, between the four texels around a pixel.
+vec3 back_normal(vec2 pixel)
+{
+    vec2 first = floor(pixel - 0.5), part = pixel - 0.5 - first;
+    vec3 sum = vec3(0.0);
+    for (int i = 0; i < 4; ++i) {
+        vec2 corner = vec2(i & 1, i >> 1), weight = mix(1.0 - part, part, corner);
+        vec4 back = texelFetch(exit, texel_at(first + corner + 0.5), 0);
+        sum += back.a > 0.0 ? weight.x * weight.y * back.xyz : vec3(0.0);
+    }
+    return sum * inversesqrt(max(dot(sum, sum), 1e-30));
 }
 
 // Whether a ray beyond the volume goes on at a point: before what is seen there, or behind it by more than slack.
@@ -152,12 +180,12 @@ Source seen_outside(vec3 at, vec3 along, float nearest, float gap)
     float next = texelFetch(next_depth, texel_at(source.pixel), 0).r;  // as a liquid begins where its glass ends
     if (is_surface(next) && next < -at.z + gap) return source;
 #endif
-    float before = 0.0, met = pixel_width(-at.z);
+    float before = 0.0, met = pixel_width(-at.z), growth = stride(met, OUTSIDE_REACH * depth_scale(-at.z), OUTSIDE_STEPS);
     int i = 0;
     do {
         bool goes_on = goes_on_outside(at + met * along, nearest, max(PASSED * met, abs(along.z) * (met - before)));
         before = goes_on ? met : before;
-        met = goes_on ? OUTSIDE_STRIDE * met : met;
+        met = goes_on ? growth * met : met;
         i = goes_on ? i + 1 : OUTSIDE_STEPS + 1;
     } while (i < OUTSIDE_STEPS);
     for (int k = 0; k < OUTSIDE_HALVINGS; ++k) {
@@ -178,10 +206,11 @@ Source refracted(float d, vec4 from)
     ivec2 texel = ivec2(gl_FragCoord.xy);
     vec3 at = view_point(gl_FragCoord.xy, d), view = normalize(view_ray(gl_FragCoord.xy));
     vec3 n = mat3(view_from_relative) * sanitize_normal(texelFetch(normal, texel, 0).xyz);
-    vec3 along = refract(view, n, 1.0 / max(from.x, 1.0));
-    bool has_exit = texelFetch(exit, texel, 0).a > d;  // otherwise the nominal thickness counts
-    float thick = from.y * depth_scale(d), way = thick;
-    if (has_exit) way = length_inside(at, along);
+    float ior = max(from.x, 1.0), back_depth = texelFetch(exit, texel, 0).a;
+    bool has_exit = back_depth > d;  // otherwise the nominal thickness counts
+    vec3 along = refract(view, n, 1.0 / ior);
+    float way = from.y * depth_scale(d);
+    if (has_exit) way = length_inside(at, along, back_depth - d);
     vec3 end = at + way * along, last = has_exit ? at + WITHIN * way * along : end;
     vec2 aside = pixel_of(last) - gl_FragCoord.xy;
     float deep = -end.z - d, to_last = -last.z - d, s = share_inside(d, aside, to_last);
@@ -190,7 +219,7 @@ Source refracted(float d, vec4 from)
     if (meets) {
         way *= (depth_inside(d, to_last, s) - d) / deep;
     } else if (has_exit) {
-        vec3 back = texelFetch(exit, texel_at(pixel_of(end)), 0).xyz, outward = refract(along, -back, from.x);
+        vec3 back = back_normal(pixel_of(end)), outward = refract(along, -back, ior);
         // What is totally reflected leaves as far from there, by a surface as parallel as to that where it entered.
         bool is_total = dot(outward, outward) <= 0.0;
         end += is_total ? way * reflect(along, back) : vec3(0.0);
@@ -198,8 +227,7 @@ Source refracted(float d, vec4 from)
         way *= is_total ? 2.0 : 1.0;
         source = seen_outside(end, outward, d + 0.5 * deep, is_total ? 0.0 : TOUCHING * deep);
     }
-    source.tint = exp(-texelFetch(volume, texel, 0).rgb * min(way / max(thick, 1e-30), MAX_THICKNESSES));
+    source.tint = exp(-texelFetch(volume, texel, 0).rgb * (way / depth_scale(d)));
     return source;
 }
 #endif
-
