@@ -10,7 +10,7 @@
 const int VOLUME_STEPS = 16;       // of a ray through a volume
 const int HALVINGS = 5;            // of a step that meets something
 const int MAX_HITS = 2;            // of such steps
-const float PASSED = 0.2;          // of the volume's depth, or of a way outside, behind which a ray has passed something
+const float PASSED = 0.2;          // of the volume's depth, behind which a ray has passed something
 const float CROSSING = 0.25;       // of that distance, up to which it meets a surface after all halvings
 const float LEAVES = 2.0;          // share of the way of a ray that meets nothing
 const int EXIT_STEPS = 28;         // from a layer to where a ray leaves the volume; they grow from a pixel's width
@@ -20,7 +20,9 @@ const int EXIT_HALVINGS = 6;
 const float MIN_STEEP = 0.02;      // cosine of a ray to the normal of a plane that it is said to meet
 const int OUTSIDE_STEPS = 24;      // likewise of what has left it
 const float OUTSIDE_REACH = 64.0;  // times depth_scale
-const int OUTSIDE_HALVINGS = 10;
+const int OUTSIDE_HALVINGS = 8;
+const float MAX_GRAZING = 4.0;     // depth behind what a step crosses, in lengths of the step
+const float OUTSIDE_CROSSING = 0.03;
 const float MIN_FORWARD = 0.05;    // along the view, of directions that the picture shows
 const float MAX_BESIDE = 0.05;     // of the image's size, up to which its edge stands for what is beside it
 const float WITHIN = 0.95;         // share of the way through a volume on which a ray meets things in it, not what it stands on
@@ -165,13 +167,6 @@ vec3 back_normal(vec2 pixel)
     return sum * inversesqrt(max(dot(sum, sum), 1e-30));
 }
 
-// Whether a ray beyond the volume goes on at a point: before what is seen there, or behind it by more than slack.
-bool goes_on_outside(vec3 at, float nearest, float slack)
-{
-    float behind_it = -at.z - depth_behind(pixel_of(at), nearest);
-    return -at.z > 0.0 && (behind_it < 0.0 || behind_it > slack);
-}
-
 // What a ray sees that leaves a volume at a point, behind nearest; what is nearer than gap behind that point touches it.
 Source seen_outside(vec3 at, vec3 along, float nearest, float gap)
 {
@@ -180,21 +175,27 @@ Source seen_outside(vec3 at, vec3 along, float nearest, float gap)
     float next = texelFetch(next_depth, texel_at(source.pixel), 0).r;  // as a liquid begins where its glass ends
     if (is_surface(next) && next < -at.z + gap) return source;
 #endif
-    float before = 0.0, met = pixel_width(-at.z), growth = stride(met, OUTSIDE_REACH * depth_scale(-at.z), OUTSIDE_STEPS);
-    int i = 0;
-    do {
-        bool goes_on = goes_on_outside(at + met * along, nearest, max(PASSED * met, abs(along.z) * (met - before)));
-        before = goes_on ? met : before;
-        met = goes_on ? growth * met : met;
-        i = goes_on ? i + 1 : OUTSIDE_STEPS + 1;
-    } while (i < OUTSIDE_STEPS);
-    for (int k = 0; k < OUTSIDE_HALVINGS; ++k) {
-        float middle = 0.5 * (before + met);
-        bool goes_on = goes_on_outside(at + middle * along, nearest, PASSED * met);
-        before = goes_on ? middle : before;
-        met = goes_on ? met : middle;
+    float width = pixel_width(-at.z), reach = OUTSIDE_REACH * depth_scale(-at.z), growth = stride(width, reach, OUTSIDE_STEPS);
+    float before = 0.0, step_end = 0.0, met = 0.0, slack = 0.0, behind_it = 0.0;
+    int halvings = 0;
+    bool crosses = false;
+    for (int i = 0; i < OUTSIDE_STEPS + MAX_HITS * OUTSIDE_HALVINGS && before < reach && !crosses; ++i) {
+        bool halves = halvings > 0;
+        float way = halves ? 0.5 * (before + met) : max(growth * before, width);
+        vec3 there = at + way * along;
+        float deeper = -there.z - depth_behind(pixel_of(there), nearest);
+        slack = halves ? slack : MAX_GRAZING * (way - before);
+        bool meets = there.z < 0.0 && deeper > 0.0 && deeper < slack;
+        halvings = halves ? halvings - 1 : meets ? OUTSIDE_HALVINGS : 0;
+        step_end = halves ? step_end : way;
+        met = meets ? way : met;
+        behind_it = meets ? deeper : behind_it;
+        before = meets ? before : way;
+        bool is_last = halves && halvings == 0;  // as in share_inside
+        crosses = is_last && behind_it < OUTSIDE_CROSSING * slack;
+        before = is_last ? step_end : before;
     }
-    source.pixel = pixel_of(at + (i > OUTSIDE_STEPS ? 0.5 * (before + met) : FAR * depth_scale(-at.z)) * along);
+    source.pixel = pixel_of(at + (crosses ? met : FAR * depth_scale(-at.z)) * along);
     vec2 beside = abs(source.pixel - inside_image(source.pixel)) * image.zw;
     source.is_known = along.z < -MIN_FORWARD && max(beside.x, beside.y) < MAX_BESIDE;
     return source;
