@@ -36,6 +36,7 @@ POINT_LEVELS = 5  # of the tree of its points below the root
 POINTS_UNIT = 33  # texture unit of the emission points, beyond those that one stage can have samplers for
 
 TRANSMITTANCE_MAPS = "shadow_transmittance", "shadow_transmittance_depth"
+NEAREST_TRANSMITTANCE = "shadow_transmittance_nearest"
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +225,8 @@ class LightSet:
     def shadow_maps(self) -> tuple[str, ...]:
         """The resources of the shadow pass that the shaders of these lights read."""
         needed = {"shadow": bool(self.mapped), "shadow_slope": self.has_hard_maps,
-                  "shadow_nearest": self.has_soft_maps, **dict.fromkeys(TRANSMITTANCE_MAPS, self._is_tinted)}
+                  "shadow_nearest": self.has_soft_maps, **dict.fromkeys(TRANSMITTANCE_MAPS, self._is_tinted),
+                  NEAREST_TRANSMITTANCE: self._is_tinted and self.has_soft_maps}
         return tuple(name for name, is_needed in needed.items() if is_needed)
 
     @property

@@ -4,12 +4,13 @@ import moderngl
 
 from app.gl.context import Device
 from app.gl.frame_state import Execute, FrameState
-from app.gl.lights import TRANSMITTANCE_MAPS, LightSet, ShadowFace
+from app.gl.lights import NEAREST_TRANSMITTANCE, TRANSMITTANCE_MAPS, LightSet, ShadowFace
 from app.gl.pool import Resources
 from app.gl.shader import Program
 from app.graph import BoundPass, Pass, Tex
 
 TILE = 8      # texels along the edge of one texel of the nearest map, as in shadow_tile.glsl
+NEAREST_OF = {"shadow_nearest": "shadow", NEAREST_TRANSMITTANCE: TRANSMITTANCE_MAPS[1]}
 EMPTY = 1e30  # distance where nothing casts a shadow
 MASK_FEATURES = ("ALPHA_MASK", "ALBEDO_MAP", "UV", "SECOND_UV", "VERTEX_COLOR", "BLENDED")
 TRANSMITTANCE_FEATURES = (*MASK_FEATURES, "METALLIC", "METALLIC_ROUGHNESS_MAP", "TRANSMISSION_MAP")
@@ -20,20 +21,24 @@ def declare(lights: LightSet) -> Pass:
 
     ``shadow`` holds distances, ``shadow_slope`` how surfaces lie in the map, for hard shadows, and ``shadow_nearest``
     the smallest distance in each tile, for soft ones. ``shadow_transmittance`` holds the share of light that passes all
-    blended and transmissive surfaces before the opaque one, ``shadow_transmittance_depth`` the distance of the nearest.
+    blended and transmissive surfaces before the opaque one, ``shadow_transmittance_depth`` the distance of the nearest,
+    and ``shadow_transmittance_nearest`` the smallest of these in each tile.
     """
     width, height = lights.atlas_size
+    tiles = max(1, width // TILE), max(1, height // TILE)
     return Pass("shadow", writes={
         "shadow": Tex("f4", 1, size=(width, height)),
         "shadow_slope": Tex("f2", 2, size=(width, height)),
-        "shadow_nearest": Tex("f4", 1, size=(max(1, width // TILE), max(1, height // TILE))),
+        "shadow_nearest": Tex("f4", 1, size=tiles),
         TRANSMITTANCE_MAPS[0]: Tex("f1", 4, size=(width, height)),
         TRANSMITTANCE_MAPS[1]: Tex("f4", 1, size=(width, height)),
+        NEAREST_TRANSMITTANCE: Tex("f4", 1, size=tiles),
     }, make=make)
 
 
 def make(device: Device, bound: BoundPass) -> Execute:
-    nearest = device.fullscreen("shadow_nearest.frag") if "shadow_nearest" in bound.writes else None
+    nearest = device.fullscreen("shadow_nearest.frag")
+    reduced = {name: of for name, of in NEAREST_OF.items() if name in bound.writes}
     maps = tuple(w for w in bound.writes if w in ("shadow", "shadow_slope"))
 
     is_tinted = TRANSMITTANCE_MAPS[0] in bound.writes
@@ -49,10 +54,10 @@ def make(device: Device, bound: BoundPass) -> Execute:
         target.scissor = 0, 0, *target.size
         if is_tinted:
             _draw_transmittance(device, frame, resources, faces)
-        if nearest is not None:
-            target = resources.target("shadow_nearest")
-            device.ctx.enable_only(moderngl.NOTHING)
-            resources["shadow"].use(0)
+        device.ctx.enable_only(moderngl.NOTHING)
+        for name, of in reduced.items():
+            target = resources.target(name)
+            resources[of].use(0)
             nearest.set(shadow=0)
             for face in faces:
                 x, y, width, height = face.rect

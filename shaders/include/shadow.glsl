@@ -41,6 +41,18 @@ uniform sampler2D shadow_nearest;
 #endif
 uniform int edge_taps = TAPS;  // not a constant: the unrolled program outgrows a CPU's instruction cache (1.4 times slower)
 
+// Whether a light with a map has a size.
+bool is_soft(Light light)
+{
+#ifdef HAS_SOFT_MAP
+#ifdef HAS_HARD_MAP
+    return light.position.w > 0.0 || int(light.color.w) == RECT;
+#endif
+    return true;
+#endif
+    return false;
+}
+
 // The same for all texels of a quad, so that they share their points: noise, and where angles start.
 struct QuadNoise {
     float value;
@@ -155,13 +167,17 @@ bool parted(float seen, int taps)
     return seen > 0.0 && seen < 4.0 * float(taps);
 }
 
-// Visibility by the filter's taps in a penumbra, passed by light and known ones, elsewhere all or nothing; where a whole
-// quad lies on one plane in a penumbra, blended with its mean.
+// Where all of a quad take taps and lie on one plane, blended with the quad's mean.
+vec3 blend_quad(vec3 x, int taps, vec3 p, vec3 n)
+{
+    bool together = quad_all(is_on_plane(p, n) && taps > 0);
+    return mix(x, 0.25 * quad_sum(x), together ? QUAD_BLEND : 0.0);
+}
+
+// Visibility by the filter's taps in a penumbra, passed by light and known ones, elsewhere all or nothing.
 float soft_visibility(float seen, bool penumbra, vec2 passed, int taps, vec3 p, vec3 n)
 {
-    float lit = passed.x / max(passed.y, 1.0);
-    bool together = quad_all(is_on_plane(p, n) && taps > 0);
-    float filtered = mix(lit, 0.25 * quad_sum(lit), together ? QUAD_BLEND : 0.0);
+    float filtered = blend_quad(vec3(passed.x / max(passed.y, 1.0)), taps, p, n).x;
     return penumbra ? filtered : seen > 0.0 ? 1.0 : 0.0;
 }
 
@@ -309,50 +325,78 @@ vec2 texel_passes(Light light, Receiver r, vec3 q, Hider hider)
 // The nearest blocker in the tile of the map around direction q, if it lies before the part of the receiver's plane
 // that the tile may show. x: its distance times its weight, y: its weight, which is 1 where its line from the
 // receiver meets the light and fades beyond.
-vec2 nearest_blocker(Light light, Receiver r, vec3 q)
+vec2 nearest_blocker(sampler2D nearest, Light light, Receiver r, vec3 q)
 {
     float tiles = light.tile.z / float(TILE);
     vec2 corner;
     vec2 tile = clamp(map_fraction(light, q, corner) * tiles, 0.0, tiles - 1.0);
-    float stored = texelFetch(shadow_nearest, ivec2(corner / float(TILE)) + ivec2(tile), 0).r;
+    float stored = texelFetch(nearest, ivec2(corner / float(TILE)) + ivec2(tile), 0).r;
     Stored s = relate(r, q, stored, r.offset - r.reach * 2.0 / tiles);
     return s.before ? vec2(s.along, 1.0) * (s.size / max(s.off, s.size + 1e-30)) : vec2(0.0);
 }
 
-// Share of a light with a size that the receiver sees.
-float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool wanted, inout vec4 tint)
+// Share of the way from the light at which the filter has its smallest radius.
+float smallest_kernel(Light light, Receiver r)
+{
+    return r.radius / (r.radius + HARD_KERNEL * 2.0 / light.tile.z * length(r.p));
+}
+
+bool is_square(Light light)
 {
 #ifdef HAS_RECT_LIGHT
-    bool square = int(light.color.w) == RECT;
+    return int(light.color.w) == RECT;
 #else
-    const bool square = false;
+    return false;
 #endif
-    float reach = length(r.p);
+}
+
+// The light projected to the mean of its blockers' distances, of those in a map of the nearest in tiles; has_blockers:
+// whether there are any.
+Disc blocker_disc(sampler2D nearest, Light light, Receiver r, QuadNoise noise, out bool has_blockers)
+{
+    float reach = length(r.p), radius = r.radius;
     vec3 side = abs(r.p.y) < 0.9 * reach ? vec3(r.p.z, 0.0, -r.p.x) : vec3(0.0, -r.p.z, r.p.y);
-    float radius = r.radius;
     vec3 axis_u = side * (radius * inversesqrt(max(dot(side, side), 1e-30)));
     Disc disc = Disc(axis_u, cross(axis_u, r.p) / reach, max(MIN_BLOCKER_SHARE, min(radius / reach, 0.9)));
 #ifdef HAS_RECT_LIGHT
-    if (square) {
+    if (is_square(light)) {
         disc.axis_u = light.u.xyz;
         disc.axis_v = light.v.xyz;
     }
 #endif
     Pattern pattern = quad_pattern(noise, TAPS);
     vec2 sum = vec2(0.0);
-    for (int i = 0; i < TAPS; ++i) sum += nearest_blocker(light, r, tap(r, disc, search_point(pattern, square)));
+    for (int i = 0; i < TAPS; ++i) {
+        sum += nearest_blocker(nearest, light, r, tap(r, disc, search_point(pattern, is_square(light))));
+    }
     float weight = quad_sum(sum.y);
-    float blocker = quad_sum(sum.x) / max(weight, 1e-30) / reach;
-    float smallest = radius / (radius + HARD_KERNEL * 2.0 / light.tile.z * reach);
-    disc.share = weight > 0.0 ? clamp(blocker, 1e-3, smallest) : smallest;
+    has_blockers = weight > 0.0;
+    float blocker = quad_sum(sum.x) / max(weight, 1e-30) / reach, smallest = smallest_kernel(light, r);
+    disc.share = has_blockers ? clamp(blocker, 1e-3, smallest) : smallest;
+    return disc;
+}
 
+#ifdef HAS_SHADOW_TRANSMITTANCE
+// What the texel in direction q lets pass to the receiver.
+vec3 transmittance_towards(Light light, Receiver r, vec3 q, MapTexel t)
+{
+    ivec2 texel = ivec2(t.corner + t.at);
+    return texel_transmittance(texel, relate(r, q, nearest_passed(texel, own_width(light) * r.reach), r.offset).before);
+}
+#endif
+
+// Share of a light with a size that the receiver sees.
+float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool wanted, inout vec4 tint)
+{
+    bool square = is_square(light), has_blockers;
+    Disc disc = blocker_disc(shadow_nearest, light, r, noise, has_blockers);
     float seen = 0.0;
     // The rim of a kernel of one texel lies within it, or what hides the light there would count as beside its way.
-    vec2 rim = rim_point(square, noise) * (disc.share < smallest ? 1.0 : SMALLEST_RIM);
+    vec2 rim = rim_point(square, noise) * (disc.share < smallest_kernel(light, r) ? 1.0 : SMALLEST_RIM);
     for (int i = 0; i < edge_taps; ++i) seen += texel_blocks(light, r, tap(r, disc, i == 0 ? rim : -rim)) ? 0.0 : 1.0;
     seen = quad_sum(seen);
     float seen_again = 0.0;
-    int taps_again = weight > 0.0 && !parted(seen, TAPS) ? edge_taps : 0;
+    int taps_again = has_blockers && !parted(seen, TAPS) ? edge_taps : 0;
     rim = turn_inwards(rim);
     for (int i = 0; i < taps_again; ++i) {
         seen_again += texel_blocks(light, r, tap(r, disc, i == 0 ? rim : -rim)) ? 0.0 : 1.0;
@@ -360,7 +404,7 @@ float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool want
     seen += quad_sum(seen_again);
     bool penumbra = parted(seen, TAPS + taps_again);
     int taps = wanted && penumbra ? PENUMBRA_TAPS : 0;
-    pattern = quad_pattern(noise, PENUMBRA_TAPS);
+    Pattern pattern = quad_pattern(noise, PENUMBRA_TAPS);
     Hider hider = Hider(false, 0.0, vec2(0.0), vec2(0.0), 0.0, vec2(0.0));
     for (int i = 0; i < min(taps, 1); ++i) hider = find_hider(light, r);
     vec2 passed = vec2(0.0);
@@ -370,14 +414,13 @@ float soft_radial_visibility(Light light, Receiver r, QuadNoise noise, bool want
         passed += passes;
 #ifdef HAS_SHADOW_TRANSMITTANCE
         MapTexel t = texel_towards(light, q);
-        tint += passes.x * vec4(texel_transmittance(ivec2(t.corner + t.at), reach, OWN_TEXELS * 2.0 / light.tile.z * reach), 1.0);
+        tint += passes.x * vec4(transmittance_towards(light, r, q, t), 1.0);
 #endif
     }
     return soft_visibility(seen, penumbra, passed, taps, r.p, r.n);
 }
 
-// Share of a point, sphere, spot or rectangle light that relative point p with face normal n sees.
-float radial_visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wanted, inout vec4 tint)
+Receiver radial_receiver(Light light, vec3 p, vec3 n)
 {
     p -= light.position.xyz;
     float height = -dot(n, p) - PLANE_MARGIN * 2.0 / light.tile.z * length(p);  // of the light above the receiver's plane
@@ -386,8 +429,7 @@ float radial_visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wante
 #ifdef HAS_RECT_LIGHT
     if (int(light.color.w) == RECT) radius = sqrt(dot(light.u.xyz, light.u.xyz) + dot(light.v.xyz, light.v.xyz));
 #endif
-    Receiver r = Receiver(p, n, length(p) * (1.0 - DISTANCE_BIAS), height * (1.0 - DISTANCE_BIAS), radius);
-    return soft_radial_visibility(light, r, noise, wanted, tint);
+    return Receiver(p, n, length(p) * (1.0 - DISTANCE_BIAS), height * (1.0 - DISTANCE_BIAS), radius);
 }
 #endif
 
@@ -405,10 +447,14 @@ bool before_parallel_receiver(ParallelReceiver r, vec2 at, float stored, float m
     return stored < r.depth + min(dot(r.gradient, at - r.fraction) - margin, 0.0);
 }
 
+ivec2 parallel_texel(Light light, vec2 at)
+{
+    return ivec2(light.tile.xy + clamp(at * light.tile.z, 0.0, light.tile.z - 1.0));
+}
+
 float stored_depth(Light light, vec2 at)
 {
-    vec2 texel = clamp(at * light.tile.z, 0.0, light.tile.z - 1.0);
-    return texelFetch(shadow, ivec2(light.tile.xy + texel), 0).r;
+    return texelFetch(shadow, parallel_texel(light, at), 0).r;
 }
 
 // Radius of the light's image at what a texel holds before the receiver; 0 where it holds nothing. spread is the growth
@@ -467,11 +513,11 @@ vec3 parallel_texel_passes(Light light, ParallelReceiver r, vec2 at, float sprea
 
 // As nearest_blocker, but blockers near the receiver weigh more: little of the light passes them. z: the radius of the
 // light's image at the blocker, in map fractions.
-vec3 nearest_parallel_blocker(Light light, ParallelReceiver r, vec2 at, float spread)
+vec3 nearest_parallel_blocker(sampler2D nearest, Light light, ParallelReceiver r, vec2 at, float spread)
 {
     float tiles = light.tile.z / float(TILE);
     vec2 tile = clamp(at * tiles, 0.0, tiles - 1.0);
-    float stored = texelFetch(shadow_nearest, ivec2(light.tile.xy / float(TILE)) + ivec2(tile), 0).r;
+    float stored = texelFetch(nearest, ivec2(light.tile.xy / float(TILE)) + ivec2(tile), 0).r;
     float margin = (abs(r.gradient.x) + abs(r.gradient.y)) / tiles;
     float size = spread * max(r.depth - stored, 0.0), away = length(at - r.fraction);
     float least = HARD_KERNEL / light.tile.z, square = size * size + least * least;
@@ -489,23 +535,53 @@ vec2 contact_texel(Light light, ParallelReceiver r, vec2 at, float spread, float
     return vec2(hides, size < width ? 1.0 : 0.0);
 }
 
-float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, QuadNoise noise, bool wanted,
-                               inout vec4 tint)
+// Growth of the light's image, in map fractions per unit of depth.
+float image_spread(Light light)
 {
-    float spread = 0.5 * light.position.w / light.u.x;  // growth of the kernel, in map fractions per unit of depth
-    float width = spread * min(r.depth, light.u.y);
+    return 0.5 * light.position.w / light.u.x;
+}
+
+// What a search for blockers found in a map of the nearest in tiles. width: of the light's image at their mean depth, in
+// map fractions; nearest_image: of its image at the one nearest to the receiver.
+struct ParallelBlockers {
+    bool any;
+    float width;
+    float nearest_image;
+};
+
+ParallelBlockers find_parallel_blockers(sampler2D nearest, Light light, ParallelReceiver r, QuadNoise noise)
+{
+    float spread = image_spread(light), width = spread * min(r.depth, light.u.y);
     Pattern pattern = quad_pattern(noise, TAPS);
     vec2 sum = vec2(0.0);
     float nearest_image = 1.0;
     for (int i = 0; i < TAPS; ++i) {
-        vec3 found = nearest_parallel_blocker(light, r, r.fraction + search_point(pattern, false) * width, spread);
+        vec2 at = r.fraction + search_point(pattern, false) * width;
+        vec3 found = nearest_parallel_blocker(nearest, light, r, at, spread);
         sum += found.xy;
         nearest_image = min(nearest_image, found.z);
     }
-    nearest_image = -quad_max(vec3(-nearest_image)).x;
-    float weight = quad_sum(sum.y);
-    float blocker = quad_sum(sum.x) / max(weight, 1e-30);
+    float weight = quad_sum(sum.y), blocker = quad_sum(sum.x) / max(weight, 1e-30);
     width = max(weight > 0.0 ? spread * (r.depth - blocker) : 0.0, HARD_KERNEL / light.tile.z);
+    return ParallelBlockers(weight > 0.0, width, -quad_max(vec3(-nearest_image)).x);
+}
+
+#ifdef HAS_SHADOW_TRANSMITTANCE
+// What the texel at a fraction of the map lets pass to the receiver.
+vec3 transmittance_at(Light light, ParallelReceiver r, vec2 at)
+{
+    ivec2 texel = parallel_texel(light, at);
+    float nearest = nearest_passed(texel, own_width(light) * light.u.x);
+    return texel_transmittance(texel, before_parallel_receiver(r, at, nearest, 0.0));
+}
+#endif
+
+float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, QuadNoise noise, bool wanted,
+                               inout vec4 tint)
+{
+    float spread = image_spread(light);
+    ParallelBlockers blockers = find_parallel_blockers(shadow_nearest, light, r, noise);
+    float width = blockers.width;
 
     float seen = 0.0;
     vec2 rim = rim_point(false, noise) * width;
@@ -514,7 +590,7 @@ float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, 
     }
     seen = quad_sum(seen);
     float seen_again = 0.0;
-    int taps_again = weight > 0.0 && !parted(seen, TAPS) ? edge_taps : 0;
+    int taps_again = blockers.any && !parted(seen, TAPS) ? edge_taps : 0;
     rim = turn_inwards(rim);
     for (int i = 0; i < taps_again; ++i) {
         seen_again += parallel_texel_blocks(light, r, r.fraction + (i == 0 ? rim : -rim), spread) ? 0.0 : 1.0;
@@ -524,13 +600,13 @@ float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, 
     vec2 contact = vec2(0.0);
     int contact_taps = width * light.tile.z > HARD_KERNEL ? edge_taps : 0;
     float own = image_size(light, r, r.fraction, stored_depth(light, r.fraction), spread);
-    float image = own > 0.0 ? own : nearest_image;
+    float image = own > 0.0 ? own : blockers.nearest_image;
     rim = rim_point(false, noise) * max(image < width ? image : 0.0, CONTACT_KERNEL / light.tile.z);
     for (int i = 0; i < contact_taps; ++i) {
         contact += contact_texel(light, r, r.fraction + (i == 0 ? rim : -rim), spread, width);
     }
     int taps = wanted && penumbra ? PENUMBRA_TAPS : 0;
-    pattern = quad_pattern(noise, PENUMBRA_TAPS);
+    Pattern pattern = quad_pattern(noise, PENUMBRA_TAPS);
     ParallelHider hider = ParallelHider(0.0, 0.0, vec2(0.0));
     for (int i = 0; i < min(taps, 1); ++i) hider = find_parallel_hider(light, r, spread);
     vec3 found = vec3(0.0);
@@ -539,8 +615,7 @@ float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, 
         vec3 passes = parallel_texel_passes(light, r, at, spread, hider);
         found += passes;
 #ifdef HAS_SHADOW_TRANSMITTANCE
-        ivec2 t = ivec2(light.tile.xy + clamp(at * light.tile.z, 0.0, light.tile.z - 1.0));
-        tint += passes.x * vec4(texel_transmittance(t, r.depth, OWN_TEXELS * 2.0 / light.tile.z * light.u.x), 1.0);
+        tint += passes.x * vec4(transmittance_at(light, r, at), 1.0);
 #endif
     }
     contact = vec2(quad_sum(contact.x), quad_sum(contact.y));
@@ -549,8 +624,7 @@ float soft_parallel_visibility(Light light, ParallelReceiver r, vec3 p, vec3 n, 
     return passes_contact * soft_visibility(seen, penumbra, passed, taps, p, n);
 }
 
-// Share of a directional light's disc that relative point p with face normal n sees.
-float parallel_visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wanted, inout vec4 tint)
+ParallelReceiver parallel_receiver(Light light, vec3 p, vec3 n)
 {
     float half_width = light.u.x;
     float c = max(dot(n, light.position.xyz), 0.01);
@@ -561,27 +635,29 @@ float parallel_visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wan
         + 0.5;
     r.depth = dot(light.frame_z.xyz, moved) + light.frame_z.w - PARALLEL_BIAS * half_width;
     r.gradient = vec2(dot(n, axis_x), dot(n, axis_y)) * (2.0 * half_width / c);
-    return soft_parallel_visibility(light, r, p, n, noise, wanted, tint);
+    return r;
 }
 #endif
 #endif
+#ifdef HAS_SHADOW_TRANSMITTANCE
+#include "soft_transmittance.glsl"
+#endif
 
 // Share of the light that relative point p with face normal n sees; of no meaning unless wanted. In a penumbra, tint is
-// the sum of what surfaces leave of the light at points that see it, and their number.
+// the sum of what see-through surfaces leave of the light at points that see it, and their number.
 float visibility(Light light, vec3 p, vec3 n, QuadNoise noise, bool wanted, inout vec4 tint)
 {
 #ifdef HAS_HARD_MAP
-#ifdef HAS_SOFT_MAP
-    if (light.position.w <= 0.0 && int(light.color.w) != RECT)
-#endif
-    return hard_visibility(light, p, n);
+    if (!is_soft(light)) return hard_visibility(light, p, n);
 #endif
 #ifdef HAS_SOFT_MAP
 #ifdef HAS_PARALLEL_MAP
-    if (int(light.tile.w) == PARALLEL_MAP) return parallel_visibility(light, p, n, noise, wanted, tint);
+    if (int(light.tile.w) == PARALLEL_MAP) {
+        return soft_parallel_visibility(light, parallel_receiver(light, p, n), p, n, noise, wanted, tint);
+    }
 #endif
 #if defined(HAS_CUBE_MAP) || defined(HAS_SINGLE_MAP)
-    return radial_visibility(light, p, n, noise, wanted, tint);
+    return soft_radial_visibility(light, radial_receiver(light, p, n), noise, wanted, tint);
 #endif
 #endif
     return 1.0;
@@ -593,9 +669,7 @@ vec3 arriving_share(Light light, vec3 p, vec3 n, QuadNoise noise, bool wanted)
     vec4 tint = vec4(0.0);
     float seen = visibility(light, p, n, noise, wanted, tint);
 #ifdef HAS_SHADOW_TRANSMITTANCE
-    vec4 of_quad = vec4(quad_sum(tint.rgb), quad_sum(tint.a));
-    tint = tint.a > 0.0 ? tint : of_quad;
-    return seen * (tint.a > 0.0 ? tint.rgb / tint.a : transmittance(light, p));
+    return seen * transmittance(light, p, n, noise, wanted && seen > 0.0, tint);
 #else
     return vec3(seen);
 #endif

@@ -383,3 +383,24 @@ def test_bars_in_a_coloured_pane_cast_shadows_in_its_colour(light: Light) -> Non
     assert seen.mean() > 0.2 and (lit[..., 0] < 0.5 * lit.max()).mean() > 0.2
     np.testing.assert_allclose(color, np.broadcast_to((1.0, 0.5, 0.25), color.shape), rtol=0.01)
     np.testing.assert_allclose(lit.mean(axis=(0, 1)), clear.mean() * np.array((0.8, 0.4, 0.2)), rtol=0.02)
+
+
+@pytest.mark.parametrize("name", ["sun", "sphere", "rectangle"])
+def test_coloured_shadows_of_large_lamps_have_penumbrae(name: str) -> None:
+    """Across the edge of a half plane of glass, light turns as the share of the light's image that the glass covers."""
+    radius, height, above, side = 0.05, 4.0, 1.0, 0.2
+    lamps: dict[str, Light] = {
+        "sun": replace(OVERHEAD, angular_radius_deg=math.degrees(math.atan(radius / height))),
+        "sphere": PointLight((0.0, height, 0.0), (16 * math.pi,) * 3, radius),
+        "rectangle": RectLight((0.0, height, 0.0), (2 * radius, 0.0, 0.0), (0.0, 0.0, 2 * radius), (1e3,) * 3),
+    }
+    pane = quad((0.0, above, 2.0), (4.0, 0, 0), (0, 0, -4.0), glass((0.2, 0.2, 0.2)))
+    camera = Camera((0.0, 0.8, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), orthographic_height=side)
+    lit, free = (draw(make_scene([floor(4.0), *p], [lamps[name]], camera), (96, 96), ("direct",))["direct"][..., 0]
+                 for p in ([pane], []))
+    x = ((np.arange(96) + 0.5) / 96 - 0.5) * side
+    seen = np.clip(-x * ((height - above) / above if name != "sun" else height / above) / radius, -1.0, 1.0)
+    share = (seen + 1) / 2 if name == "rectangle" else 0.5 + (seen * np.sqrt(1 - seen**2) + np.arcsin(seen)) / math.pi
+    found = ((lit / free).mean(axis=0) - 0.2) / 0.8
+    print(f"PENUMBRA of {name}: largest error {np.abs(found - share).max():.3f}, noise {(lit / free).std(axis=0).max():.3f}")
+    np.testing.assert_allclose(found, share, atol=0.08)
