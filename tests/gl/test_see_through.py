@@ -201,6 +201,22 @@ def test_rough_glass_blurs_what_is_far_behind_it() -> None:
     assert spread[2] < 0.05
 
 
+def test_a_bright_lamp_behind_rough_glass_has_a_smooth_glow() -> None:
+    """Pixels of the glow differ little from their neighbours, though few taps meet the lamp."""
+    lamp = quad((-0.05, -0.05, -0.3), (0.1, 0, 0), (0, 0.1, 0), Material(albedo=(0.0,) * 3, emission=(100.0,) * 3))
+    wall = quad((-3.0, -3.0, -1.5), (6.0, 0, 0), (0, 6.0, 0), Material(albedo=(0.0,) * 3, emission=(0.1,) * 3))
+    pane = quad((-1.0, -1.0, 0.0), (2.0, 0, 0), (0, 2.0, 0), glass(roughness=0.15))
+    camera = Camera((0.0, 0.0, 1.5), (0.0, 0.0, 0.0), fov_y_deg=40.0)
+    image = draw(make_scene([lamp, wall, pane], camera=camera), (192, 192))["final"][..., 0].astype(np.float64)
+    rows, columns = np.indices(image.shape) - 95.5
+    ring = np.hypot(rows, columns)
+    glow = (ring > 20.0) & (ring < 50.0)
+    mean = sum(np.roll(image, (y, x), (0, 1)) for y in (-1, 0, 1) for x in (-1, 0, 1)) / 9
+    noise = float(np.sqrt(np.mean((image[glow] / mean[glow] - 1.0) ** 2)))
+    print(f"GLOW noise {noise:.3f}, mean {image[glow].mean():.3f}")
+    assert image[glow].mean() > 0.2 and noise < 0.4
+
+
 def test_glass_shows_the_sky_and_its_reflection() -> None:
     """A smooth pane under an even sky: what it does not let pass it reflects."""
     pane = floor(3.0, 0.0, glass(specular=(0.04,) * 3))
@@ -402,5 +418,6 @@ def test_coloured_shadows_of_large_lamps_have_penumbrae(name: str) -> None:
     seen = np.clip(-x * ((height - above) / above if name != "sun" else height / above) / radius, -1.0, 1.0)
     share = (seen + 1) / 2 if name == "rectangle" else 0.5 + (seen * np.sqrt(1 - seen**2) + np.arcsin(seen)) / math.pi
     found = ((lit / free).mean(axis=0) - 0.2) / 0.8
-    print(f"PENUMBRA of {name}: largest error {np.abs(found - share).max():.3f}, noise {(lit / free).std(axis=0).max():.3f}")
+    noise = (lit / free).std(axis=0).max()
+    print(f"PENUMBRA of {name}: largest error {np.abs(found - share).max():.3f}, noise {noise:.3f}")
     np.testing.assert_allclose(found, share, atol=0.08)
