@@ -117,10 +117,14 @@ void main()
         bool wanted = is_surface(d) && max(max(e.r, e.g), e.b) > 0.0;
 #endif
 #ifdef NORMAL_MAPS
-        wanted = wanted && is_in_front(light, p, face);
+        float in_front = share_in_front(light, p, face);
+        wanted = wanted && in_front > 0.0;
 #endif
         vec3 v = arriving_share(light, p, face, noise, wanted);
         v = wanted ? v : vec3(0.0);
+#ifdef NORMAL_MAPS
+        v *= in_front;
+#endif
         diffuse += wanted ? v * e : vec3(0.0);
 #ifdef WRITE_SPECULAR
         specular += wanted ? v * ggx_specular(light, p, n, lobe) : vec3(0.0);

@@ -47,13 +47,13 @@ float spot_falloff(Light light, vec3 to_light)
 }
 
 #ifdef NORMAL_MAPS
-// Whether any of a light is in front of the face through relative point p.
-bool is_in_front(Light light, vec3 p, vec3 face)
+// Share of a light that is in front of the face through relative point p. Of discs about the area of their segment.
+float share_in_front(Light light, vec3 p, vec3 face)
 {
     int kind = int(light.color.w);
-    if (kind == DIRECTIONAL) return dot(face, light.position.xyz) > 0.0;
+    float height = dot(face, kind == DIRECTIONAL ? light.position.xyz : light.position.xyz - p);
     float reach = kind == RECT ? abs(dot(face, light.u.xyz)) + abs(dot(face, light.v.xyz)) : light.position.w;
-    return dot(face, light.position.xyz - p) > -reach;
+    return reach > 0.0 ? smoothstep(-reach, reach, height) : height > 0.0 ? 1.0 : 0.0;
 }
 #endif
 

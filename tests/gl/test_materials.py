@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -113,6 +114,25 @@ def test_light_from_behind_the_face_gives_nothing(radius: float) -> None:
     images = draw(steep.with_lights(*behind), SIZE, OUTPUTS)
     assert not images["direct"].any() and not images["specular"].any()
     assert draw(steep.with_lights(PointLight((1.5, 0.0, 0.7), (5.0,) * 3, radius)), SIZE, OUTPUTS)["direct"].min() > 0
+
+
+def test_bumps_have_the_share_of_a_sun_that_is_above_their_face() -> None:
+    """Not all or nothing of it, or its terminator would follow the edges of facets."""
+    radius_deg, steep = 3.0, (1.0, 0.0, 0.5)
+    n = np.asarray(steep) / np.linalg.norm(steep)
+    found, shares = [], []
+    for elevation_deg in (-2.0, -1.0, 0.0, 1.0, 2.0, 6.0):
+        angle = math.radians(elevation_deg)
+        sun = DirectionalLight((-math.cos(angle), 0.0, -math.sin(angle)), (3.0,) * 3, radius_deg)
+        scene = card(Material(normal_map=normal_map(steep))).with_lights(sun)
+        seen = draw(scene, SIZE, ("direct",))["direct"][..., 0].astype(np.float64)
+        x = np.clip(math.tan(angle) / math.tan(math.radians(radius_deg)), -1.0, 1.0)
+        shares.append(0.5 + (x * math.sqrt(1 - x * x) + math.asin(x)) / math.pi)
+        found.append(seen.mean() / (n @ (math.cos(angle), 0.0, math.sin(angle))))
+    found = np.divide(found, found[-1])
+    print(f"BUMPS {np.round(found, 3)} of {np.round(shares, 3)}")
+    np.testing.assert_allclose(found[2:], shares[2:], atol=0.04)
+    assert 0 < found[0] < found[1] < shares[1]  # below the horizon, the map takes a part of the rest
 
 
 def test_mirror_directions_are_above_the_face() -> None:
