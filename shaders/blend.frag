@@ -78,15 +78,13 @@ vec4 interpolated(vec2 pixel, float nearest)
 }
 
 // Around a pixel as far as GGX spreads its slopes, half of them within radius pixels; a: number of taps that are behind.
-// A tap's footprint, in pixels, is that of the middle; those farther out stand for wider areas.
-vec4 blurred(vec2 pixel, float radius, float footprint, float nearest)
+vec4 blurred(vec2 pixel, float radius, float lod, float nearest)
 {
     float turn = 6.2831853 * texel_noise(gl_FragCoord.xy);
     vec4 sum = vec4(0.0);
     for (int i = 0; i < BLUR_TAPS; ++i) {
         float angle = turn + GOLDEN_ANGLE * float(i), u = (float(i) + 0.5) / float(BLUR_TAPS);
         vec2 at = inside_image(pixel + radius * sqrt(u / (1.0 - u)) * vec2(cos(angle), sin(angle)));
-        float lod = log2(max(footprint / (1.0 - u), 1.0));
         vec4 tap = vec4(sanitize_radiance(textureLod(behind, at * image.zw, lod).rgb), 1.0);
         sum += is_behind(ivec2(at), nearest) ? tap : vec4(0.0);
     }
@@ -136,7 +134,7 @@ vec3 transmitted_light(float d, vec4 from, vec3 diffuse)
     float share = is_surface(there) ? max(there - d, 0.0) / there : 1.0;  // of the way from the eye
 #endif
     float radius = from.z * share * 0.5 * image.y / lens.y, nearest = source.nearest;
-    vec4 sum = radius < MIN_BLUR ? interpolated(pixel, nearest) : blurred(pixel, radius, radius * 0.7, nearest);
+    vec4 sum = radius < MIN_BLUR ? interpolated(pixel, nearest) : blurred(pixel, radius, log2(max(radius * 0.7, 1.0)), nearest);
     if (sum.a <= 0.0) sum = blurred(pixel, FILL_RADIUS, 0.0, nearest);
     vec3 light = sum.a > 0.0 ? sum.rgb / sum.a : sanitize_radiance(texelFetch(behind, texel, 0).rgb);
 #ifdef HAS_EXIT

@@ -37,8 +37,8 @@ def declare(lights: LightSet) -> Pass:
 
 
 def make(device: Device, bound: BoundPass) -> Execute:
-    nearest = device.fullscreen("shadow_nearest.frag")
     reduced = {name: of for name, of in NEAREST_OF.items() if name in bound.writes}
+    nearest = device.fullscreen("shadow_nearest.frag") if reduced else None
     maps = tuple(w for w in bound.writes if w in ("shadow", "shadow_slope"))
 
     is_tinted = TRANSMITTANCE_MAPS[0] in bound.writes
@@ -56,6 +56,7 @@ def make(device: Device, bound: BoundPass) -> Execute:
             _draw_transmittance(device, frame, resources, faces)
         device.ctx.enable_only(moderngl.NOTHING)
         for name, of in reduced.items():
+            assert nearest is not None
             target = resources.target(name)
             resources[of].use(0)
             nearest.set(shadow=0)

@@ -25,9 +25,9 @@ vec3 texel_transmittance(ivec2 texel, bool is_behind)
     return is_behind ? texelFetch(shadow_transmittance, texel, 0).rgb : vec3(1.0);
 }
 
-// At relative point p, of a light without a size. Opaque surfaces hide what lies behind them from the map, so texels in
+// At relative point p, of the middle of a light. Opaque surfaces hide what lies behind them from the map, so texels in
 // which they shade p don't count: the light that passes there is not p's.
-vec3 hard_transmittance(Light light, vec3 p)
+vec3 middle_transmittance(Light light, vec3 p)
 {
     vec2 corner = light.tile.xy, fraction = vec2(0.5);
     float distance = 0.0, own = own_width(light);

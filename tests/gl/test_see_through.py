@@ -201,22 +201,6 @@ def test_rough_glass_blurs_what_is_far_behind_it() -> None:
     assert spread[2] < 0.05
 
 
-def test_a_bright_lamp_behind_rough_glass_has_a_smooth_glow() -> None:
-    """Pixels of the glow differ little from their neighbours, though few taps meet the lamp."""
-    lamp = quad((-0.05, -0.05, -0.3), (0.1, 0, 0), (0, 0.1, 0), Material(albedo=(0.0,) * 3, emission=(100.0,) * 3))
-    wall = quad((-3.0, -3.0, -1.5), (6.0, 0, 0), (0, 6.0, 0), Material(albedo=(0.0,) * 3, emission=(0.1,) * 3))
-    pane = quad((-1.0, -1.0, 0.0), (2.0, 0, 0), (0, 2.0, 0), glass(roughness=0.15))
-    camera = Camera((0.0, 0.0, 1.5), (0.0, 0.0, 0.0), fov_y_deg=40.0)
-    image = draw(make_scene([lamp, wall, pane], camera=camera), (192, 192))["final"][..., 0].astype(np.float64)
-    rows, columns = np.indices(image.shape) - 95.5
-    ring = np.hypot(rows, columns)
-    glow = (ring > 20.0) & (ring < 50.0)
-    mean = sum(np.roll(image, (y, x), (0, 1)) for y in (-1, 0, 1) for x in (-1, 0, 1)) / 9
-    noise = float(np.sqrt(np.mean((image[glow] / mean[glow] - 1.0) ** 2)))
-    print(f"GLOW noise {noise:.3f}, mean {image[glow].mean():.3f}")
-    assert image[glow].mean() > 0.2 and noise < 0.4
-
-
 def test_glass_shows_the_sky_and_its_reflection() -> None:
     """A smooth pane under an even sky: what it does not let pass it reflects."""
     pane = floor(3.0, 0.0, glass(specular=(0.04,) * 3))
@@ -401,23 +385,27 @@ def test_bars_in_a_coloured_pane_cast_shadows_in_its_colour(light: Light) -> Non
     np.testing.assert_allclose(lit.mean(axis=(0, 1)), clear.mean() * np.array((0.8, 0.4, 0.2)), rtol=0.02)
 
 
+@pytest.mark.parametrize("above", [0.03, 0.1, 1.0])
 @pytest.mark.parametrize("name", ["sun", "sphere", "rectangle"])
-def test_coloured_shadows_of_large_lamps_have_penumbrae(name: str) -> None:
+def test_coloured_shadows_of_large_lamps_have_penumbrae(name: str, above: float) -> None:
     """Across the edge of a half plane of glass, light turns as the share of the light's image that the glass covers."""
-    radius, height, above, side = 0.05, 4.0, 1.0, 0.2
+    radius, height, side = 0.05, 4.0, 0.2
     lamps: dict[str, Light] = {
         "sun": replace(OVERHEAD, angular_radius_deg=math.degrees(math.atan(radius / height))),
         "sphere": PointLight((0.0, height, 0.0), (16 * math.pi,) * 3, radius),
         "rectangle": RectLight((0.0, height, 0.0), (2 * radius, 0.0, 0.0), (0.0, 0.0, 2 * radius), (1e3,) * 3),
     }
     pane = quad((0.0, above, 2.0), (4.0, 0, 0), (0, 0, -4.0), glass((0.2, 0.2, 0.2)))
-    camera = Camera((0.0, 0.8, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), orthographic_height=side)
+    # From below the pane, or past its edge.
+    camera = Camera((0.0, 0.8 * above, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, -1.0), orthographic_height=side)
     lit, free = (draw(make_scene([floor(4.0), *p], [lamps[name]], camera), (96, 96), ("direct",))["direct"][..., 0]
                  for p in ([pane], []))
     x = ((np.arange(96) + 0.5) / 96 - 0.5) * side
     seen = np.clip(-x * ((height - above) / above if name != "sun" else height / above) / radius, -1.0, 1.0)
     share = (seen + 1) / 2 if name == "rectangle" else 0.5 + (seen * np.sqrt(1 - seen**2) + np.arcsin(seen)) / math.pi
     found = ((lit / free).mean(axis=0) - 0.2) / 0.8
-    noise = (lit / free).std(axis=0).max()
-    print(f"PENUMBRA of {name}: largest error {np.abs(found - share).max():.3f}, noise {noise:.3f}")
-    np.testing.assert_allclose(found, share, atol=0.08)
+    error, noise = np.abs(found - share), (lit / free).std(axis=0).max()
+    print(f"PENUMBRA of {name} from {above} m: {error.max():.3f}, {error.mean():.3f} on the mean, noise {noise:.3f}")
+    # A shadow from nearby has a penumbra narrower than texels of the map, which blur its edge.
+    assert error[np.abs(x) > 0.02].max() < 0.02 and error.mean() < 0.03 and noise < 0.05
+    assert error.max() < 0.08 or above < 1.0
