@@ -47,13 +47,14 @@ float spot_falloff(Light light, vec3 to_light)
 }
 
 #ifdef NORMAL_MAPS
-// Share of a light that is in front of the face through relative point p. Of discs about the area of their segment.
+// Share of a light that is in front of the face through relative point p, about that of a disc's segment. Of lights without
+// a size it is all: their shadows hide what faces away.
 float share_in_front(Light light, vec3 p, vec3 face)
 {
     int kind = int(light.color.w);
     float height = dot(face, kind == DIRECTIONAL ? light.position.xyz : light.position.xyz - p);
     float reach = kind == RECT ? abs(dot(face, light.u.xyz)) + abs(dot(face, light.v.xyz)) : light.position.w;
-    return reach > 0.0 ? smoothstep(-reach, reach, height) : height > 0.0 ? 1.0 : 0.0;
+    return reach > 0.0 ? smoothstep(-reach, reach, height) : 1.0;
 }
 #endif
 
