@@ -110,7 +110,8 @@ def _camera(spec: dict[str, Any], path: object, *keys: object) -> Camera:
 
 
 def _lighting(spec: dict[str, Any], path: Path, name: str) -> Lighting:
-    lights = tuple(_light(light, path, "lightings", name, "lights", i) for i, light in enumerate(spec["lights"]))
+    lights = tuple(_light(light, path, "lightings", name, "lights", i)
+                   for i, light in enumerate(spec.get("lights", [])))
     return Lighting(lights, spec.get("emission", 1.0), spec.get("environment"))
 
 

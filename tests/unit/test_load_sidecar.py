@@ -74,6 +74,12 @@ def test_an_error_about_an_image_of_the_sky_names_its_key(load):
         load(sky(type="image", file="gone.hdr"))
 
 
+def test_an_environment_may_be_the_only_light(load):
+    sky = {"type": "constant", "radiance": [1, 1, 1]}
+    scene = load({"lightings": {"overcast": {"emission": 0, "environment": sky}}})
+    assert scene.lights == () and scene.environment is not None
+
+
 def test_defaults_and_choices(load):
     content = {"cameras": {"a": EYE, "b": EYE}, "default": {"camera": "b", "lighting": "two"},
                "lightings": {"one": {"lights": [POINT]}, "two": {"lights": []}}}
