@@ -44,13 +44,15 @@ uniform int edge_taps = TAPS;  // not a constant: the unrolled program outgrows 
 // Whether a light with a map has a size.
 bool is_soft(Light light)
 {
-#ifdef HAS_SOFT_MAP
 #ifdef HAS_HARD_MAP
+#ifdef HAS_SOFT_MAP
     return light.position.w > 0.0 || int(light.color.w) == RECT;
+#else
+    return false;
 #endif
+#else
     return true;
 #endif
-    return false;
 }
 
 // The same for all texels of a quad, so that they share their points: noise, and where angles start.
@@ -427,7 +429,7 @@ Receiver radial_receiver(Light light, vec3 p, vec3 n)
     p += n * (NORMAL_OFFSET * 2.0 / light.tile.z * length(p));
     float radius = light.position.w;
 #ifdef HAS_RECT_LIGHT
-    if (int(light.color.w) == RECT) radius = sqrt(dot(light.u.xyz, light.u.xyz) + dot(light.v.xyz, light.v.xyz));
+    if (is_square(light)) radius = sqrt(dot(light.u.xyz, light.u.xyz) + dot(light.v.xyz, light.v.xyz));
 #endif
     return Receiver(p, n, length(p) * (1.0 - DISTANCE_BIAS), height * (1.0 - DISTANCE_BIAS), radius);
 }
