@@ -225,6 +225,11 @@ class Material:
         return self.transmission is not None and self.transmission.thickness > 0
 
     @property
+    def is_rough_glass(self) -> bool:
+        """Whether it blurs what is seen through it."""
+        return self.transmission is not None and self.roughness > 0
+
+    @property
     def is_one_sided(self) -> bool:
         """Whether cameras and gathered rays see through its back."""
         return self.is_back_culled and not self.is_volume

@@ -7,6 +7,7 @@
 const int BLUR_TAPS = 8;
 const float GOLDEN_ANGLE = 2.39996323;
 const float MIN_BLUR = 0.5;     // pixels
+const float TAP_WIDTH = 0.5;    // of the innermost tap in radii; with sqrt(pi / BLUR_TAPS) taps would not overlap
 const float FILL_RADIUS = 4.0;  // pixels to what stands in for what is hidden
 const int STEPS_BACK = 16;      // from what is hidden to where the ray starts
 const int INDIRECT_TAPS = 8;
@@ -39,6 +40,10 @@ uniform sampler2D arriving;  // diffuse light on a coarse grid; a: depth of the 
 #include "sky_irradiance.glsl"
 #endif
 #ifdef HAS_REFRACTION
+#ifdef BLUR_LEVELS
+uniform sampler2D blur_light;  // levels of what is behind, see blur_levels.comp
+uniform sampler2D blur_depth;
+#endif
 uniform sampler2D refraction;  // ior, or 0 if thin; thickness / depth_scale; slope of the spread of what is behind
 #endif
 #ifdef HAS_OUTER_REFLECTION
@@ -77,16 +82,49 @@ vec4 interpolated(vec2 pixel, float nearest)
     return sum;
 }
 
-// Around a pixel as far as GGX spreads its slopes, half of them within radius pixels; a: number of taps that are behind.
-vec4 blurred(vec2 pixel, float radius, float lod, float nearest)
+#ifdef BLUR_LEVELS
+// Between the four texels of a level around a pixel; 0 where something is among them that is not behind nearest. By hand, since
+// some drivers' textureLod takes one level for four pixels.
+vec4 level_light(vec2 pixel, int level, float nearest)
+{
+    vec2 at = exp2(-float(level) - 1.0) * pixel - 0.5, first = floor(at), part = at - first;
+    ivec2 last = textureSize(blur_depth, level) - 1;
+    vec4 sum = vec4(0.0);
+    bool is_free = true;
+    for (int i = 0; i < 4; ++i) {
+        ivec2 corner = ivec2(i & 1, i >> 1), t = clamp(ivec2(first) + corner, ivec2(0), last);
+        vec2 weight = mix(1.0 - part, part, vec2(corner));
+        sum += weight.x * weight.y * texelFetch(blur_light, t, level);
+        is_free = is_free && texelFetch(blur_depth, t, level).r > nearest;
+    }
+    return is_free ? sum : vec4(0.0);
+}
+#endif
+
+// Light behind a layer around a pixel, over about 2^lod pixels, or less where something nearer is among them; a: its weight.
+vec4 mean_behind(vec2 pixel, float lod, float nearest)
+{
+    vec4 light = vec4(0.0);
+#ifdef BLUR_LEVELS
+    int level = min(int(lod + 0.5), BLUR_LEVELS) - 1;
+    bool is_coarse = level >= 0;
+    do light = level_light(pixel, max(level--, 0), nearest); while (level >= 0 && light.a <= 0.0);
+    light = is_coarse ? light : vec4(0.0);
+#endif
+    light = light.a > 0.0 ? light : vec4(sanitize_radiance(texelFetch(behind, ivec2(pixel), 0).rgb), 1.0);
+    return is_behind(ivec2(pixel), nearest) ? light : vec4(0.0);
+}
+
+// Around a pixel as far as GGX spreads its slopes, half of them within radius pixels; a: sum of weights of what is behind. A tap
+// has its share of them, 1 / BLUR_TAPS, within about width / (1 - u) pixels.
+vec4 blurred(vec2 pixel, float radius, float width, float nearest)
 {
     float turn = 6.2831853 * texel_noise(gl_FragCoord.xy);
     vec4 sum = vec4(0.0);
     for (int i = 0; i < BLUR_TAPS; ++i) {
         float angle = turn + GOLDEN_ANGLE * float(i), u = (float(i) + 0.5) / float(BLUR_TAPS);
         vec2 at = inside_image(pixel + radius * sqrt(u / (1.0 - u)) * vec2(cos(angle), sin(angle)));
-        vec4 tap = vec4(sanitize_radiance(textureLod(behind, at * image.zw, lod).rgb), 1.0);
-        sum += is_behind(ivec2(at), nearest) ? tap : vec4(0.0);
+        sum += mean_behind(at, log2(max(width / (1.0 - u), 1.0)), nearest);
     }
     return sum;
 }
@@ -134,7 +172,7 @@ vec3 transmitted_light(float d, vec4 from, vec3 diffuse)
     float share = is_surface(there) ? max(there - d, 0.0) / there : 1.0;  // of the way from the eye
 #endif
     float radius = from.z * share * 0.5 * image.y / lens.y, nearest = source.nearest;
-    vec4 sum = radius < MIN_BLUR ? interpolated(pixel, nearest) : blurred(pixel, radius, log2(max(radius * 0.7, 1.0)), nearest);
+    vec4 sum = radius < MIN_BLUR ? interpolated(pixel, nearest) : blurred(pixel, radius, TAP_WIDTH * radius, nearest);
     if (sum.a <= 0.0) sum = blurred(pixel, FILL_RADIUS, 0.0, nearest);
     vec3 light = sum.a > 0.0 ? sum.rgb / sum.a : sanitize_radiance(texelFetch(behind, texel, 0).rgb);
 #ifdef HAS_EXIT

@@ -24,7 +24,7 @@ from app.scene import (
     Transmission,
 )
 from app.settings import Settings
-from tests.gl.scenes import box, cellar, draw, floor, make_scene, quad, slide
+from tests.gl.scenes import Part, box, cellar, draw, floor, make_scene, quad, slide
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl")]
 
@@ -199,6 +199,48 @@ def test_rough_glass_blurs_what_is_far_behind_it() -> None:
         spread.append(seen.std())
     assert spread[0] > 3 * spread[1] and spread[1] > spread[2]
     assert spread[2] < 0.05
+
+
+LAMP = Material(albedo=(50.0, 50.0, 50.0), is_unlit=True)
+BEHIND_PANE = Camera((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), fov_y_deg=60.0)
+
+
+def lamp_behind_a_pane(roughness: float, *others: Part) -> tuple[Scene, Scene]:
+    """A small square lamp one unit behind rough glass, before black; with the glass and without."""
+    black = Material(albedo=(0.0, 0.0, 0.0), is_unlit=True)
+    room = [quad((0.32, -0.05, -1.0), (0.1, 0, 0), (0, 0.1, 0), LAMP),
+            quad((-8, -8, -1.2), (16, 0, 0), (0, 16, 0), black)]
+    pane = quad((-8, -8, 0), (16, 0, 0), (0, 16, 0), glass(roughness=roughness))
+    return make_scene([*room, pane, *others], camera=BEHIND_PANE), make_scene(room, camera=BEHIND_PANE)
+
+
+@pytest.mark.parametrize("size", [(480, 270), (633, 361), (1024, 768)])
+@pytest.mark.parametrize("roughness", [0.25, 0.5])
+def test_rough_glass_spreads_a_lamp_as_ggx_does_its_slopes(size: tuple[int, int], roughness: float) -> None:
+    """Against the convolution with the distribution of GGX's slopes, in the first frame."""
+    seen, bare = (draw(s, size)["final"][..., 1].astype(np.float64) for s in lamp_behind_a_pane(roughness))
+    radius = roughness**2 / 4 * size[1] / math.tan(math.radians(30))  # of half of the light; 1 of 4 units is behind
+    y, x = (np.minimum(i, 2048 - i) for i in np.indices((2048, 2048)))
+    kernel = radius**2 / (np.pi * (x**2 + y**2 + radius**2) ** 2)
+    padded = np.pad(bare, [(0, 2048 - side) for side in bare.shape])
+    expected = np.fft.irfft2(np.fft.rfft2(padded) * np.fft.rfft2(kernel), padded.shape)[:size[1], :size[0]]
+    assert seen.sum() == pytest.approx(expected.sum(), rel=0.07)
+    rows, columns = np.indices(bare.shape)
+    away = np.hypot(rows - (rows * bare).sum() / bare.sum(), columns - (columns * bare).sum() / bare.sum()) / radius
+    for first, last, bias, noise in ((0.0, 1.0, 0.3, 0.5), (1.0, 2.0, 0.12, 0.9), (2.0, 4.0, 0.5, 2.0)):
+        ring = (first <= away) & (away < last)
+        ratio = seen[ring].sum() / expected[ring].sum()
+        assert ratio == pytest.approx(1.0, abs=bias)
+        assert np.sqrt(np.mean((seen[ring] - ratio * expected[ring]) ** 2)) < noise * expected[ring].mean()
+
+
+def test_rough_glass_does_not_spread_what_stands_before_it() -> None:
+    """A shining card before the glass leaves the glass around it as it is without the card."""
+    card = quad((-0.6, -0.2, 1.0), (0.3, 0, 0), (0, 0.4, 0), LAMP)
+    with_card, without = (draw(lamp_behind_a_pane(0.5, *others)[0], (481, 271))["final"] for others in ([card], []))
+    hidden = with_card[..., 1] > 40.0
+    assert 500 < hidden.sum() < 5000
+    assert np.abs(with_card - without)[~hidden].mean() < 0.02
 
 
 def test_glass_shows_the_sky_and_its_reflection() -> None:
