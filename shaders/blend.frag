@@ -8,6 +8,12 @@ const int BLUR_TAPS = 8;
 const float GOLDEN_ANGLE = 2.39996323;
 const float MIN_BLUR = 0.5;     // pixels
 const float TAP_WIDTH = 0.5;    // of the innermost tap in radii; with sqrt(pi / BLUR_TAPS) taps would not overlap
+const int SPREAD_STEPS = 6;     // of a ray to what it meets; they grow
+const float MIN_SHARE = 0.02;   // of the way to what is infinitely far away, within which refraction is not carried on
+const float SAME_SHARE = 0.1;   // relative difference of shares of the way to one surface
+const float OUTERMOST = 8.0;    // radii, twice those of the outermost tap
+const float START_TURNS = 13.0; // of a ray's first step while the taps turn once, so that one does not follow the other
+const float GOLDEN_RATIO = 0.61803399;
 const float FILL_RADIUS = 4.0;  // pixels to what stands in for what is hidden
 const int STEPS_BACK = 16;      // from what is hidden to where the ray starts
 const int INDIRECT_TAPS = 8;
@@ -41,6 +47,7 @@ uniform sampler2D arriving;  // diffuse light on a coarse grid; a: depth of the 
 #endif
 #ifdef HAS_REFRACTION
 #ifdef BLUR_LEVELS
+#include "blur_level.glsl"
 uniform sampler2D blur_light;  // levels of what is behind, see blur_levels.comp
 uniform sampler2D blur_depth;
 #endif
@@ -83,30 +90,36 @@ vec4 interpolated(vec2 pixel, float nearest)
 }
 
 #ifdef BLUR_LEVELS
-// Between the four texels of a level around a pixel; 0 where something is among them that is not behind nearest. By hand, since
-// some drivers' textureLod takes one level for four pixels.
+// Whose texels are about as wide as a number of pixels; -1 for the image itself.
+int level_of(float width)
+{
+    return min(int(log2(max(width, 1.0)) + 0.5), BLUR_LEVELS) - 1;
+}
+
+// Between the four texels of a level around a pixel; 0 where something is among them that is not behind nearest.
 vec4 level_light(vec2 pixel, int level, float nearest)
 {
+    ivec2 finest = finest_size(textureSize(blur_light, 0)), corner = level_corner(finest, level);
+    ivec2 last = level_size(finest, level) - 1;
     vec2 at = exp2(-float(level) - 1.0) * pixel - 0.5, first = floor(at), part = at - first;
-    ivec2 last = textureSize(blur_depth, level) - 1;
     vec4 sum = vec4(0.0);
     bool is_free = true;
     for (int i = 0; i < 4; ++i) {
-        ivec2 corner = ivec2(i & 1, i >> 1), t = clamp(ivec2(first) + corner, ivec2(0), last);
-        vec2 weight = mix(1.0 - part, part, vec2(corner));
-        sum += weight.x * weight.y * texelFetch(blur_light, t, level);
-        is_free = is_free && texelFetch(blur_depth, t, level).r > nearest;
+        ivec2 beside = ivec2(i & 1, i >> 1), t = corner + clamp(ivec2(first) + beside, ivec2(0), last);
+        vec2 weight = mix(1.0 - part, part, vec2(beside));
+        sum += weight.x * weight.y * texelFetch(blur_light, t, 0);
+        is_free = is_free && texelFetch(blur_depth, t, 0).r > nearest;
     }
     return is_free ? sum : vec4(0.0);
 }
 #endif
 
-// Light behind a layer around a pixel, over about 2^lod pixels, or less where something nearer is among them; a: its weight.
-vec4 mean_behind(vec2 pixel, float lod, float nearest)
+// Light behind a layer around a pixel, between texels of a level, or of a finer one where something nearer is among them; a: its
+// weight.
+vec4 mean_behind(vec2 pixel, int level, float nearest)
 {
     vec4 light = vec4(0.0);
 #ifdef BLUR_LEVELS
-    int level = min(int(lod + 0.5), BLUR_LEVELS) - 1;
     bool is_coarse = level >= 0;
     do light = level_light(pixel, max(level--, 0), nearest); while (level >= 0 && light.a <= 0.0);
     light = is_coarse ? light : vec4(0.0);
@@ -115,19 +128,96 @@ vec4 mean_behind(vec2 pixel, float lod, float nearest)
     return is_behind(ivec2(pixel), nearest) ? light : vec4(0.0);
 }
 
-// Around a pixel as far as GGX spreads its slopes, half of them within radius pixels; a: sum of weights of what is behind. A tap
-// has its share of them, 1 / BLUR_TAPS, within about width / (1 - u) pixels.
-vec4 blurred(vec2 pixel, float radius, float width, float nearest)
+// Around a pixel within about a radius; a: sum of weights of what is behind nearest.
+vec4 light_around(vec2 pixel, float radius, float nearest)
 {
-    float turn = 6.2831853 * texel_noise(gl_FragCoord.xy);
+    float turn = 2.0 * PI * texel_noise(gl_FragCoord.xy);
     vec4 sum = vec4(0.0);
     for (int i = 0; i < BLUR_TAPS; ++i) {
-        float angle = turn + GOLDEN_ANGLE * float(i), u = (float(i) + 0.5) / float(BLUR_TAPS);
-        vec2 at = inside_image(pixel + radius * sqrt(u / (1.0 - u)) * vec2(cos(angle), sin(angle)));
-        sum += mean_behind(at, log2(max(width / (1.0 - u), 1.0)), nearest);
+        float angle = turn + GOLDEN_ANGLE * float(i);
+        vec2 at = pixel + radius * sqrt((float(i) + 0.5) / float(BLUR_TAPS)) * vec2(cos(angle), sin(angle));
+        sum += mean_behind(inside_image(at), -1, nearest);
     }
     return sum;
 }
+
+#ifdef BLUR_LEVELS
+// How far rays have come that start at depth d, at depth z: what their points on the screen are linear in.
+float share_at(float d, float z)
+{
+#ifdef ORTHOGRAPHIC
+    return z - d;
+#else
+    return 1.0 - d / z;
+#endif
+}
+
+// Of what is infinitely far away; in parallel views of what is as far as the image is high.
+float infinite_share(float d)
+{
+#ifdef ORTHOGRAPHIC
+    return depth_scale(d);
+#else
+    return 1.0;
+#endif
+}
+
+// Depth of what is opaque at a pixel, FAR where nothing is.
+float opaque_depth_at(vec2 pixel, float d)
+{
+    float there = texelFetch(opaque_depth, ivec2(pixel), 0).r;
+    return is_surface(there) ? there : FAR * depth_scale(d);
+}
+
+// After which share rays from depth d are at the nearest of what is opaque among the texels of a level around a pixel; of a
+// negative level at the pixel itself.
+float least_share(float d, vec2 pixel, int level)
+{
+    ivec2 finest = finest_size(textureSize(blur_depth, 0)), corner = level_corner(finest, max(level, 0));
+    ivec2 first = ivec2(floor(exp2(-float(level) - 1.0) * pixel - 0.5)), last = level_size(finest, max(level, 0)) - 1;
+    float least = FAR * depth_scale(d);
+    for (int i = 0; i < 4; ++i)
+        least = min(least, texelFetch(blur_depth, corner + clamp(first + ivec2(i & 1, i >> 1), ivec2(0), last), 0).r);
+    return share_at(d, level < 0 ? opaque_depth_at(pixel, d) : least);
+}
+
+// The share after which a ray from depth d meets what the screen shows, ``aside`` per unit of share from this pixel; less than
+// nearest does not count. -1 if it passes behind all. Guessed first, unless the guess is 0.
+float share_met(float d, vec2 aside, float farthest, float nearest, float guess, float start)
+{
+    float before = 0.0, met = -1.0;
+    int i = -1;
+    do {
+        float part = i + 1 < SPREAD_STEPS ? (float(i) + start) / float(SPREAD_STEPS - 1) : 1.0;
+        float share = i < 0 ? guess : farthest * part * part;
+        float there = opaque_depth_at(inside_image(gl_FragCoord.xy + share * aside), d), found = min(share_at(d, there), farthest);
+        bool is_guessed = abs(found - guess) < SAME_SHARE * guess, crosses = found <= share && found >= 2.0 * before - share;
+        met = there > nearest && (i < 0 ? is_guessed : crosses) ? max(found, before) : met;
+        before = i < 0 ? 0.0 : share;
+    } while (++i < SPREAD_STEPS && met < 0.0);
+    return met;
+}
+
+// What rays meet that a surface at depth d spreads as GGX does its slopes, around the one that meets a pixel after a share of its
+// way; half of them are within radius pixels per unit of that. a: sum of weights.
+vec4 spread_light(float d, vec2 pixel, float share, float radius, float nearest)
+{
+    float noise = texel_noise(gl_FragCoord.xy), farthest = max(infinite_share(d), share);
+    vec2 middle = (pixel - gl_FragCoord.xy) / max(share, MIN_SHARE * farthest);
+    bool is_clear = least_share(d, pixel, level_of(OUTERMOST * radius * share)) > (1.0 - SAME_SHARE) * share;
+    float guess = is_clear ? share : 0.0;  // where nothing nearer is around
+    vec4 sum = vec4(0.0);
+    for (int i = 0; i < BLUR_TAPS; ++i) {
+        float angle = 2.0 * PI * noise + GOLDEN_ANGLE * float(i), u = (float(i) + 0.5) / float(BLUR_TAPS);
+        vec2 aside = middle + radius * sqrt(u / (1.0 - u)) * vec2(cos(angle), sin(angle));
+        float width = TAP_WIDTH * radius / (1.0 - u), start = fract(START_TURNS * noise + GOLDEN_RATIO * float(i));
+        float met = share_met(d, aside, farthest, nearest, guess, start);
+        vec4 light = mean_behind(inside_image(gl_FragCoord.xy + max(met, 0.0) * aside), level_of(width * met), nearest);
+        sum += met >= 0.0 ? light : vec4(0.0);
+    }
+    return sum;
+}
+#endif
 
 #ifdef HAS_EXIT
 // Radiance from a direction that the picture does not show: the mean of what arrives, or the environment's around that
@@ -165,15 +255,15 @@ vec3 transmitted_light(float d, vec4 from, vec3 diffuse)
         way = max(way - (i == 0 ? first : stride), 0.0);
     vec2 pixel = inside_image(gl_FragCoord.xy + way * aside);
     ivec2 texel = ivec2(pixel);
-    float there = texelFetch(opaque_depth, texel, 0).r;
-#ifdef ORTHOGRAPHIC
-    float share = is_surface(there) ? max(there - d, 0.0) : depth_scale(d);  // of a unit, as lens.y is in scene units
-#else
-    float share = is_surface(there) ? max(there - d, 0.0) / there : 1.0;  // of the way from the eye
+    vec4 sum = vec4(0.0);
+    bool spreads = false;
+#ifdef BLUR_LEVELS
+    float share = max(share_at(d, opaque_depth_at(pixel, d)), 0.0), radius = 0.5 * from.z * image.y / lens.y;
+    spreads = radius * share >= MIN_BLUR;
+    if (spreads) sum = spread_light(d, pixel, share, radius, source.nearest);
 #endif
-    float radius = from.z * share * 0.5 * image.y / lens.y, nearest = source.nearest;
-    vec4 sum = radius < MIN_BLUR ? interpolated(pixel, nearest) : blurred(pixel, radius, TAP_WIDTH * radius, nearest);
-    if (sum.a <= 0.0) sum = blurred(pixel, FILL_RADIUS, 0.0, nearest);
+    if (!spreads) sum = interpolated(pixel, source.nearest);
+    if (sum.a <= 0.0) sum = light_around(pixel, FILL_RADIUS, source.nearest);
     vec3 light = sum.a > 0.0 ? sum.rgb / sum.a : sanitize_radiance(texelFetch(behind, texel, 0).rgb);
 #ifdef HAS_EXIT
     light = source.tint * (source.is_known ? light : surrounding(source.along, diffuse, light));

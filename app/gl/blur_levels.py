@@ -10,7 +10,7 @@ GROUP = 8  # side of a work group of blur_levels.comp, in texels
 
 
 class BlurLevels:
-    """Coarser levels of a picture of a width and height: texels of level k are 2^(k + 1) pixels wide.
+    """Coarser levels of a picture of a width and height, side by side in one texture, see blur_level.glsl.
 
     The driver's mipmaps leave rows out, or count them twice, where a side is odd; these lose no light.
 
@@ -24,21 +24,17 @@ class BlurLevels:
 
     def __init__(self, device: Device, size: tuple[int, int]) -> None:
         coarsest = 2**LEVELS
-        padded = [-(-side // coarsest) * coarsest // 2 for side in size]
-        self._device, self._size = device, (padded[0], padded[1])
-        self.light = device.ctx.texture(self._size, 4, dtype="f2")
-        self.depth = device.ctx.texture(self._size, 1, dtype="f4")
-        for texture in (self.light, self.depth):
-            texture.build_mipmaps(0, LEVELS - 1)  # which allocates the levels
-            texture.repeat_x = texture.repeat_y = False
-        self.light.filter = moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR
-        self.depth.filter = moderngl.NEAREST_MIPMAP_NEAREST, moderngl.NEAREST
+        self._device = device
+        self._finest = tuple(-(-side // coarsest) * coarsest // 2 for side in size)
+        both = self._finest[0] * 3 // 2, self._finest[1]
+        self.light, self.depth = device.ctx.texture(both, 4, dtype="f2"), device.ctx.texture(both, 1, dtype="f4")
 
     def build(self, light: moderngl.Texture, depth: moderngl.Texture) -> None:
         """From linear radiance, and from depths of opaque surfaces, which are 0 where there is none."""
         for level in range(LEVELS):
             program = self._device.program("blur_levels.comp", defines={} if level else {"FINEST": 1})
             below = (self.light, self.depth) if level else (light, depth)
-            program.set(below=max(level - 1, 0))
-            run_over_grid(self._device, program, (self._size[0] >> level, self._size[1] >> level), GROUP,
-                          {"below_light": below[0], "below_depth": below[1]}, (self.light, self.depth), level)
+            program.set(level=level)
+            grid = self._finest[0] >> level, self._finest[1] >> level
+            run_over_grid(self._device, program, grid, GROUP, {"below_light": below[0], "below_depth": below[1]},
+                          (self.light, self.depth))

@@ -9,7 +9,7 @@ from app.gl.shader import Program
 
 
 def run_over_grid(device: Device, program: Program, grid: tuple[int, int], side: int,
-                  samplers: Mapping[str, moderngl.Texture], images: Sequence[moderngl.Texture], level: int = 0) -> None:
+                  samplers: Mapping[str, moderngl.Texture], images: Sequence[moderngl.Texture]) -> None:
     """Run a shader for each texel of a ``grid`` of width and height.
 
     Parameters
@@ -20,13 +20,11 @@ def run_over_grid(device: Device, program: Program, grid: tuple[int, int], side:
         What it reads, by the samplers' names.
     images : sequence of Texture
         What it stores into, by the images' bindings; passes that follow see it.
-    level : int
-        Of their mipmaps.
     """
     for unit, (name, texture) in enumerate(samplers.items()):
         texture.use(unit)
         program.set(**{name: unit})
     for binding, image in enumerate(images):
-        image.bind_to_image(binding, level=level)
+        image.bind_to_image(binding)
     program.raw.run(*(-(-extent // side) for extent in grid))
     device.ctx.memory_barrier()

@@ -205,25 +205,31 @@ LAMP = Material(albedo=(50.0, 50.0, 50.0), is_unlit=True)
 BEHIND_PANE = Camera((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), fov_y_deg=60.0)
 
 
-def lamp_behind_a_pane(roughness: float, *others: Part) -> tuple[Scene, Scene]:
-    """A small square lamp one unit behind rough glass, before black; with the glass and without."""
+def lamp_behind_a_pane(roughness: float, *others: Part, below: float = 1.0) -> tuple[Scene, Scene]:
+    """A small square lamp behind rough glass, before black; with the glass and without."""
     black = Material(albedo=(0.0, 0.0, 0.0), is_unlit=True)
-    room = [quad((0.32, -0.05, -1.0), (0.1, 0, 0), (0, 0.1, 0), LAMP),
+    room = [quad((0.32, -0.05, -below), (0.1, 0, 0), (0, 0.1, 0), LAMP),
             quad((-8, -8, -1.2), (16, 0, 0), (0, 16, 0), black)]
     pane = quad((-8, -8, 0), (16, 0, 0), (0, 16, 0), glass(roughness=roughness))
     return make_scene([*room, pane, *others], camera=BEHIND_PANE), make_scene(room, camera=BEHIND_PANE)
 
 
+def spread_by_ggx(picture: np.ndarray, radius: float) -> np.ndarray:
+    """Convolved with the distribution of GGX's slopes, half of which are within a radius in pixels."""
+    y, x = (np.minimum(i, 2048 - i) for i in np.indices((2048, 2048)))
+    kernel = radius**2 / (np.pi * (x**2 + y**2 + radius**2) ** 2)
+    padded = np.pad(picture, [(0, 2048 - side) for side in picture.shape])
+    spread = np.fft.irfft2(np.fft.rfft2(padded) * np.fft.rfft2(kernel), padded.shape)
+    return spread[:picture.shape[0], :picture.shape[1]]
+
+
 @pytest.mark.parametrize("size", [(480, 270), (633, 361), (1024, 768)])
 @pytest.mark.parametrize("roughness", [0.25, 0.5])
 def test_rough_glass_spreads_a_lamp_as_ggx_does_its_slopes(size: tuple[int, int], roughness: float) -> None:
-    """Against the convolution with the distribution of GGX's slopes, in the first frame."""
+    """In the first frame."""
     seen, bare = (draw(s, size)["final"][..., 1].astype(np.float64) for s in lamp_behind_a_pane(roughness))
-    radius = roughness**2 / 4 * size[1] / math.tan(math.radians(30))  # of half of the light; 1 of 4 units is behind
-    y, x = (np.minimum(i, 2048 - i) for i in np.indices((2048, 2048)))
-    kernel = radius**2 / (np.pi * (x**2 + y**2 + radius**2) ** 2)
-    padded = np.pad(bare, [(0, 2048 - side) for side in bare.shape])
-    expected = np.fft.irfft2(np.fft.rfft2(padded) * np.fft.rfft2(kernel), padded.shape)[:size[1], :size[0]]
+    radius = roughness**2 / 4 * size[1] / math.tan(math.radians(30))  # 1 of 4 units is behind the glass
+    expected = spread_by_ggx(bare, radius)
     assert seen.sum() == pytest.approx(expected.sum(), rel=0.07)
     rows, columns = np.indices(bare.shape)
     away = np.hypot(rows - (rows * bare).sum() / bare.sum(), columns - (columns * bare).sum() / bare.sum()) / radius
@@ -232,6 +238,21 @@ def test_rough_glass_spreads_a_lamp_as_ggx_does_its_slopes(size: tuple[int, int]
         ratio = seen[ring].sum() / expected[ring].sum()
         assert ratio == pytest.approx(1.0, abs=bias)
         assert np.sqrt(np.mean((seen[ring] - ratio * expected[ring]) ** 2)) < noise * expected[ring].mean()
+
+
+def test_rough_glass_hides_the_outline_of_what_is_right_behind_it() -> None:
+    """Of a lamp, although the wall beside it is far behind."""
+    below, size = 0.15, (640, 480)
+    scene, bare = lamp_behind_a_pane(0.5, below=below)
+    with Renderer(scene, Settings(size=size, provider="cpu"), None) as renderer:
+        seen = [renderer.render(BEHIND_PANE)["final"][..., 1] for _ in range(32)][-1].astype(np.float64)
+    lamp = draw(bare, size)["final"][..., 1].astype(np.float64)
+    expected = spread_by_ggx(lamp, 0.25 * below / (3.0 + below) * size[1] / math.tan(math.radians(30)))
+    assert seen.sum() == pytest.approx(expected.sum(), rel=0.3)
+    inside = lamp > 25.0
+    beside = ~inside & (expected > 0.4 * expected.max())
+    assert seen[inside].mean() == pytest.approx(expected[inside].mean(), rel=0.35)
+    assert seen[beside].mean() > 0.3 * expected[beside].mean()
 
 
 def test_rough_glass_does_not_spread_what_stands_before_it() -> None:
