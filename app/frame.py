@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from app.errors import SettingsError
+from app.gl.blur_levels import BlurLevels
 from app.gl.lights import LightSet
 from app.gl.peeling import PeeledLayer
 from app.graph import Absent, Pass, Plan, compile_graph
@@ -304,7 +305,7 @@ def _peeled_layers(inputs: FrameInputs) -> Iterator[Step]:
     layers = [PeeledLayer(index) for index in range(MAX_LAYERS)]
     shadow_grid = shadow_rays.grid(inputs.settings.render_size) if inputs.is_traced else None
     has_volumes = any(m.is_volume for m in inputs.scene.materials)
-    blurs = any(m.is_rough_glass for m in inputs.scene.materials)
+    levels = BlurLevels() if any(m.is_rough_glass for m in inputs.scene.materials) else None
     for before, layer in zip((None, *layers), layers, strict=False):
         yield gbuffer.declare_peeled(inputs.scene, inputs.layers, layer, before)
         if has_volumes:
@@ -327,7 +328,7 @@ def _peeled_layers(inputs: FrameInputs) -> Iterator[Step]:
     for layer in reversed(layers):
         result = layer.prefix + "lit" if layer.index else "lit"
         yield blend.declare(layer, behind, result, inputs.models.indirect is not None, inputs.has_surfel_indirect,
-                            has_volumes, blurs, next_depth)
+                            has_volumes, levels, next_depth)
         behind, next_depth = result, layer.prefix + "depth"
     yield front_motion.declare(layers[0])
 

@@ -46,10 +46,11 @@ uniform sampler2D arriving;  // diffuse light on a coarse grid; a: depth of the 
 #include "sky_irradiance.glsl"
 #endif
 #ifdef HAS_REFRACTION
-#ifdef BLUR_LEVELS
+#ifdef BLURS
 #include "blur_level.glsl"
 uniform sampler2D blur_light;  // levels of what is behind, see blur_levels.comp
 uniform sampler2D blur_depth;
+uniform int blur_levels;
 #endif
 uniform sampler2D refraction;  // ior, or 0 if thin; thickness / depth_scale; slope of the spread of what is behind
 #endif
@@ -89,43 +90,39 @@ vec4 interpolated(vec2 pixel, float nearest)
     return sum;
 }
 
-#ifdef BLUR_LEVELS
+#ifdef BLURS
 // Whose texels are about as wide as a number of pixels; -1 for the image itself.
 int level_of(float width)
 {
-    return min(int(log2(max(width, 1.0)) + 0.5), BLUR_LEVELS) - 1;
+    return min(int(log2(max(width, 1.0)) + 0.5), blur_levels) - 1;
 }
 
-// Between the four texels of a level around a pixel; 0 where something is among them that is not behind nearest.
-vec4 level_light(vec2 pixel, int level, float nearest)
+// Between the four texels of a level around a pixel.
+vec4 level_light(vec2 pixel, int level)
 {
     ivec2 finest = finest_size(textureSize(blur_light, 0)), corner = level_corner(finest, level);
     ivec2 last = level_size(finest, level) - 1;
     vec2 at = exp2(-float(level) - 1.0) * pixel - 0.5, first = floor(at), part = at - first;
     vec4 sum = vec4(0.0);
-    bool is_free = true;
     for (int i = 0; i < 4; ++i) {
-        ivec2 beside = ivec2(i & 1, i >> 1), t = corner + clamp(ivec2(first) + beside, ivec2(0), last);
+        ivec2 beside = ivec2(i & 1, i >> 1);
         vec2 weight = mix(1.0 - part, part, vec2(beside));
-        sum += weight.x * weight.y * texelFetch(blur_light, t, 0);
-        is_free = is_free && texelFetch(blur_depth, t, 0).r > nearest;
+        sum += weight.x * weight.y * texelFetch(blur_light, corner + clamp(ivec2(first) + beside, ivec2(0), last), 0);
     }
-    return is_free ? sum : vec4(0.0);
+    return sum;
 }
 #endif
 
-// Light behind a layer around a pixel, between texels of a level, or of a finer one where something nearer is among them; a: its
-// weight.
+// Light behind a layer around a pixel, between texels of a level; a: its weight.
 vec4 mean_behind(vec2 pixel, int level, float nearest)
 {
-    vec4 light = vec4(0.0);
-#ifdef BLUR_LEVELS
-    bool is_coarse = level >= 0;
-    do light = level_light(pixel, max(level--, 0), nearest); while (level >= 0 && light.a <= 0.0);
-    light = is_coarse ? light : vec4(0.0);
+    vec4 light = vec4(sanitize_radiance(texelFetch(behind, ivec2(pixel), 0).rgb), 1.0);
+    light = is_behind(ivec2(pixel), nearest) ? light : vec4(0.0);
+#ifdef BLURS
+    vec4 coarse = level_light(pixel, max(level, 0));
+    light = level >= 0 ? coarse : light;
 #endif
-    light = light.a > 0.0 ? light : vec4(sanitize_radiance(texelFetch(behind, ivec2(pixel), 0).rgb), 1.0);
-    return is_behind(ivec2(pixel), nearest) ? light : vec4(0.0);
+    return light;
 }
 
 // Around a pixel within about a radius; a: sum of weights of what is behind nearest.
@@ -141,7 +138,7 @@ vec4 light_around(vec2 pixel, float radius, float nearest)
     return sum;
 }
 
-#ifdef BLUR_LEVELS
+#ifdef BLURS
 // How far rays have come that start at depth d, at depth z: what their points on the screen are linear in.
 float share_at(float d, float z)
 {
@@ -162,23 +159,21 @@ float infinite_share(float d)
 #endif
 }
 
-// Depth of what is opaque at a pixel, FAR where nothing is.
-float opaque_depth_at(vec2 pixel, float d)
+// That of what is opaque at a depth, or of what is infinitely far away.
+float share_of(float d, float there)
 {
-    float there = texelFetch(opaque_depth, ivec2(pixel), 0).r;
-    return is_surface(there) ? there : FAR * depth_scale(d);
+    return is_surface(there) ? share_at(d, there) : infinite_share(d);
 }
 
-// After which share rays from depth d are at the nearest of what is opaque among the texels of a level around a pixel; of a
-// negative level at the pixel itself.
+// That of the nearest thing among the texels of a level around a pixel.
 float least_share(float d, vec2 pixel, int level)
 {
-    ivec2 finest = finest_size(textureSize(blur_depth, 0)), corner = level_corner(finest, max(level, 0));
-    ivec2 first = ivec2(floor(exp2(-float(level) - 1.0) * pixel - 0.5)), last = level_size(finest, max(level, 0)) - 1;
+    ivec2 finest = finest_size(textureSize(blur_depth, 0)), corner = level_corner(finest, level);
+    ivec2 first = ivec2(floor(exp2(-float(level) - 1.0) * pixel - 0.5)), last = level_size(finest, level) - 1;
     float least = FAR * depth_scale(d);
     for (int i = 0; i < 4; ++i)
         least = min(least, texelFetch(blur_depth, corner + clamp(first + ivec2(i & 1, i >> 1), ivec2(0), last), 0).r);
-    return share_at(d, level < 0 ? opaque_depth_at(pixel, d) : least);
+    return share_at(d, least);
 }
 
 // The share after which a ray from depth d meets what the screen shows, ``aside`` per unit of share from this pixel; less than
@@ -190,9 +185,9 @@ float share_met(float d, vec2 aside, float farthest, float nearest, float guess,
     do {
         float part = i + 1 < SPREAD_STEPS ? (float(i) + start) / float(SPREAD_STEPS - 1) : 1.0;
         float share = i < 0 ? guess : farthest * part * part;
-        float there = opaque_depth_at(inside_image(gl_FragCoord.xy + share * aside), d), found = min(share_at(d, there), farthest);
+        float there = texelFetch(opaque_depth, texel_at(gl_FragCoord.xy + share * aside), 0).r, found = share_of(d, there);
         bool is_guessed = abs(found - guess) < SAME_SHARE * guess, crosses = found <= share && found >= 2.0 * before - share;
-        met = there > nearest && (i < 0 ? is_guessed : crosses) ? max(found, before) : met;
+        met = (!is_surface(there) || there > nearest) && (i < 0 ? is_guessed : crosses) ? max(found, before) : met;
         before = i < 0 ? 0.0 : share;
     } while (++i < SPREAD_STEPS && met < 0.0);
     return met;
@@ -204,7 +199,7 @@ vec4 spread_light(float d, vec2 pixel, float share, float radius, float nearest)
 {
     float noise = texel_noise(gl_FragCoord.xy), farthest = max(infinite_share(d), share);
     vec2 middle = (pixel - gl_FragCoord.xy) / max(share, MIN_SHARE * farthest);
-    bool is_clear = least_share(d, pixel, level_of(OUTERMOST * radius * share)) > (1.0 - SAME_SHARE) * share;
+    bool is_clear = least_share(d, pixel, max(level_of(OUTERMOST * radius * share), 0)) > (1.0 - SAME_SHARE) * share;
     float guess = is_clear ? share : 0.0;  // where nothing nearer is around
     vec4 sum = vec4(0.0);
     for (int i = 0; i < BLUR_TAPS; ++i) {
@@ -257,8 +252,8 @@ vec3 transmitted_light(float d, vec4 from, vec3 diffuse)
     ivec2 texel = ivec2(pixel);
     vec4 sum = vec4(0.0);
     bool spreads = false;
-#ifdef BLUR_LEVELS
-    float share = max(share_at(d, opaque_depth_at(pixel, d)), 0.0), radius = 0.5 * from.z * image.y / lens.y;
+#ifdef BLURS
+    float share = max(share_of(d, texelFetch(opaque_depth, texel, 0).r), 0.0), radius = 0.5 * from.z * image.y / lens.y;
     spreads = radius * share >= MIN_BLUR;
     if (spreads) sum = spread_light(d, pixel, share, radius, source.nearest);
 #endif

@@ -2,7 +2,7 @@
 
 import moderngl
 
-from app.gl.blur_levels import LEVELS, BlurLevels
+from app.gl.blur_levels import UNITS, BlurLevels
 from app.gl.context import Device
 from app.gl.frame_state import Execute, FrameState
 from app.gl.fullscreen import make_fullscreen
@@ -11,11 +11,9 @@ from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
 from app.math3d import R2
 
-BLUR_UNITS = {"blur_light": 34, "blur_depth": 35}  # texture units beyond those that one stage can have samplers for
-
 
 def declare(layer: PeeledLayer, behind: str, result: str, has_indirect: bool, has_arriving: bool,
-            has_volumes: bool, blurs: bool, next_depth: str | None) -> Pass:
+            has_volumes: bool, levels: BlurLevels | None, next_depth: str | None) -> Pass:
     """Lay ``layer`` over the resource ``behind``.
 
     Parameters
@@ -27,8 +25,8 @@ def declare(layer: PeeledLayer, behind: str, result: str, has_indirect: bool, ha
         what the grid of that light misses.
     has_volumes : bool
         Whether some material is a volume, through which rays are refracted.
-    blurs : bool
-        Whether some material is rough glass, which blurs what is behind.
+    levels : BlurLevels or None
+        By which rough glass blurs what is behind; None if no material is such glass.
     next_depth : str or None
         The depth of the layer behind, which rays through volumes may meet; None without one.
     """
@@ -36,24 +34,22 @@ def declare(layer: PeeledLayer, behind: str, result: str, has_indirect: bool, ha
     next_depths = (next_depth,) if has_volumes and next_depth is not None else ()
 
     def uniforms(frame: FrameState) -> dict[str, object]:
-        return {"noise_phase": (frame.noise_phase + R2[1] * frame.index * frame.accumulates) % 1.0, **BLUR_UNITS}
+        phase = (frame.noise_phase + R2[1] * frame.index * frame.accumulates) % 1.0
+        return {"noise_phase": phase, **({"blur_levels": levels.count, **UNITS} if levels is not None else {})}
 
     def make(device: Device, bound: BoundPass) -> Execute:
         samplers = {behind: "behind", "depth": "opaque_depth", **dict.fromkeys(next_depths, "next_depth")}
-        defines = {**({"HAS_NEXT_DEPTH": 1} if next_depths else {}), **({"BLUR_LEVELS": LEVELS} if blurs else {})}
+        defines = {**({"HAS_NEXT_DEPTH": 1} if next_depths else {}), **({"BLURS": 1} if levels is not None else {})}
         draw = make_fullscreen("blend.frag", uniforms, defines, prefix, samplers, layer)(device, bound)
         source: moderngl.Framebuffer | None = None
-        levels: BlurLevels | None = None
 
         def execute(frame: FrameState, resources: Resources) -> None:
-            nonlocal source, levels
+            nonlocal source
             source = source or device.ctx.framebuffer([resources[behind]])
             device.ctx.copy_framebuffer(resources.target(), source)
-            if blurs and layer.is_visible:
-                levels = levels or BlurLevels(device, resources[behind].size)
-                levels.build(resources[behind], resources["depth"])
-                levels.light.use(BLUR_UNITS["blur_light"])
-                levels.depth.use(BLUR_UNITS["blur_depth"])
+            if levels is not None and layer.is_visible:
+                levels.build(device, resources[behind], resources["depth"], resources[prefix + "depth"])
+                levels.bind()
             draw(frame, resources)
 
         return execute
