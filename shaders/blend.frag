@@ -177,7 +177,8 @@ float least_share(float d, vec2 pixel, int level)
 }
 
 // The share after which a ray from depth d meets what the screen shows, ``aside`` per unit of share from this pixel; less than
-// nearest does not count. -1 if it passes behind all. Guessed first, unless the guess is 0.
+// nearest does not count, nor what it has passed by more than the length of a step. -1 if it passes behind all.
+// Guessed first, unless the guess is 0.
 float share_met(float d, vec2 aside, float farthest, float nearest, float guess, float start)
 {
     float before = 0.0, met = -1.0;

@@ -46,8 +46,7 @@ class DefaultGroup(TyperGroup):
             status = USER_ERROR
         except typer.TyperException as error:
             if message := error.format_message():  # empty when a group without a command has printed its help
-                text = f"{message[:1].lower()}{message[1:].rstrip('. ')}"
-                _print_error(f"command line: {text} (--help lists the options)")
+                _print_error(f"command line: {_reworded(message)}")
             status = USER_ERROR
         except typer.Abort:
             status = 1
@@ -60,6 +59,16 @@ class DefaultGroup(TyperGroup):
                 raise
             status = USER_ERROR
         sys.exit(status)
+
+
+def _reworded(message: str) -> str:
+    """What Typer says of a bad argument, with what was expected in brackets at the end."""
+    text = f"{message[:1].lower()}{message[1:].rstrip('. ')}"
+    where, _, expected = text.partition(": Input should be ")
+    if not expected:
+        return f"{text} (--help lists the options)"
+    expected = expected.partition(", unable to parse")[0]
+    return f"{where} (expected {'' if expected.startswith('a ') else 'a value '}{expected})"
 
 
 def _print_error(message: str) -> None:

@@ -83,6 +83,8 @@ def refused(args: list[str], folder: Path) -> str:
     (["--lighting", "lmap"], ["lmap", "lamp"]),
     (["good.obj", "--variant", "red"], ["red", "good.obj"]),
     (["--variant", "red"], ["--variant", "SCENE"]),
+    (["--settle", "-3"], ["--settle", "expected a value greater than or equal to 0"]),
+    (["--frames", "x"], ["--frames", "expected a valid integer"]),
     (["good.obj", "--camera", "orbti"], ["--camera", "orbit"]),
     (["good.obj", "--camera", "gone.json"], ["gone.json"]),
     (["good.obj", "--camera", "camera.json"], ["camera.json", "fov"]),
