@@ -76,6 +76,13 @@ bool is_behind(ivec2 texel, float nearest)
     return is_free;
 }
 
+// Light behind a layer at a texel; a: 1, or 0 if it shows something nearer.
+vec4 light_at(ivec2 texel, float nearest)
+{
+    vec4 light = vec4(sanitize_radiance(texelFetch(behind, texel, 0).rgb), 1.0);
+    return is_behind(texel, nearest) ? light : vec4(0.0);
+}
+
 // Between the four texels around a pixel; a: the share of them that is behind.
 vec4 interpolated(vec2 pixel, float nearest)
 {
@@ -83,46 +90,9 @@ vec4 interpolated(vec2 pixel, float nearest)
     vec4 sum = vec4(0.0);
     for (int i = 0; i < 4; ++i) {
         vec2 corner = vec2(i & 1, i >> 1), weight = mix(1.0 - part, part, corner);
-        ivec2 t = texel_at(first + corner + 0.5);
-        vec4 tap = vec4(sanitize_radiance(texelFetch(behind, t, 0).rgb), 1.0) * weight.x * weight.y;
-        sum += is_behind(t, nearest) ? tap : vec4(0.0);
+        sum += light_at(texel_at(first + corner + 0.5), nearest) * weight.x * weight.y;
     }
     return sum;
-}
-
-#ifdef BLURS
-// Whose texels are about as wide as a number of pixels; -1 for the image itself.
-int level_of(float width)
-{
-    return min(int(log2(max(width, 1.0)) + 0.5), blur_levels) - 1;
-}
-
-// Between the four texels of a level around a pixel.
-vec4 level_light(vec2 pixel, int level)
-{
-    ivec2 finest = finest_size(textureSize(blur_light, 0)), corner = level_corner(finest, level);
-    ivec2 last = level_size(finest, level) - 1;
-    vec2 at = exp2(-float(level) - 1.0) * pixel - 0.5, first = floor(at), part = at - first;
-    vec4 sum = vec4(0.0);
-    for (int i = 0; i < 4; ++i) {
-        ivec2 beside = ivec2(i & 1, i >> 1);
-        vec2 weight = mix(1.0 - part, part, vec2(beside));
-        sum += weight.x * weight.y * texelFetch(blur_light, corner + clamp(ivec2(first) + beside, ivec2(0), last), 0);
-    }
-    return sum;
-}
-#endif
-
-// Light behind a layer around a pixel, between texels of a level; a: its weight.
-vec4 mean_behind(vec2 pixel, int level, float nearest)
-{
-    vec4 light = vec4(sanitize_radiance(texelFetch(behind, ivec2(pixel), 0).rgb), 1.0);
-    light = is_behind(ivec2(pixel), nearest) ? light : vec4(0.0);
-#ifdef BLURS
-    vec4 coarse = level_light(pixel, max(level, 0));
-    light = level >= 0 ? coarse : light;
-#endif
-    return light;
 }
 
 // Around a pixel within about a radius; a: sum of weights of what is behind nearest.
@@ -133,7 +103,7 @@ vec4 light_around(vec2 pixel, float radius, float nearest)
     for (int i = 0; i < BLUR_TAPS; ++i) {
         float angle = turn + GOLDEN_ANGLE * float(i);
         vec2 at = pixel + radius * sqrt((float(i) + 0.5) / float(BLUR_TAPS)) * vec2(cos(angle), sin(angle));
-        sum += mean_behind(inside_image(at), -1, nearest);
+        sum += light_at(texel_at(at), nearest);
     }
     return sum;
 }
@@ -165,14 +135,35 @@ float share_of(float d, float there)
     return is_surface(there) ? share_at(d, there) : infinite_share(d);
 }
 
-// That of the nearest thing among the texels of a level around a pixel.
+// Level whose texels are about as wide as a number of pixels; -1 for the image itself.
+int level_of(float width)
+{
+    return min(int(log2(max(width, 1.0)) + 0.5), blur_levels) - 1;
+}
+
+// Light behind a layer around a pixel, between the four texels of a level; a: its weight.
+vec4 mean_behind(vec2 pixel, int level, float nearest)
+{
+    vec2 at = level_position(pixel, max(level, 0)), first = floor(at), part = at - first;
+    vec4 sum = vec4(0.0);
+    for (int i = 0; i < 4; ++i) {
+        ivec2 beside = ivec2(i & 1, i >> 1);
+        vec2 weight = mix(1.0 - part, part, vec2(beside));
+        ivec2 t = level_texel(textureSize(blur_light, 0), ivec2(first) + beside, max(level, 0));
+        sum += weight.x * weight.y * texelFetch(blur_light, t, 0);
+    }
+    return level < 0 ? light_at(ivec2(pixel), nearest) : sum;
+}
+
+// Share of the nearest thing among the texels of a level around a pixel.
 float least_share(float d, vec2 pixel, int level)
 {
-    ivec2 finest = finest_size(textureSize(blur_depth, 0)), corner = level_corner(finest, level);
-    ivec2 first = ivec2(floor(exp2(-float(level) - 1.0) * pixel - 0.5)), last = level_size(finest, level) - 1;
+    ivec2 first = ivec2(floor(level_position(pixel, level)));
     float least = FAR * depth_scale(d);
-    for (int i = 0; i < 4; ++i)
-        least = min(least, texelFetch(blur_depth, corner + clamp(first + ivec2(i & 1, i >> 1), ivec2(0), last), 0).r);
+    for (int i = 0; i < 4; ++i) {
+        ivec2 t = level_texel(textureSize(blur_depth, 0), first + ivec2(i & 1, i >> 1), level);
+        least = min(least, texelFetch(blur_depth, t, 0).r);
+    }
     return share_at(d, least);
 }
 

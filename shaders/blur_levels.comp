@@ -23,18 +23,17 @@ const int DIRECTIONS = 8;
 // Mean depth of the glass at a texel or as near to it as it is found; 0 if it is not.
 float glass_around(ivec2 texel)
 {
-    vec2 sum = vec2(0.0);
-    float radius = 0.0;
-    int k = 0;
-    do {
+    float own = texelFetch(glass_depth, min(texel, textureSize(glass_depth, 0) - 1), 0).r;
+    vec2 sum = is_surface(own) ? vec2(own, 1.0) : vec2(0.0);
+    for (int k = 0; k < RADII && sum.y == 0.0; ++k) {
+        float radius = float(FIRST_RADIUS << (2 * k));
         for (int i = 0; i < DIRECTIONS; ++i) {
             float angle = 2.0 * PI * float(i) / float(DIRECTIONS);
             ivec2 t = clamp(texel + ivec2(radius * vec2(cos(angle), sin(angle))), ivec2(0), textureSize(glass_depth, 0) - 1);
             float depth = texelFetch(glass_depth, t, 0).r;
             sum += is_surface(depth) ? vec2(depth, 1.0) : vec2(0.0);
         }
-        radius = float(FIRST_RADIUS << (2 * k));
-    } while (sum.y == 0.0 && k++ < RADII);
+    }
     return sum.x / max(sum.y, 1.0);
 }
 #endif

@@ -10,3 +10,13 @@ ivec2 level_corner(ivec2 finest, int level)
 
 // Size of level 0 of a texture that holds them all.
 ivec2 finest_size(ivec2 all) { return ivec2(all.x - all.x / 3, all.y); }
+
+// Where a pixel of the image is among the texels of a level, whose middles have whole numbers.
+vec2 level_position(vec2 pixel, int level) { return exp2(-float(level) - 1.0) * pixel - 0.5; }
+
+// Where a level's texel, or the one at its border that is nearest to it, is in a texture of all levels.
+ivec2 level_texel(ivec2 all, ivec2 texel, int level)
+{
+    ivec2 finest = finest_size(all);
+    return level_corner(finest, level) + clamp(texel, ivec2(0), level_size(finest, level) - 1);
+}

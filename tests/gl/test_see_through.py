@@ -202,14 +202,14 @@ def test_rough_glass_blurs_what_is_far_behind_it() -> None:
 
 
 LAMP = Material(albedo=(50.0, 50.0, 50.0), is_unlit=True)
+BLACK = Material(albedo=(0.0, 0.0, 0.0), is_unlit=True)
 BEHIND_PANE = Camera((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), fov_y_deg=60.0)
 
 
 def lamp_behind_a_pane(roughness: float, *others: Part, below: float = 1.0) -> tuple[Scene, Scene]:
     """A small square lamp behind rough glass, before black; with the glass and without."""
-    black = Material(albedo=(0.0, 0.0, 0.0), is_unlit=True)
     room = [quad((0.32, -0.05, -below), (0.1, 0, 0), (0, 0.1, 0), LAMP),
-            quad((-8, -8, -1.2), (16, 0, 0), (0, 16, 0), black)]
+            quad((-8, -8, -1.2), (16, 0, 0), (0, 16, 0), BLACK)]
     pane = quad((-8, -8, 0), (16, 0, 0), (0, 16, 0), glass(roughness=roughness))
     return make_scene([*room, pane, *others], camera=BEHIND_PANE), make_scene(room, camera=BEHIND_PANE)
 
@@ -255,7 +255,6 @@ def test_rough_glass_hides_the_outline_of_what_is_right_behind_it() -> None:
     assert seen[beside].mean() > 0.3 * expected[beside].mean()
 
 
-BLACK = Material(albedo=(0.0, 0.0, 0.0), is_unlit=True)
 BEFORE_PANE = {"card": quad((-0.6, -0.2, 1.0), (0.3, 0, 0), (0, 0.4, 0), LAMP),
                "pole": quad((0.0, -3.0, 1.0), (0.02, 0, 0), (0, 6.0, 0), BLACK),
                "muntin": quad((0.6, -3.0, 0.01), (0.03, 0, 0), (0, 6.0, 0), BLACK)}
