@@ -396,7 +396,7 @@ def _low_resolution_surfaces(inputs: FrameInputs) -> Iterator[Step]:
     if grid is None:
         yield from _absent("no model was chosen", "lowres_gbuffer", "gather_receivers", "gather_surfaces")
         return
-    yield lowres_gbuffer.declare("lowres_gbuffer", grid, inputs.smooth_normals)
+    yield lowres_gbuffer.declare("lowres_gbuffer", grid, inputs.smooth_normals, without_lamps=True)
     if inputs.models.surfels is None:
         yield from _absent("the network reads no gathered light", "gather_receivers", "gather_surfaces")
         return

@@ -22,7 +22,7 @@ SOURCES: dict[str, tuple[str, ...]] = {
     "roughness": ("specular_roughness?",),
     "solid_angle": ("depth",),
     "on_screen": (),
-    "gathered.rgb": ("gathered_light",),
+    "gathered.rgb": ("gathered_light", "emission?"),
     "gathered.count": ("gathered_light",),
     "gathered.distance": ("gathered_surfels",),
     "interpolated.rgb": ("gathered_surfels",),
@@ -74,6 +74,8 @@ def _packer(device: Device, bound: BoundPass, contract: ModelContract, tensor: s
     defines["PACK_CHANNELS"] = _stores(spec)
     if spec.face is not None:
         defines |= cube_defines(spec.face, contract.cube_axes == "camera")
+    if "gathered.rgb" in spec.channels:
+        defines["WITHOUT_LAMPS"] = 1
     if spec.grid == PANORAMA:
         defines["PANORAMA"] = 1
     program = device.program("pack_screen.comp", defines=defines)

@@ -29,6 +29,7 @@ COVERAGE_RAYS = 64         # rays from an eye; it is covered when few of them
 MAX_COVERED_RADII = 2.0    # end farther than this many radii from a surfel:
 MAX_UNCOVERED = 0.25       # less than this share.
 EMISSION_RAYS = 144        # of a surfel, to find emissive surfaces, which may be small
+PROXY_WEIGHT = 1e-3        # of surfels on light proxies: things right before one would get what arrives there
 
 
 class WorldSurfels:
@@ -90,7 +91,8 @@ class WorldSurfels:
         self.radius = self._pad(np.minimum(radius, scene.longest_edge), spacing)
         self._rays = trace_cosine_rays(self._caster, self._surfels, rays, rng)
         median = np.median(self._rays.static.distance.reshape(self.used, rays), axis=1)
-        self.weight = self._pad(np.minimum(median / self.radius[:self.used], 1.0))
+        weight = np.minimum(median / self.radius[:self.used], 1.0)
+        self.weight = self._pad(np.where(self._is_light_proxy, np.float32(PROXY_WEIGHT) * weight, weight))
         self.clip_plane = self._find_clip_planes(median)
         self._static_index = self._nearest(self._rays.static)
         self._assign_light_samples(candidates, chosen)

@@ -31,10 +31,22 @@ vec2 centre(ivec2 t)
     return vec2(t) + 0.5;
 }
 
+#ifdef HAS_EMISSION
+// Whether texel t shows what emits more than it reflects: an analytic light stands for it, or it is unlit.
+bool is_lamp(ivec2 t)
+{
+    vec4 emitted = texelFetch(emission, t, 0);
+    return emitted.a == 0.0 && emitted.rgb != vec3(0.0);
+}
+#endif
+
 #ifdef HAS_DEPTH
 float surface_depth(ivec2 t)
 {
     float d = texelFetch(depth, t, 0).r;
+#if defined(WITHOUT_LAMPS) && defined(HAS_EMISSION)
+    if (is_lamp(t)) return 0.0;
+#endif
     return is_surface(d) ? d : 0.0;
 }
 

@@ -14,10 +14,10 @@ from app.passes import gather_turns
 from app.radiance_scale import radiance_scale
 from app.raycast.caster import Caster
 from app.renderer import Renderer
-from app.scene import Camera, Material, RectLight, Scene
+from app.scene import Camera, Material, RectLight, Scene, Texture
 from app.settings import Settings
 from app.surfels.final_gather import LightAt, gather, sequence
-from tests.gl.scenes import box, floor, make_scene, quad
+from tests.gl.scenes import GREY, Part, box, floor, make_scene, quad
 
 pytestmark = [pytest.mark.gl, pytest.mark.usefixtures("egl", "coarse_shadows")]
 
@@ -194,3 +194,41 @@ def test_two_renderers_agree_to_the_bit() -> None:
             return renderer.render(CAMERA)["indirect"]
 
     np.testing.assert_array_equal(frames(), frames())
+
+
+def test_the_grid_shows_no_lamps_but_the_dark_parts_of_a_glowing_map() -> None:
+    """A screen whose left half shines; in its right half, which is as dark as compressed black, light is reflected."""
+    pixels = np.full((1, 2, 4), 255, np.uint8)
+    pixels[0, 1, :3] = 3
+    screen = Material(albedo=(0.5,) * 3, emission=(2.0,) * 3, emission_map=Texture(pixels, magnified="nearest"),
+                      is_light_proxy=True)
+    scene = make_scene([quad((-3.0, -3.0, 0.0), (6.0, 0.0, 0.0), (0.0, 6.0, 0.0), screen)], [LAMP],
+                       Camera((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), fov_y_deg=55))
+    with Renderer(scene, settings("indirect"), MODEL) as renderer:
+        renderer.render(scene.cameras["main"].at(0.0))
+        depth = renderer.resource("lowres_gbuffer")[..., 3]
+    half = depth.shape[1] // 2
+    assert (depth[:, :half - 1] == 0.0).all() and (depth[:, half + 1:] > 0.9).all()
+
+
+@pytest.mark.parametrize("model, low, high", [("ember", 0.6, 1.4), ("final-gather", 0.85, 1.2)])
+def test_bars_before_a_bright_pane_have_their_own_light(model: str, low: float, high: float) -> None:
+    """Much light arrives at the pane, 5 cm behind; without it, where its rectangle still shines, bars get the same."""
+    def light_of_bars(*pane: Part) -> NDArray[np.float32]:
+        bars = box((-1.0, 1.27, -0.95), (2.0, 0.03, 0.02), GREY), box((-0.015, 0.5, -0.95), (0.03, 1.6, 0.02), GREY)
+        scene = make_scene([box((-2.5, 0.0, -3.5), (5.0, 2.6, 6.5), GREY), *bars, *pane],
+                           [RectLight((0.0, 1.3, -1.0), (2.0, 0.0, 0.0), (0.0, 1.6, 0.0), (5.0,) * 3)])
+        camera = Camera((0.6, 1.4, 2.6), (0.0, 1.2, -1.0), fov_y_deg=60)
+        names = "indirect", "position", "normal"
+        with Renderer(scene, Settings((800, 600), names, provider="cpu"), find_model(model)) as renderer:
+            images = settled(renderer, camera, 11)
+        is_front = (np.abs(images["position"][..., 2] + 0.93) < 0.004) & (images["normal"][..., 2] > 0.9)
+        assert is_front.sum() > 2000
+        return images["indirect"][is_front].mean(axis=-1)
+
+    shining = Material(albedo=(0.0,) * 3, emission=(5.0,) * 3, is_light_proxy=True)
+    found = light_of_bars(quad((-1.0, 0.5, -1.0), (2.0, 0.0, 0.0), (0.0, 1.6, 0.0), shining)) / light_of_bars().mean()
+    print(f"PANE {model}: bars before it {found.mean():.2f}, from {np.quantile(found, 0.02):.2f} "
+          f"to {np.quantile(found, 0.98):.2f} of their light")
+    assert abs(found.mean() - 1) < 0.1
+    assert low < np.quantile(found, 0.02) and np.quantile(found, 0.98) < high
