@@ -13,10 +13,11 @@ const float RARE = 3.0;              // which has this many times the share of a
 const int MANY = 5;                  // if so many show its surface
 const float HEAVY = 1.1;             // times their unshadowed light, from which on a single sample has brought it
 const float MOST = 3.0;              // times the unshadowed light that a sample brings with its full weight
+const float GUIDED = 1.5;             // times the share is its mean square, from which on samples have several weights
 const float PRIOR = 0.5;             // specular rays whose share is taken to be that of diffuse light
 
 uniform sampler2D shadow_visible;     // rgb: mean irradiance of the samples that reach their light, a: samples
-uniform sampler2D shadow_unshadowed;  // rgb: mean irradiance of all samples, a: share of the samples that were guided
+uniform sampler2D shadow_unshadowed;  // rgb: mean irradiance of all samples, a: mean square of the visible share of one sample
 uniform sampler2D lowres_gbuffer;
 #ifdef SPECULAR_RAYS
 uniform sampler2D shadow_specular;    // r: mean luminance of the rectangles that specular rays reach, g: of all of them,
@@ -49,11 +50,13 @@ struct Texel {
 #endif
 };
 
-// Variance of a share of samples, by Laplace's rule of succession, so that a few samples that agree don't count as certain.
-float variance_of(float share, float samples)
+// Variance of a share of samples with a mean square, by Laplace's rule of succession, so that a few samples that agree don't
+// count as certain.
+float variance_of(float share, float square, float samples)
 {
     share = (share * samples + 1.0) / (samples + 2.0);
-    return share * (1.0 - share) / max(samples, 1.0);
+    square = (square * samples + 1.0) / (samples + 2.0);
+    return max(square - share * share, 0.0) / max(samples, 1.0);
 }
 
 // Whether two shares differ by no more than their noise.
@@ -81,7 +84,7 @@ Texel texel_at(ivec2 low)
     t.surface = texelFetch(lowres_gbuffer, low, 0);
     t.p = surface_point(vec2(nearest_texel(low, ratio)) + 0.5, t.surface.a);
     t.share = share_of(t.visible.rgb, t.unshadowed.rgb);
-    t.variance = variance_of(t.share, t.visible.a);
+    t.variance = variance_of(t.share, t.unshadowed.a, t.visible.a);
     t.weight = t.visible.a / max(ratio_of(t.visible.rgb, t.unshadowed.rgb) / MOST, 1.0);
 #ifdef SPECULAR_RAYS
     t.specular = texelFetch(shadow_specular, low, 0);
@@ -94,7 +97,7 @@ bool is_alike_specular(Texel here, Texel t)
 {
     vec2 seen = vec2(here.specular.r, t.specular.r) / max(vec2(here.specular.g, t.specular.g), 1e-30);
     return is_finite(dot(t.specular, vec4(1.0))) && (here.specular.a <= 0.0 || agree(
-        seen.x, seen.y, variance_of(seen.x, here.specular.a) + variance_of(seen.y, t.specular.a)));
+        seen.x, seen.y, variance_of(seen.x, seen.x, here.specular.a) + variance_of(seen.y, seen.y, t.specular.a)));
 }
 #endif
 
@@ -103,6 +106,7 @@ void main()
     ivec2 low = ivec2(gl_FragCoord.xy), last = textureSize(lowres_gbuffer, 0) - 1;
     Texel here = texel_at(low);
     vec4 visible = vec4(0.0), unshadowed = vec4(0.0), all_visible = vec4(0.0), all_unshadowed = vec4(0.0);
+    float square = 0.0, all_square = 0.0;
     int surface_count = -1, alike_count = -1;  // without the texel itself
 #ifdef SPECULAR_RAYS
     vec4 specular = vec4(0.0);
@@ -120,22 +124,25 @@ void main()
         vec4 seen = vec4(t.visible.rgb, 1.0) * t.weight, sent = vec4(t.unshadowed.rgb, 1.0) * t.weight;
         all_visible += alike ? seen : vec4(0.0);
         all_unshadowed += alike ? sent : vec4(0.0);
+        all_square += alike ? t.unshadowed.a * t.weight : 0.0;
         surface_count += alike ? 1 : 0;
         alike = alike && (agree(t.share, here.share, here.variance + t.variance) || dot(here.unshadowed.rgb, vec3(1.0)) <= 0.0);
         visible += alike ? seen : vec4(0.0);
         unshadowed += alike ? sent : vec4(0.0);
+        square += alike ? t.unshadowed.a * t.weight : 0.0;
         alike_count += alike ? 1 : 0;
     }
     // A sample of much light that hardly any other has. If it is seen, only guided ones may have that much; if it is hidden,
     // the unshadowed light shows it, which is smooth.
     bool is_surrounded = surface_count >= MANY;
-    bool is_bright = here.unshadowed.a > 0.0
+    bool is_bright = here.unshadowed.a > GUIDED * here.share
         && here.share > (is_surrounded ? 1.0 : RARE) * share_of(all_visible.rgb, all_unshadowed.rgb);
     bool is_heavy = is_surrounded
         && dot(here.unshadowed.rgb, vec3(1.0)) * all_unshadowed.a > HEAVY * dot(all_unshadowed.rgb, vec3(1.0));
     bool is_outlier = spacing == 1 && alike_count <= FEW && (is_bright || is_heavy);
     visible = is_outlier ? all_visible : visible;
     unshadowed = is_outlier ? all_unshadowed : unshadowed;
+    square = is_outlier ? all_square : square;
     visible.rgb /= max(visible.a, 1e-30);
     unshadowed.rgb /= max(unshadowed.a, 1e-30);
 #ifdef SPECULAR_RAYS
@@ -154,7 +161,7 @@ void main()
                             unshadowed.b > 0.0 ? share.b : 1.0, all_light > 0.0 ? 1.0 + specular_share : 0.0);
 #else
     out_visible = visible;
-    out_unshadowed = unshadowed;
+    out_unshadowed = vec4(unshadowed.rgb, square / max(unshadowed.a, 1e-30));
 #ifdef SPECULAR_RAYS
     out_specular = specular;
 #endif

@@ -3,9 +3,9 @@
 #include "lowres_history.glsl"
 
 uniform sampler2D shadow_visible_now;     // rgb: mean irradiance of the samples that reach their light, a: samples
-uniform sampler2D shadow_unshadowed_now;  // rgb: mean irradiance of all samples, a: whether they were guided
+uniform sampler2D shadow_unshadowed_now;  // rgb: mean irradiance of all samples, a: mean square of the visible share of one
 uniform sampler2D shadow_visible_prev;
-uniform sampler2D shadow_unshadowed_prev;   // a: share of the samples that were guided
+uniform sampler2D shadow_unshadowed_prev;   // a: mean square of the visible share of one sample
 uniform float max_samples;  // of history
 #ifdef HAS_SHADOW_SPECULAR_NOW
 uniform sampler2D shadow_specular_now;    // r: mean luminance of the rectangles that specular rays reach, g: of all of them,
@@ -47,7 +47,7 @@ void main()
     vec4 visible_now = texelFetch(shadow_visible_now, low, 0), unshadowed_now = texelFetch(shadow_unshadowed_now, low, 0);
     bool healthy_now = is_finite(dot(visible_now + unshadowed_now, vec4(1.0))) && visible_now.a >= 1.0;
     visible_now = healthy_now ? max(visible_now, 0.0) : vec4(0.0);
-    unshadowed_now = healthy_now ? max(unshadowed_now, 0.0) : vec4(0.0);
+    unshadowed_now = healthy_now ? unshadowed_now : vec4(0.0);  // a guided sample may be negative
     Reprojection r = reproject(low);
     Sums old = Sums(vec4(0.0), vec4(0.0), vec4(0.0), 0.0);
     add(r.base, r.weights.x, old);

@@ -26,6 +26,7 @@ const float TO_UNIT = 1.0 / 4294967296.0;
 const vec2 SKY_CELL_EXTENT = vec2(PI / 32.0);  // of azimuth and polar angle, as in environment.py
 const float MIN_EPSILON = 0.05;   // of ray_epsilon, which covers the rounding of positions
 const float MAX_WEIGHED = 256.0;  // largest light over its probability, in the largest light
+const float MAX_SQUARE = 1e4;   // of a share
 const int MAX_LESSONS = 8;      // samples that a guide learns by at once
 const float SHORTENED = 0.999;  // so that rays end before what touches the light
 const float PLANE_TOLERANCE = 0.01;  // of depth_scale, as in shadow_filter.frag
@@ -47,9 +48,15 @@ uniform sampler2D specular_roughness;
 #ifdef HAS_SKY_STRATA
 uniform sampler2D sky_strata;  // lower half: azimuth and polar angle where each begins; upper half: power in W/m²
 #endif
-#ifdef GUIDE_TILE
+#ifdef GUIDE_PARTS
 uniform usampler2D sky_guide;  // a row for each tile of receivers, see app/gl/sky_guide.py: parts of the unit square that is
                                // spread over the strata; in the last texel which share of the sky's light is visible
+#endif
+#ifdef GUIDES_LIGHTS
+uniform sampler2D light_guide;  // a row for each tile of receivers: the visible share of each light, and last what their rays bring
+                                // without occlusion over their irradiance, 0 where they are not guided
+#endif
+#ifdef GUIDE_TILE
 uniform int guide_columns;     // tiles in a row of the grid
 #endif
 #if defined(GRID_SURFELS) || defined(RAYS_HERE)
@@ -68,8 +75,7 @@ uniform float sky_distance;  // length of a ray towards the environment, scene u
 
 #ifdef RAYS_HERE
 layout(location = 0) out vec4 out_visible;     // rgb: mean irradiance of the samples that reach their light, a: samples
-layout(location = 1) out vec4 out_unshadowed;  // rgb: mean irradiance of all samples, the sky's exact one if they are
-                                               // guided, a: whether they are
+layout(location = 1) out vec4 out_unshadowed;  // rgb: mean irradiance of all samples, a: mean square of the visible share of one
 #ifdef SPECULAR_RAYS
 layout(location = 2) out vec4 out_specular;    // r: mean luminance of the rectangles that specular rays reach, g: of all, a: rays
 #endif
@@ -88,7 +94,10 @@ layout(location = 1) out vec4 out_vector;  // from there to the ray's end; a: 0:
 layout(location = 2) out vec4 out_light;   // rgb: unshadowed irradiance of the sample, over its probability; a: for a specular
                                            // ray instead, the luminance of the rectangle that it is traced to
 #ifdef GUIDE_TILE
-layout(location = 3) out vec4 out_sky;     // rgb: unshadowed irradiance of the sky; a: its luminance
+layout(location = 3) out vec4 out_known;   // rgb: unshadowed irradiance that is known, less the sample's part of it; a: luminance of the sky's
+#endif
+#ifdef GUIDES_LIGHTS
+layout(location = 4) out vec2 out_lesson;  // light, -1: none; luminance of its irradiance over the chance that it was chosen
 #endif
 #endif
 
@@ -168,6 +177,13 @@ vec3 sequence(ivec2 texel)
     return vec3((RECURRENCE * uint(sample_index) + start) >> 8u) * (256.0 * TO_UNIT);
 }
 
+#ifdef GUIDE_TILE
+int guide_row(ivec2 texel)
+{
+    return texel.y / GUIDE_TILE * guide_columns + texel.x / GUIDE_TILE;
+}
+#endif
+
 #ifdef HAS_SKY_STRATA
 // A point of the unit square that is spread over the strata.
 struct SkyPoint {
@@ -175,20 +191,20 @@ struct SkyPoint {
     float density;  // over that of points spread evenly
 };
 
-#ifdef GUIDE_TILE
+#ifdef GUIDE_PARTS
 const int PART_COUNT = GUIDE_PARTS * GUIDE_PARTS;
 const float EVEN_SHARE = 1.0 / float(SKY_CANDIDATES);  // of the candidates, which find what the guide doesn't know
-
-int guide_row(ivec2 texel)
-{
-    return texel.y / GUIDE_TILE * guide_columns + texel.x / GUIDE_TILE;
-}
 
 // The part of the environment that a point of the unit square is in.
 int part_of(vec2 at)
 {
     ivec2 part = min(ivec2(at * float(GUIDE_PARTS)), GUIDE_PARTS - 1);
     return part.y * GUIDE_PARTS + part.x;
+}
+
+bool guides_to_sky(ivec2 texel)
+{
+    return texelFetch(sky_guide, ivec2(PART_COUNT, guide_row(texel)), 0).r != 0u;
 }
 
 float visible_share(ivec2 texel)
@@ -295,7 +311,8 @@ LightSample sample_mirrored(Receiver r, Lobe lobe, vec2 s)
 struct ShadowRay {
     vec4 vector;  // as out_vector
     vec4 light;   // as out_light
-    vec4 sky;     // as out_sky
+    vec4 known;   // as out_known
+    vec2 lesson;  // as out_lesson
 };
 
 ShadowRay shadow_ray(ivec2 texel, Receiver r)
@@ -303,26 +320,34 @@ ShadowRay shadow_ray(ivec2 texel, Receiver r)
     vec3 s = sequence(texel);
 
     // One source in proportion to its unshadowed light: each replaces the one before it with its share of the sum so far.
-    float total = 0.0, part = 0.0, choice = s.x;
+    float total = 0.0, part = 0.0, choice = s.x, arriving = 0.0;
     int chosen = -1;
+    vec3 of_lights = vec3(0.0), of_chosen = vec3(0.0);
 #ifdef HAS_TRACED_LIGHT
     int i = LIGHT_COUNT;
     do {
-        float light = luminance(irradiance(lights[--i], r.p, r.n));
-        bool take = replaces(light, total, choice);
+        vec3 light = irradiance(lights[--i], r.p, r.n);
+        float brightness = luminance(light), target = brightness;
+#ifdef GUIDES_LIGHTS
+        target *= texelFetch(light_guide, ivec2(i, guide_row(texel)), 0).r;
+#endif
+        of_lights += light;
+        arriving += brightness;
+        bool take = replaces(target, total, choice);
         chosen = take ? i : chosen;
-        part = take ? light : part;
+        part = take ? target : part;
+        of_chosen = take ? light : of_chosen;
     } while (i > MAPPED_COUNT);
 #endif
     bool to_sky = false;
-    vec4 sky_light = vec4(0.0);
 #ifdef HAS_SKY_STRATA
     vec3 unshadowed = unshadowed_sky_irradiance(r.n);
     float sky = luminance(unshadowed);
-    sky_light = r.is_surface ? vec4(unshadowed, sky) : vec4(0.0);
-#ifdef GUIDE_TILE
+#ifdef GUIDE_PARTS
+    float whole_sky = sky;
     sky *= visible_share(texel);
 #endif
+    arriving += sky;
     to_sky = replaces(sky, total, choice);
     part = to_sky ? sky : part;
 #endif
@@ -334,25 +359,36 @@ ShadowRay shadow_ray(ivec2 texel, Receiver r)
     vec2 at = vec2(0.0);
     if (to_sky) ray = sample_sky(texel, r.n, s.yz, choice, at);
 #endif
-    ray.light *= total / max(part, LUMINANCE_FLOOR);
+    float inverse_chance = total / max(part, LUMINANCE_FLOOR);
+    ray.light *= inverse_chance;
     bool wanted = r.is_surface && total > 0.0 && max(max(ray.light.r, ray.light.g), ray.light.b) > 0.0
         && is_finite(dot(ray.light, vec3(1.0)) + dot(ray.vector, vec3(1.0)));
     // A ray into the surface meets it at once.
     bool free = dot(ray.vector, r.face) > 0.0;
     float kind = ray.meets_proxies ? 2.0 : 1.0, none = 0.0;
-#ifdef GUIDE_TILE
+#ifdef GUIDE_PARTS
     kind = to_sky ? 3.0 + float(part_of(at)) : kind;
     none = to_sky ? -1.0 : 0.0;
 #endif
     ShadowRay result = ShadowRay(
         vec4((ray.vector + r.p - r.origin) * SHORTENED, wanted && free ? kind : none),
-        wanted ? vec4(min(ray.light, MAX_WEIGHED * HALF_MAX), 0.0) : vec4(0.0), sky_light);
+        wanted ? vec4(min(ray.light, MAX_WEIGHED * HALF_MAX), 0.0) : vec4(0.0),
+        vec4(0.0), vec2(-1.0, 0.0));
+    // Guided samples say little of what is hidden, so what is known stands for them.
+#ifdef GUIDES_LIGHTS
+    float guided = texelFetch(light_guide, ivec2(LIGHT_COUNT, guide_row(texel)), 0).r;
+    if (r.is_surface && guided > 0.0) result.known.rgb += guided * of_lights - (to_sky ? vec3(0.0) : result.light.rgb);
+    if (r.is_surface && chosen >= 0 && !to_sky) result.lesson = vec2(chosen, min(luminance(of_chosen) * inverse_chance, HALF_MAX));
+#endif
+#ifdef GUIDE_PARTS
+    if (r.is_surface) result.known += vec4(guides_to_sky(texel) ? unshadowed - (to_sky ? result.light.rgb : vec3(0.0)) : vec3(0.0), whole_sky);
+#endif
 #ifdef SPECULAR_RAYS
     Lobe lobe = specular_lobe(r.p, r.n, texelFetch(specular_roughness, r.pixel, 0));
     vec2 of_specular = specular_sequence(texel);
     LightSample highlight = LightSample(r.n, vec3(0.0), false);
 #ifdef HAS_TRACED_SPHERE
-    highlight = sample_highlight(r, lobe, of_specular, total);
+    highlight = sample_highlight(r, lobe, of_specular, arriving);
 #endif
 #ifdef HAS_TRACED_RECT
     LightSample mirrored = sample_mirrored(r, lobe, of_specular);
@@ -364,6 +400,8 @@ ShadowRay shadow_ray(ivec2 texel, Receiver r)
         bool is_clear = dot(highlight.vector, r.face) > 0.0;
         result.vector = vec4((highlight.vector + r.p - r.origin) * SHORTENED, !is_clear ? 0.0 : highlight.meets_proxies ? 2.0 : 1.0);
         result.light = vec4(vec3(0.0), min(brightness, HALF_MAX));
+        result.lesson.x = -1.0;
+        result.known.rgb = vec3(0.0);
     }
 #endif
     return result;
@@ -380,36 +418,31 @@ void main()
 {
     ivec2 texel = ivec2(gl_FragCoord.xy);
 #ifdef RAYS_HERE
-    vec4 visible = vec4(0.0), unshadowed = vec4(0.0), sky = vec4(0.0);
-    float first_sky = 0.0;
-    vec3 of_lights = vec3(0.0);
-    float specular_rays = 0.0;
+    vec4 visible = vec4(0.0), unshadowed = vec4(0.0);
+    float first_sky = 0.0, specular_rays = 0.0, square = 0.0;
     uint lessons[MAX_LESSONS];
     for (int i = 0; i < MAX_LESSONS; ++i) lessons[i] = 0u;
     for (sample_index = first_sample; sample_index < first_sample + sample_count; ++sample_index) {
         Receiver r = receiver(texel);
         ShadowRay ray = shadow_ray(texel, r);
-        float seen = visibility(r, ray.vector), kind = ray.vector.a;
+        float seen = visibility(r, ray.vector), kind = ray.vector.a, brightness = luminance(ray.light.rgb);
         visible += ray.light * seen;
-        unshadowed += ray.light;
+        unshadowed += ray.light + vec4(ray.known.rgb, 0.0);
+        square += brightness * brightness * seen;
         specular_rays += ray.light.a > 0.0 ? 1.0 : 0.0;
-        sky += ray.sky / float(sample_count);
-        first_sky = sample_index == first_sample ? ray.sky.a : first_sky;
-        of_lights += kind >= 0.0 && kind < 3.0 ? ray.light.rgb : vec3(0.0);
+        first_sky = sample_index == first_sample ? ray.known.a : first_sky;
         uint part = seen > 0.0 && kind >= 3.0 ? uint(kind) - 2u : 0u;
-        float brightness = luminance(ray.light.rgb) / max(first_sky, LUMINANCE_FLOOR);
         lessons[min(sample_index - first_sample, MAX_LESSONS - 1)] = (ray.light.a == 0.0 ? 1u << 31u : 0u) | part << 16u
-            | packHalf2x16(vec2(min(brightness, HALF_MAX), 0.0));
+            | packHalf2x16(vec2(min(brightness / max(first_sky, LUMINANCE_FLOOR), HALF_MAX), 0.0));
     }
-    float samples = float(sample_count) - specular_rays;
-    out_visible = vec4(visible.rgb / max(samples, 1.0), samples);
-    out_unshadowed = vec4(unshadowed.rgb / max(samples, 1.0), 0.0);
+    float samples = float(sample_count) - specular_rays, inverse = 1.0 / max(samples, 1.0);
+    float mean = max(luminance(unshadowed.rgb) * inverse, LUMINANCE_FLOOR);
+    out_visible = vec4(visible.rgb * inverse, samples);
+    out_unshadowed = vec4(unshadowed.rgb * inverse, min(square * inverse / mean / mean, MAX_SQUARE));
 #ifdef SPECULAR_RAYS
     out_specular = vec4(vec2(visible.a, unshadowed.a) / max(specular_rays, 1.0), 0.0, specular_rays);
 #endif
 #ifdef WRITE_LESSONS
-    bool guided = texelFetch(sky_guide, ivec2(PART_COUNT, guide_row(texel)), 0).r != 0u;
-    if (guided) out_unshadowed = vec4(sky.rgb + of_lights / max(samples, 1.0), 1.0);
     out_lessons_0 = uvec4(floatBitsToUint(first_sky), lessons[0], lessons[1], lessons[2]);
     out_lessons_1 = uvec4(lessons[3], lessons[4], lessons[5], lessons[6]);
     out_lessons_2 = uvec4(lessons[7], 0u, 0u, 0u);
@@ -421,7 +454,10 @@ void main()
     out_vector = ray.vector;
     out_light = ray.light;
 #ifdef GUIDE_TILE
-    out_sky = ray.sky;
+    out_known = ray.known;
+#endif
+#ifdef GUIDES_LIGHTS
+    out_lesson = ray.lesson;
 #endif
 #endif
 }

@@ -8,8 +8,7 @@ import numpy as np
 from app.gl.context import Device
 from app.gl.frame_state import FrameState
 from app.gl.shader import Program
-from app.gl.shadow_rays import RayScene, set_frame
-from app.gl.sky_guide import DEFINES as GUIDE_DEFINES
+from app.gl.shadow_rays import RayScene, guide_defines, set_frame
 from app.gl.sky_guide import SkyGuide
 
 MAX_LESSONS = 8  # samples of a receiver that a guide learns by at once, as in shadow_rays.frag
@@ -35,7 +34,7 @@ class GpuShadowRays:
         assert scene.shader_rays is not None
         self._device, self._scene, self._rays, self._guide = device, scene, scene.shader_rays, guide
         sums = 2 + ("SPECULAR_RAYS" in defines)
-        lessons = {"WRITE_LESSONS": sums, **GUIDE_DEFINES} if guide else {}
+        lessons = {"WRITE_LESSONS": sums, **guide_defines(True, False)} if guide else {}
         self.program: Program = device.fullscreen("shadow_rays.frag", {**defines, **lessons, "RAYS_HERE": 1})
         self._lessons = [device.ctx.texture(size, 4, dtype="u4") for _ in range(LESSON_TEXTURES if guide else 0)]
         self._untaught = 0  # samples of each receiver that the guide has not learned by

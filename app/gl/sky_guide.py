@@ -6,28 +6,18 @@ parts of the environment its rays have arrived, and sends later ones to these pa
 rays go everywhere, so nothing is missed.
 """
 
-import math
-
 import numpy as np
 
-from app.arrays import F32, Bools, Floats, Ints
+from app.arrays import F32, Bools, Ints
 from app.gl.context import Device
+from app.gl.receiver_tiles import DECAY, OPEN, ReceiverTiles
 from app.gl.shader import Program
 from app.sky_parts import PARTS, blur_parts
 
-TILE = 18            # receivers along the edge of a tile, two blocks of shadow_rays.frag
-FIRST_SAMPLES = 4    # of each receiver, by which a frame without history learns
 ENTRIES = 1024       # of the list of parts that the rays of a tile choose from
-OPEN = 0.5           # visible share of the sky from which on rays are spread as if nothing was in the way
 MIN_SHARE = 0.02     # of the sky's light that a tile is taken to see, in the choice between lights
-DECAY = 0.9          # of what was learned, per frame, while the camera or something moves
 TEXTURE_UNIT = 13    # of the guide, beyond those of what passes read
-DEFINES = {"GUIDE_TILE": TILE, "GUIDE_PARTS": PARTS, "GUIDE_ENTRIES": ENTRIES}
-
-
-def tiles(size: tuple[int, int]) -> tuple[int, int]:
-    """Columns and rows of the tiles of a grid of receivers of that width and height."""
-    return -(-size[0] // TILE), -(-size[1] // TILE)
+DEFINES = {"GUIDE_PARTS": PARTS, "GUIDE_ENTRIES": ENTRIES}
 
 
 class SkyGuide:
@@ -40,27 +30,25 @@ class SkyGuide:
     """
 
     def __init__(self, device: Device, size: tuple[int, int]) -> None:
-        columns, rows = tiles(size)
-        y, x = np.divmod(np.arange(size[0] * size[1]), size[0])
-        self._shape = rows, columns
-        self._tile: Ints = y // TILE * columns + x // TILE  # of each receiver
-        self._texture = device.ctx.texture((PARTS**2 + ENTRIES + 1, rows * columns), 1, dtype="u4")
+        self._tiles = ReceiverTiles(size)
+        self._texture = device.ctx.texture((PARTS**2 + ENTRIES + 1, self._tiles.count), 1, dtype="u4")
         self.forget()
 
     def forget(self) -> None:
         """Spread rays over all light again."""
-        count = math.prod(self._shape)
+        self._tiles.restart()
+        count = self._tiles.count
         self._visible = np.zeros((count, PARTS**2))  # luminance that has arrived from each part
         self._unshadowed = np.zeros(count)           # and that would have if nothing was in the way
-        self._samples, self._new_samples = 0.0, 0  # of each receiver, learned from in all and since the last update
         self._shown, self._shown_samples = np.zeros((2, count)), 0.0  # of each tile as above, for visible_share
         self._update()
 
     @property
     def visible_share(self) -> F32:
         """Visible share of the environment's light in each tile and around, shape (h, w); 0 where there is none."""
-        visible, unshadowed = (_with_neighbours(sums.reshape(self._shape)) for sums in self._shown)
-        return np.minimum(visible / np.maximum(unshadowed, 1e-30), 1).astype(np.float32)
+        visible, unshadowed = (self._tiles.with_neighbours(sums) for sums in self._shown)
+        share = np.minimum(visible / np.maximum(unshadowed, 1e-30), 1)
+        return share.reshape(self._tiles.shape).astype(np.float32)
 
     def keep(self, samples: float) -> None:
         """Let ``visible_share`` count at most so many samples of each receiver that were learned by until now."""
@@ -70,16 +58,16 @@ class SkyGuide:
     @property
     def guides(self) -> Bools:
         """Which receivers have their rays guided, shape (h · w,)."""
-        return self._guides[self._tile]
+        return self._guides[self._tiles.tile]
 
     def bind(self, program: Program) -> None:
         """Let ``program`` read the guide."""
         self._texture.use(TEXTURE_UNIT)
-        program.set(sky_guide=TEXTURE_UNIT, guide_columns=self._shape[1])
+        program.set(sky_guide=TEXTURE_UNIT, guide_columns=self._tiles.shape[1])
 
     def fade(self) -> None:
         """Trust what was learned in earlier frames less."""
-        self._samples *= DECAY
+        self._tiles.fade()
         for sums in (self._visible, self._unshadowed):
             sums *= DECAY
 
@@ -97,24 +85,21 @@ class SkyGuide:
         sky : ndarray, float32, shape (h · w,)
             Luminance of the unshadowed irradiance of each receiver that had a ray.
         """
-        at = self._tile.take(receivers) * PARTS**2 + parts
+        at = self._tiles.tile.take(receivers) * PARTS**2 + parts
         found = np.bincount(at, luminance, self._visible.size).reshape(self._visible.shape)
-        sent = np.bincount(self._tile, sky, len(self._unshadowed))
+        sent = np.bincount(self._tiles.tile, sky, len(self._unshadowed))
         self._visible += found
         self._unshadowed += sent
         self._shown += found.sum(axis=1), sent
         self._shown_samples += 1
-        self._new_samples += 1
-        if self._new_samples >= max(self._samples, FIRST_SAMPLES):
-            self._samples += self._new_samples
-            self._new_samples = 0
+        if self._tiles.is_due():
             self._update()
 
     def _update(self) -> None:
-        around = _with_neighbours(self._visible.reshape(*self._shape, -1)).reshape(self._visible.shape)
+        around = self._tiles.with_neighbours(self._visible)
         visible = blur_parts(np.asarray(around, np.float32))
         total = visible.sum(axis=1)
-        share = total / np.maximum(_with_neighbours(self._unshadowed.reshape(self._shape)).ravel(), 1e-30)
+        share = total / np.maximum(self._tiles.with_neighbours(self._unshadowed), 1e-30)
         self._guides = (total > 0) & (share < OPEN)
         table = np.zeros((len(total), PARTS**2 + ENTRIES + 1), np.uint32)
         chosen = np.flatnonzero(self._guides)
@@ -138,11 +123,3 @@ def _entries(chance: F32) -> Ints:
     first = bounds.ravel()[listed] - count_of
     entry = np.repeat((part | count_of.astype(np.int64) << 21) - (first << 10), count_of).reshape(tiles, ENTRIES)
     return np.concatenate([count, entry + (np.arange(ENTRIES) << 10)], axis=1)
-
-
-def _with_neighbours(values: Floats) -> Floats:
-    """Of tiles, half by their own and half by the eight around, since few of their rays may have arrived."""
-    padded = np.pad(values, [(1, 1), (1, 1)] + [(0, 0)] * (values.ndim - 2))
-    rows = padded[:-2] + padded[1:-1] + padded[2:]
-    around = rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:]
-    return np.asarray((values * 7 + around) / 16)

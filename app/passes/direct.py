@@ -12,8 +12,8 @@ from app.gl.fullscreen import CUBE_PREFIX, always, cube_defines, make_fullscreen
 from app.gl.lights import LightSet
 from app.gl.peeling import PeeledLayer
 from app.gl.pool import Resources
+from app.gl.receiver_tiles import TILE
 from app.gl.shadow_rays import specular_defines
-from app.gl.sky_guide import TILE
 from app.graph import BoundPass, Pass, Resource, Tex
 from app.math3d import GOLDEN_RATIO
 from app.paths import data_dir

@@ -13,12 +13,14 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from app.gl.context import Device
 from app.gl.frame_state import Execute, FrameState, MotionKind
 from app.gl.fullscreen import CUBE_PREFIX, cube_defines, make_fullscreen, ratio_to, read_defines, reduced_grid
+from app.gl.light_guide import LightGuide
 from app.gl.lights import LightSet
 from app.gl.pool import Resources
 from app.gl.ray_budget import RayBudget
-from app.gl.shadow_rays import RayScene, ShadowRays, share_of, specular_defines
+from app.gl.receiver_tiles import FIRST_SAMPLES, tiles
+from app.gl.shadow_rays import RayScene, ShadowRays, merge_unguided, share_of, specular_defines
 from app.gl.shadow_rays_gpu import MAX_LESSONS, GpuShadowRays
-from app.gl.sky_guide import FIRST_SAMPLES, SkyGuide, tiles
+from app.gl.sky_guide import SkyGuide
 from app.graph import BoundPass, Pass, Resource, Tex
 
 MAX_RECEIVERS = 2**17  # of the screen's grid
@@ -98,11 +100,15 @@ def filter_shift(frame: FrameState, spacing: int) -> tuple[int, int]:
 
 def _make_rays(device: Device, bound: BoundPass, defines: Mapping[str, object], scene: RayScene, size: tuple[int, int],
                has_history: bool) -> Execute:
-    guide = SkyGuide(device, size) if "sky_strata" in bound.reads else None
+    has_sky, light_count = "sky_strata" in bound.reads, int(str(defines["LIGHT_COUNT"]))
+    sky_guide = SkyGuide(device, size) if has_sky else None
+    traced = light_count - int(str(defines["MAPPED_COUNT"]))
+    has_choice = traced > 0 and traced + has_sky > 1 and scene.shader_rays is None
+    light_guide = LightGuide(device, size, light_count) if has_choice else None
     defines = {**defines, **read_defines(bound)}
-    rays = ShadowRays(device, size, defines, scene, guide)
-    draws_rays = scene.shader_rays is not None and (guide is None or has_history)
-    gpu_rays = GpuShadowRays(device, size, defines, scene, guide) if draws_rays else None
+    rays = ShadowRays(device, size, defines, scene, sky_guide, light_guide)
+    draws_rays = scene.shader_rays is not None and (sky_guide is None or has_history)
+    gpu_rays = GpuShadowRays(device, size, defines, scene, sky_guide) if draws_rays else None
     sums = [name for name in bound.writes if name != SKY]
     last_frame = -1
 
@@ -116,35 +122,40 @@ def _make_rays(device: Device, bound: BoundPass, defines: Mapping[str, object], 
         if gpu_rays is not None:
             gpu_rays.learn()
         samples = RAYS.samples(frame, math.prod(size), has_history)
-        if guide is not None:
-            # Frames of another render scale may have come between.
-            continues = has_history and frame.history_valid and frame.index == last_frame + 1
-            samples = _prepare(guide, rays, frame, samples, continues)
-            last_frame = frame.index
-        if gpu_rays is not None and (guide is None or len(samples) <= MAX_LESSONS):
+        # Frames of another render scale may have come between.
+        continues = has_history and frame.history_valid and frame.index == last_frame + 1
+        last_frame = frame.index
+        if sky_guide is not None:
+            _follow(sky_guide, frame, continues)
+            if continues:
+                sky_guide.keep(MAX_TILE_SAMPLES[frame.motion])
+        if light_guide is not None:
+            _follow(light_guide, frame, continues and not frame.relit)
+        before = None
+        if not continues and (sky_guide is not None or light_guide is not None) and len(samples) > FIRST_SAMPLES:
+            before, samples = rays.trace(frame, samples[:FIRST_SAMPLES]), samples[FIRST_SAMPLES:]
+        if gpu_rays is not None and (sky_guide is None or len(samples) <= MAX_LESSONS):
             resources.bind(gpu_rays.program)
             gpu_rays.program.set(ratio=ratio_to(size, frame))
             gpu_rays.draw(frame, samples, [resources[name] for name in sums])
         else:
-            for name, values in zip(sums, rays.trace(frame, samples), strict=True):
+            found = rays.trace(frame, samples)
+            found = found if before is None else merge_unguided(found, before, rays.guided)
+            for name, values in zip(sums, found, strict=True):
                 resources[name].write(values.tobytes())
-        if guide is not None and SKY in bound.writes:
-            resources[SKY].write(guide.visible_share.tobytes())
+        if sky_guide is not None and SKY in bound.writes:
+            resources[SKY].write(sky_guide.visible_share.tobytes())
         resources.set_current(key)
 
     return execute
 
 
-def _prepare(guide: SkyGuide, rays: ShadowRays, frame: FrameState, samples: range, continues: bool) -> range:
-    """Let the guide follow what has changed, if the frame ``continues`` the last one; the samples that this leaves."""
+def _follow(guide: SkyGuide | LightGuide, frame: FrameState, continues: bool) -> None:
+    """Let a guide forget what has changed, if not all has with a frame that does not continue the last one."""
     if not continues:
         guide.forget()
-        rays.trace(frame, range(FIRST_SAMPLES))
-        return range(max(samples.start, FIRST_SAMPLES), samples.stop)
-    if frame.motion is not MotionKind.NONE:
+    elif frame.motion is not MotionKind.NONE:
         guide.fade()
-    guide.keep(MAX_TILE_SAMPLES[frame.motion])
-    return samples
 
 
 def declare_cube(lights: LightSet, has_sky: bool, scene: Callable[[], RayScene], face: int, camera_axes: bool) -> Pass:

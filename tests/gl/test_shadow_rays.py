@@ -69,6 +69,27 @@ def test_light_behind_bars_is_right_and_hardly_noisy(frames: int, most: float) -
     assert abs(error.mean()) < 3e-3
 
 
+@pytest.mark.parametrize("is_approximate", [False, True])
+def test_a_faint_lamp_beside_a_bright_hidden_one_is_hardly_noisy(is_approximate: bool) -> None:
+    """A board hides a lamp that would give many times the light of the one above the floor."""
+    faint = RectLight((0.0, 2.5, 0.0), (0.5, 0.0, 0.0), (0.0, 0.0, 0.5), WHITE)
+    bright = RectLight((-2.0, 1.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (20.0,) * 3)
+    board = quad((-1.0, -0.1, 3.0), (0.0, 3.0, 0.0), (0.0, 0.0, -6.0), Material(albedo=(0.0,) * 3, double_sided=True))
+    scene = make_scene([floor(3.0), board], [faint, bright], ABOVE)
+    if is_approximate:
+        at = (np.stack(np.meshgrid(0.0, np.arange(8), np.arange(8)), axis=-1).reshape(-1, 3) - (0, 3.5, 3.5)) / 8
+        normal, intensity, area = np.float32([[1, 0, 0]] * 64), np.full((64, 3), 20 / 64), np.full(64, 1 / 64)
+        points = EmissionPoints(at.astype(np.float32), normal, intensity.astype(np.float32), area.astype(np.float32),
+                                np.full(64, False))
+        scene = replace(scene, approximate_lights={bright: points})
+    hidden, free = (draw(make_scene([floor(3.0)], [light], ABOVE), SIZE, ("direct",))["direct"][..., 1]
+                    for light in (bright, faint))
+    share = draw(scene, SIZE, ("direct",))["direct"][..., 1] / free
+    print(f"HIDDEN lamp of {np.median(hidden / free):.0f} times the light: {share.mean():.3f}, noise {share.std():.3f}")
+    assert abs(share.mean() - 1) < 0.01
+    assert share.std() < 0.01
+
+
 def test_the_edge_of_a_shadow_has_no_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """A straight edge at a slant, on a grid of 1/3 of the picture."""
     monkeypatch.setattr(shadow_rays, "MAX_RECEIVERS", SIZE[0] * SIZE[1] // 9)
