@@ -205,7 +205,7 @@ def specular_defines(lights: Mapping[str, object], has_specular: bool) -> dict[s
 
 
 def share_of(visible: F32, unshadowed: F32) -> F32:
-    """The share of the unshadowed light that is visible, as ``trace`` gives both; 1 where there is no light."""
+    """Shares of the unshadowed light that are visible, as ``trace`` gives both; 1 where there is no light, and last."""
     share = np.ones_like(visible)
-    np.divide(visible, unshadowed, out=share, where=unshadowed > 0)
+    np.divide(visible[..., :3], unshadowed[..., :3], out=share[..., :3], where=unshadowed[..., :3] > 0)
     return share

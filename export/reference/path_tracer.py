@@ -28,6 +28,7 @@ from export.reference.surfaces import Hit, Surface, face_normal
 
 MAX_BOUNCES = 16
 MAX_RAYS = 2**20        # traced at once, which bounds the memory
+MIN_COSINE = 0.05       # between a ray and a surface that it leaves
 MAX_LAYERS = 16         # surfaces that a ray can pass
 ROULETTE_DEPTH = 4      # bounces before Russian roulette begins
 MIN_BOUNCED_ROUGHNESS = 0.3  # of what is met after a reflection that is rougher
@@ -350,9 +351,8 @@ class PathTracer:
             arriving *= dr.select(active, 1 - coverage + coverage * share, 1.0)
             layer += 1
             arriving = dr.select(active & (layer == MAX_LAYERS), 0.0, arriving)
-            onward = hit.si.spawn_ray(ray.d)
-            onward.maxt = ray.maxt - hit.si.t
-            ray = onward
+            passed = beyond(hit.si, ray.d)
+            ray.o, ray.maxt = ray(passed), ray.maxt - passed
             active &= dr.max(arriving) > 0
         return arriving
 
@@ -377,11 +377,10 @@ class PathTracer:
         if dr.hint(surfaces.has_holes or surfaces.has_blend or surfaces.has_transmission, mode="scalar"):
             through, factor = passes(hit, ray.d, sampler)
             tint = dr.select(through, factor, 1.0)
-            passed, layer = self._mi.Float(0.0), self._mi.UInt32(0)
+            passed, layer, onward = self._mi.Float(0.0), self._mi.UInt32(0), self._mi.Ray3f(ray)
             while through & (layer < MAX_LAYERS):
-                passed += hit.si.t
-                onward = hit.si.spawn_ray(ray.d)
-                onward.maxt = ray.maxt - passed
+                passed += beyond(hit.si, ray.d)
+                onward.o, onward.maxt = ray(passed), ray.maxt - passed
                 hit = surfaces.hit(meshes, onward, through)
                 through, factor = passes(hit, ray.d, sampler)
                 tint *= dr.select(through, factor, 1.0)
@@ -425,6 +424,15 @@ class PathTracer:
 
     def _is_uncovered(self, surface: Surface, sampler: Any) -> Any:
         return surface.coverage <= (sampler.next_1d() if self.scene.surfaces.has_blend else 0.5)
+
+
+def beyond(si: Any, d: Any) -> Any:
+    """How far along a ray of direction d it has left the surface that it hits, to go on along the same line.
+
+    Mitsuba's own offset, along the normal, would move the line, which would meet the side of a small light.
+    """
+    off = dr.dot(si.spawn_ray(d).o - si.p, si.n)
+    return si.t + dr.abs(off) / dr.maximum(dr.abs(dr.dot(si.n, d)), MIN_COSINE * dr.norm(d))
 
 
 def evaluate(active: Any, *outputs: Any) -> list[F32]:
