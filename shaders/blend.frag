@@ -2,7 +2,9 @@
 // that passes it, which comes from elsewhere where it is refracted, and from around there where the surface is rough.
 #include "numbers.glsl"
 #include "camera.glsl"
+#include "grid.glsl"
 #include "noise.glsl"
+#include "specular_albedo.glsl"
 
 const int BLUR_TAPS = 8;
 const float GOLDEN_ANGLE = 2.39996323;
@@ -41,6 +43,10 @@ uniform sampler2D indirect;  // of what is opaque
 #endif
 #ifdef HAS_ARRIVING
 uniform sampler2D arriving;  // diffuse light on a coarse grid; a: depth of the layer there, 0 for none
+#endif
+#if defined(HAS_MIRRORED) && defined(HAS_SPECULAR_ROUGHNESS)
+uniform sampler2D mirrored;  // the same of what surfaces send from the mirrored direction
+uniform sampler2D specular_roughness;
 #endif
 #ifdef HAS_SKY_IRRADIANCE
 #include "sky_irradiance.glsl"
@@ -276,13 +282,13 @@ vec3 indirect_around(vec2 pixel)
 
 #ifdef HAS_ARRIVING
 // Interpolated between the texels around that show the layer, or otherwise light.
-vec3 arriving_at(vec2 pixel, float d, vec3 otherwise)
+vec3 coarse_light(sampler2D coarse, vec2 pixel, float d, vec3 otherwise)
 {
-    vec2 size = vec2(textureSize(arriving, 0)), at = pixel * image.zw * size - 0.5, first = floor(at) - 1.0;
+    vec2 size = vec2(textureSize(coarse, 0)), at = pixel * image.zw * size - 0.5, first = floor(at) - 1.0;
     vec4 sum = vec4(0.0);
     for (int i = 0; i < 16; ++i) {
         vec2 t = first + vec2(i % 4, i / 4), closeness = max(1.0 - 0.5 * abs(t - at), 0.0);
-        vec4 light = texelFetch(arriving, ivec2(clamp(t, vec2(0.0), size - 1.0)), 0);
+        vec4 light = texelFetch(coarse, ivec2(clamp(t, vec2(0.0), size - 1.0)), 0);
         float apart = (light.a - d) / (SAME_DEPTH * d), weight = closeness.x * closeness.y / (1.0 + apart * apart);
         sum += light.a > 0.0 && abs(apart) < MAX_APART && is_finite(dot(light, vec4(1.0))) ? vec4(light.rgb, 1.0) * weight : vec4(0.0);
     }
@@ -305,7 +311,7 @@ void main()
 #ifdef HAS_SKY_IRRADIANCE
         diffuse += unshadowed_sky_irradiance(sanitize_normal(texelFetch(normal, texel, 0).xyz)) / PI;
 #endif
-        diffuse = arriving_at(gl_FragCoord.xy, d, diffuse);
+        diffuse = coarse_light(arriving, gl_FragCoord.xy, d, diffuse);
 #endif
 #endif
 #ifdef HAS_REFRACTION
@@ -321,8 +327,14 @@ void main()
         light += sanitize_radiance(texelFetch(emission, texel, 0).rgb);
 #endif
 #ifdef HAS_OUTER_REFLECTION
-        vec4 mirrored = texelFetch(outer_reflection, texel, 0);
-        light += mirrored.a > 0.5 ? sanitize_radiance(mirrored.rgb) : vec3(0.0);
+        vec4 reflection = texelFetch(outer_reflection, texel, 0);
+        light += reflection.a > 0.5 ? sanitize_radiance(reflection.rgb) : vec3(0.0);
+#endif
+#if defined(HAS_MIRRORED) && defined(HAS_SPECULAR_ROUGHNESS)
+        vec4 reflectance = texelFetch(specular_roughness, texel, 0);
+        vec3 n = sanitize_normal(texelFetch(normal, texel, 0).xyz), v = -normalize(along_view(surface_point(gl_FragCoord.xy, d)));
+        light += coverage * specular_albedo(sanitize_albedo(reflectance.rgb), reflectance.a, dot(n, v))
+            * coarse_light(mirrored, gl_FragCoord.xy, d, vec3(0.0));
 #endif
         light += sanitize_albedo(texelFetch(albedo, texel, 0).rgb) * diffuse;
     }

@@ -55,9 +55,10 @@ def declare(layer: PeeledLayer, behind: str, result: str, has_indirect: bool, ha
         return execute
 
     own = ("albedo", "direct", "depth", "passage", *(("arriving",) if has_arriving else ()),
+           *(("mirrored",) if has_arriving and layer.index else ()),
            *(("normal",) if has_arriving or has_volumes else ()), *(("exit", "volume") if has_volumes else ()))
     others = (behind, "depth", *(("indirect",) if has_indirect else ()), *next_depths)
-    own_optional = ("emission", "specular", "refraction")
+    own_optional = ("emission", "specular", "refraction", *(("specular_roughness",) if layer.index else ()))
     # The nearest layer mirrors what is around it.
     others_optional = (*(() if layer.index else ("outer_reflection",)),
                        *(("sky_irradiance",) if has_arriving or has_volumes else ()))

@@ -493,3 +493,19 @@ def test_coloured_shadows_of_large_lamps_have_penumbrae(name: str, above: float)
     # A shadow from nearby has a penumbra narrower than texels of the map, which blur its edge.
     assert error[np.abs(x) > 0.02].max() < 0.02 and error.mean() < 0.03 and noise < 0.05
     assert error.max() < 0.08 or above < 1.0
+
+
+def test_panes_behind_a_pane_take_no_light_from_a_room_of_one_brightness() -> None:
+    """What a level pane does not let through at a grazing view, it mirrors, also where another pane is before it."""
+    glowing = Material(albedo=(0.6,) * 3, emission=(1.0,) * 3)
+    glass = Material(albedo=(1.0,) * 3, specular=(0.04,) * 3, roughness=0.0, transmission=Transmission(1.0),
+                     double_sided=True)
+    camera = Camera((0.0, 0.25, 1.8), (0.0, 0.0, 0.0), fov_y_deg=40)
+    panes = [quad((-1.0, -1.0, 1.0), (2.0, 0, 0), (0, 2.0, 0), glass),
+             *(quad((-1.0, y, 0.8), (2.0, 0, 0), (0, 0, -1.6), glass) for y in (0.0, -0.02))]
+    scene = make_scene([box((-2, -2, -2), (4, 4, 4), glowing), *panes], (), camera)
+    with Renderer(scene, Settings((256, 192), ("final",), provider="cpu"), find_model("ember")) as renderer:
+        for _ in range(8):
+            image = renderer.render(camera)["final"][..., 1]
+    print(f"LEVEL panes: {image.min():.3f} to {image.max():.3f}, mean {image.mean():.4f} of the 2.5 everywhere")
+    np.testing.assert_allclose(image, 2.5, rtol=0.06)
