@@ -49,6 +49,7 @@ from app.passes import (
     upsample,
     volume_exit,
 )
+from app.radiance_scale import reflected_radiance
 from app.raycast.caster import Caster
 from app.scene import Environment, Scene
 from app.settings import TONE_MAPS, Settings
@@ -384,8 +385,7 @@ def _environment_network(inputs: FrameInputs, environment: Environment, model: N
     tensors = pack_screen.tensor_names(contract)
     yield unshadowed_environment.declare(environment, grid, {kind: f"unshadowed_{kind}" for kind in low})
     yield _pack_globals("environment_pack_globals", contract, tensors, environment, None)
-    yield pack_screen.declare("environment_pack_screen", contract, inputs.settings.render_size,
-                              inputs.scene.longest_edge)
+    yield pack_screen.declare("environment_pack_screen", contract, inputs.settings.render_size, inputs.scene)
     targets = {name: low[kind] for name, kind in ((DIFFUSE, "diffuse"), (SPECULAR, "specular")) if kind in low}
     yield network.declare("environment_network", model, inputs.exchanges, tensors, grid, targets)
 
@@ -396,7 +396,8 @@ def _low_resolution_surfaces(inputs: FrameInputs) -> Iterator[Step]:
     if grid is None:
         yield from _absent("no model was chosen", "lowres_gbuffer", "gather_receivers", "gather_surfaces")
         return
-    yield lowres_gbuffer.declare("lowres_gbuffer", grid, inputs.smooth_normals, without_lamps=True)
+    yield lowres_gbuffer.declare("lowres_gbuffer", grid, inputs.smooth_normals,
+                                 least_glow=reflected_radiance(inputs.scene) if inputs.has_surfel_indirect else None)
     if inputs.models.surfels is None:
         yield from _absent("the network reads no gathered light", "gather_receivers", "gather_surfaces")
         return
@@ -524,7 +525,7 @@ def _network(inputs: FrameInputs, model: Network | RepeatedNetwork, grid: Size, 
         else:
             yield pack_surfels.declare(inputs.surfels, contract, tensors, scene.longest_edge)
     yield _pack_globals("pack_globals", contract, tensors, scene.environment, settings.bounces)
-    yield pack_screen.declare("pack_screen", contract, settings.render_size, scene.longest_edge, inputs.smooth_normals)
+    yield pack_screen.declare("pack_screen", contract, settings.render_size, scene, inputs.smooth_normals)
     targets = {INDIRECT: target}
     if contract.lights_surfels:
         targets[SURFEL_INDIRECT] = "surfel_indirect"

@@ -1,4 +1,4 @@
-"""The power of two that brings a scene's radiance to the middle of the half-float range."""
+"""How bright a scene is, and the power of two that brings its radiance to the middle of the half-float range."""
 
 import math
 
@@ -11,8 +11,17 @@ MAX_EXPONENT = 12  # of 256
 
 def radiance_scale(scene: Scene) -> float:
     """A power of 256 that brings typical reflected radiance to 1/16 … 16; mostly 1, which read-back need not undo."""
+    emitted = [max(m.albedo if m.is_unlit else m.emission) for m in scene.materials if m.emits or m.is_unlit]
+    brightest = max((e for e in (*emitted, reflected_radiance(scene)) if math.isfinite(e)), default=0.0)
+    if brightest <= 0:
+        return 1.0
+    return float(256.0 ** max(-MAX_EXPONENT, min(MAX_EXPONENT, -round(math.log2(brightest) / 8))))
+
+
+def reflected_radiance(scene: Scene) -> float:
+    """About what surfaces reflect of the brightest light, W/(sr m²); 0 without light."""
     distance = scene.longest_edge / 4
-    estimates = [max(m.albedo if m.is_unlit else m.emission) for m in scene.materials if m.emits or m.is_unlit]
+    estimates = []
     if scene.environment is not None:
         estimates.append(float(scene.environment.radiance.mean(axis=(0, 1), dtype=np.float64).max()))
     for light in scene.lights:
@@ -25,7 +34,4 @@ def radiance_scale(scene: Scene) -> float:
                 area = float(np.linalg.norm(np.cross(light.edge_u, light.edge_v)))
                 irradiance = max(light.radiance) * min(area / distance**2, math.pi)
         estimates.append(irradiance / (2 * math.pi))
-    brightest = max((e for e in estimates if math.isfinite(e)), default=0.0)
-    if brightest <= 0:
-        return 1.0
-    return float(256.0 ** max(-MAX_EXPONENT, min(MAX_EXPONENT, -round(math.log2(brightest) / 8))))
+    return max((e for e in estimates if math.isfinite(e)), default=0.0)

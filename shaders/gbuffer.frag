@@ -45,8 +45,6 @@ uniform mat3 albedo_uv;
 #ifdef EMISSION_MAP
 uniform sampler2D emission_map;
 uniform mat3 emission_uv;
-const float LEAST_GLOW = 0.1;     // of the emission without the map, below which reflected light matters,
-const float DIM = 0.25;           // which this says in place of 0
 #endif
 #ifdef SPECULAR_MAP
 uniform sampler2D specular_map;
@@ -137,7 +135,7 @@ layout(location = WRITE_SMOOTH_NORMAL) out vec4 out_smooth_normal;  // without t
 layout(location = WRITE_DEPTH) out float out_depth;
 #endif
 #ifdef WRITE_EMISSION
-layout(location = WRITE_EMISSION) out vec4 out_emission;  // a: above 0.5 where it may light other surfaces, else 0 where it shines
+layout(location = WRITE_EMISSION) out vec4 out_emission;  // a: 1 where it may light other surfaces
 #endif
 #ifdef WRITE_SPECULAR_ROUGHNESS
 layout(location = WRITE_SPECULAR_ROUGHNESS) out vec4 out_specular_roughness;
@@ -212,14 +210,6 @@ bool is_other_layer(float d)
     other = other || !(is_surface(nearer) && d > nearer);
 #endif
     return other;
-}
-#endif
-
-#ifdef EMISSION_MAP
-// Whether what is emitted outshines what the surface reflects.
-bool is_glow(vec3 light)
-{
-    return max(max(light.r, light.g), light.b) > LEAST_GLOW * max(max(emission.r, emission.g), emission.b);
 }
 #endif
 
@@ -381,9 +371,6 @@ void main()
 #ifdef WRITE_EMISSION
     bool front = gl_FrontFacing == (scale > 0.0);
     out_emission = front || emission_flags.x > 0.5 ? vec4(sanitize_radiance(light), emission_flags.y) : vec4(0.0);
-#if defined(EMISSION_MAP) && !defined(UNLIT)
-    if (!is_glow(light)) out_emission.a = max(out_emission.a, DIM);
-#endif
 #endif
 #ifdef WRITE_SPECULAR_ROUGHNESS
     out_specular_roughness = reflectance;

@@ -68,7 +68,7 @@ bool agree(float share, float other, float variance)
 
 float ratio_of(vec3 visible, vec3 unshadowed)
 {
-    return dot(visible, vec3(1.0)) / max(dot(unshadowed, vec3(1.0)), 1e-30);
+    return luminance(visible) / max(luminance(unshadowed), 1e-30);
 }
 
 float share_of(vec3 visible, vec3 unshadowed)
@@ -126,7 +126,7 @@ void main()
         all_unshadowed += alike ? sent : vec4(0.0);
         all_square += alike ? t.unshadowed.a * t.weight : 0.0;
         surface_count += alike ? 1 : 0;
-        alike = alike && (agree(t.share, here.share, here.variance + t.variance) || dot(here.unshadowed.rgb, vec3(1.0)) <= 0.0);
+        alike = alike && (agree(t.share, here.share, here.variance + t.variance) || luminance(here.unshadowed.rgb) <= 0.0);
         visible += alike ? seen : vec4(0.0);
         unshadowed += alike ? sent : vec4(0.0);
         square += alike ? t.unshadowed.a * t.weight : 0.0;
@@ -138,7 +138,7 @@ void main()
     bool is_bright = here.unshadowed.a > GUIDED * here.share
         && here.share > (is_surrounded ? 1.0 : RARE) * share_of(all_visible.rgb, all_unshadowed.rgb);
     bool is_heavy = is_surrounded
-        && dot(here.unshadowed.rgb, vec3(1.0)) * all_unshadowed.a > HEAVY * dot(all_unshadowed.rgb, vec3(1.0));
+        && luminance(here.unshadowed.rgb) * all_unshadowed.a > HEAVY * luminance(all_unshadowed.rgb);
     bool is_outlier = spacing == 1 && alike_count <= FEW && (is_bright || is_heavy);
     visible = is_outlier ? all_visible : visible;
     unshadowed = is_outlier ? all_unshadowed : unshadowed;

@@ -47,7 +47,7 @@ void main()
     vec4 visible_now = texelFetch(shadow_visible_now, low, 0), unshadowed_now = texelFetch(shadow_unshadowed_now, low, 0);
     bool healthy_now = is_finite(dot(visible_now + unshadowed_now, vec4(1.0))) && visible_now.a >= 1.0;
     visible_now = healthy_now ? max(visible_now, 0.0) : vec4(0.0);
-    unshadowed_now = healthy_now ? unshadowed_now : vec4(0.0);  // a guided sample may be negative
+    unshadowed_now = healthy_now ? max(unshadowed_now, 0.0) : vec4(0.0);
     Reprojection r = reproject(low);
     Sums old = Sums(vec4(0.0), vec4(0.0), vec4(0.0), 0.0);
     add(r.base, r.weights.x, old);

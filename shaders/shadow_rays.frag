@@ -325,11 +325,14 @@ ShadowRay shadow_ray(ivec2 texel, Receiver r)
     vec3 of_lights = vec3(0.0), of_chosen = vec3(0.0);
 #ifdef HAS_TRACED_LIGHT
     int i = LIGHT_COUNT;
+#ifdef GUIDES_LIGHTS
+    int row = guide_row(texel);
+#endif
     do {
         vec3 light = irradiance(lights[--i], r.p, r.n);
         float brightness = luminance(light), target = brightness;
 #ifdef GUIDES_LIGHTS
-        target *= texelFetch(light_guide, ivec2(i, guide_row(texel)), 0).r;
+        target *= texelFetch(light_guide, ivec2(i, row), 0).r;
 #endif
         of_lights += light;
         arriving += brightness;
@@ -376,9 +379,9 @@ ShadowRay shadow_ray(ivec2 texel, Receiver r)
         vec4(0.0), vec2(-1.0, 0.0));
     // Guided samples say little of what is hidden, so what is known stands for them.
 #ifdef GUIDES_LIGHTS
-    float guided = texelFetch(light_guide, ivec2(LIGHT_COUNT, guide_row(texel)), 0).r;
+    float guided = texelFetch(light_guide, ivec2(LIGHT_COUNT, row), 0).r;
     if (r.is_surface && guided > 0.0) result.known.rgb += guided * of_lights - (to_sky ? vec3(0.0) : result.light.rgb);
-    if (r.is_surface && chosen >= 0 && !to_sky) result.lesson = vec2(chosen, min(luminance(of_chosen) * inverse_chance, HALF_MAX));
+    if (r.is_surface && chosen >= 0 && !to_sky) result.lesson = vec2(chosen, min(luminance(of_chosen) * inverse_chance, MAX_WEIGHED * HALF_MAX));
 #endif
 #ifdef GUIDE_PARTS
     if (r.is_surface) result.known += vec4(guides_to_sky(texel) ? unshadowed - (to_sky ? result.light.rgb : vec3(0.0)) : vec3(0.0), whole_sky);

@@ -10,11 +10,11 @@ import numpy as np
 
 from app.arrays import F32, Bools, Ints
 from app.gl.context import Device
-from app.gl.receiver_tiles import DECAY, OPEN, ReceiverTiles
+from app.gl.receiver_tiles import OPEN, ReceiverTiles
 from app.gl.shader import Program
 
 MIN_SHARE = 0.05  # of a light that a tile is taken to see, in the choice between lights
-MAX_DIFFERENCE = 0.1  # of what rays bring from the irradiance of lights that only approximate surfaces, to guide rays
+MAX_DIFFERENCE = 0.1  # of what rays bring from the analytic irradiance; where they bring another light, none are guided
 TEXTURE_UNIT = 14  # of the guide, beyond those of what passes read
 
 
@@ -52,9 +52,9 @@ class LightGuide:
 
     def fade(self) -> None:
         """Trust what was learned in earlier frames less."""
-        self._tiles.fade()
+        factor = self._tiles.fade()
         for sums in (self._analytic, self._unshadowed, self._visible, self._rays):
-            sums *= DECAY
+            sums *= factor
 
     def learn(self, receivers: Ints, lights: Ints, analytic: F32, unshadowed: F32, visible: F32) -> None:
         """Take what rays of one more sample of each receiver have found; those that follow are guided by it.

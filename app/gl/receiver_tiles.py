@@ -7,7 +7,8 @@ from app.arrays import Floats, Ints
 TILE = 18            # receivers along the edge of a tile, two blocks of shadow_rays.frag
 FIRST_SAMPLES = 4    # of each receiver, by which a frame without history learns
 OPEN = 0.5           # visible share of the light from which on rays are spread as if nothing was in the way
-DECAY = 0.9          # of what was learned, per frame, while the camera or something moves
+DECAY = 0.9          # of what was learned, per frame, while the camera or something moves,
+MOVING_SAMPLES = 8.0  # and of each receiver at most
 
 
 def tiles(size: tuple[int, int]) -> tuple[int, int]:
@@ -44,9 +45,11 @@ class ReceiverTiles:
         """Count samples from none again."""
         self._samples, self._new_samples = 0.0, 0  # of each receiver, learned from in all and since the last update
 
-    def fade(self) -> None:
-        """Trust the samples until now less."""
-        self._samples *= DECAY
+    def fade(self) -> float:
+        """Trust the samples until now less, because something moves: by the factor that this returns."""
+        factor = min(DECAY, MOVING_SAMPLES / max(self._samples, 1.0))
+        self._samples *= factor
+        return factor
 
     def is_due(self) -> bool:
         """Count one more sample of each receiver; whether there are as many new ones as old ones."""

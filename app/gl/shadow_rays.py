@@ -19,7 +19,7 @@ from app.math3d import LUMINANCE, put_rows
 
 PASSES_PROXIES, MEETS_ALL, TO_SKY = 1.0, 2.0, 3.0  # kinds of rays in shadow_rays.frag, the last one from there on
 TO_LUMINANCE = LUMINANCE.astype(np.float32)[:, None]
-LUMINANCE_FLOOR, MAX_SQUARE = 1e-30, 1e4
+LUMINANCE_FLOOR, MAX_SQUARE = 1e-30, 1e4  # as in shadow_rays.frag
 RAY_EPSILON = 1e-4  # of the scene's longest edge, by which rays start off their surface
 
 
@@ -185,12 +185,19 @@ def _mean(total: F32, samples: F32) -> F32:
 
 
 def merge_unguided(found: tuple[F32, ...], before: tuple[F32, ...], guided: Bools) -> tuple[F32, ...]:
-    """What ``ShadowRays.trace`` found, with what it had found before where receivers are not guided, shape (h, w)."""
-    count, count_before = found[0][..., 3:], before[0][..., 3:] * ~guided[..., None]
-    share = count_before / np.maximum(count + count_before, 1)
-    visible, unshadowed = (new + (old - new) * share for new, old in zip(found[:2], before[:2], strict=True))
-    visible[..., 3:] = count + count_before
-    return visible, unshadowed, *found[2:]
+    """What ``ShadowRays.trace`` found, and found before; diffuse light only where rays are not guided, (h, w)."""
+    def merged(new: F32, old: F32, count: F32, count_before: F32) -> F32:
+        return np.asarray(new + (old - new) * (count_before / np.maximum(count + count_before, 1)), np.float32)
+
+    counts = found[0][..., 3:], before[0][..., 3:] * ~guided[..., None]
+    visible, unshadowed = (merged(new, old, *counts) for new, old in zip(found[:2], before[:2], strict=True))
+    visible[..., 3:] = counts[0] + counts[1]
+    if len(found) == 2:
+        return visible, unshadowed
+    rays = found[2][..., 3:], before[2][..., 3:]
+    specular = merged(found[2], before[2], *rays)
+    specular[..., 3:] = rays[0] + rays[1]
+    return visible, unshadowed, specular
 
 
 def specular_defines(lights: Mapping[str, object], has_specular: bool) -> dict[str, object]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from app.arrays import F32, Bools, Ints
 from app.gl.context import Device
-from app.gl.receiver_tiles import DECAY, OPEN, ReceiverTiles
+from app.gl.receiver_tiles import OPEN, ReceiverTiles
 from app.gl.shader import Program
 from app.sky_parts import PARTS, blur_parts
 
@@ -67,9 +67,9 @@ class SkyGuide:
 
     def fade(self) -> None:
         """Trust what was learned in earlier frames less."""
-        self._tiles.fade()
+        factor = self._tiles.fade()
         for sums in (self._visible, self._unshadowed):
-            sums *= DECAY
+            sums *= factor
 
     def learn(self, receivers: Ints, parts: Ints, luminance: F32, sky: F32) -> None:
         """Take which rays have arrived of one more of each receiver; those that follow are guided by it.

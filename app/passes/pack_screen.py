@@ -7,6 +7,8 @@ from app.gl.pool import Resources
 from app.graph import BoundPass, Buf, Pass
 from app.network.channels import CHANNELS, PANORAMA, SCREEN, SEEN
 from app.network.contract import ModelContract, TensorSpec
+from app.radiance_scale import reflected_radiance
+from app.scene import Scene
 
 # The targets that each channel is made from; those with a question mark may be missing.
 SOURCES: dict[str, tuple[str, ...]] = {
@@ -38,9 +40,9 @@ def tensor_names(contract: ModelContract) -> dict[str, str]:
     return {t: f"{kind}_{t}" for t in contract.inputs}
 
 
-def declare(name: str, contract: ModelContract, size: tuple[int, int], extent: float,
+def declare(name: str, contract: ModelContract, size: tuple[int, int], scene: Scene,
             normals: str = "normal") -> Pass:
-    """The pass ``name``; ``extent`` is the scene's longest edge in scene units, ``normals`` are those of the screen."""
+    """The pass ``name``; ``normals`` are those of the screen."""
     grid = contract.screen_size(size)
     specs = {t: spec for t, spec in contract.inputs.items() if spec.grid in SEEN}
     names = dict.fromkeys(name for spec in specs.values() for name in _sources(spec, normals))
@@ -48,12 +50,12 @@ def declare(name: str, contract: ModelContract, size: tuple[int, int], extent: f
     return Pass(name, reads=tuple(n for n in names if not n.endswith("?")),
                 optional=tuple(n.removesuffix("?") for n in names if n.endswith("?")),
                 writes={buffers[t]: Buf(spec.shape(grid)) for t, spec in specs.items()},
-                make=lambda device, bound: make(device, bound, contract, grid, extent, normals))
+                make=lambda device, bound: make(device, bound, contract, grid, scene, normals))
 
 
-def make(device: Device, bound: BoundPass, contract: ModelContract, grid: tuple[int, int], extent: float,
+def make(device: Device, bound: BoundPass, contract: ModelContract, grid: tuple[int, int], scene: Scene,
          normals: str) -> Execute:
-    packers = [_packer(device, bound, contract, t, grid, extent, normals)
+    packers = [_packer(device, bound, contract, t, grid, scene, normals)
                for t, spec in contract.inputs.items() if spec.grid in SEEN]
 
     def execute(frame: FrameState, resources: Resources) -> None:
@@ -65,7 +67,7 @@ def make(device: Device, bound: BoundPass, contract: ModelContract, grid: tuple[
 
 
 def _packer(device: Device, bound: BoundPass, contract: ModelContract, tensor: str, grid: tuple[int, int],
-            extent: float, normals: str) -> Execute:
+            scene: Scene, normals: str) -> Execute:
     spec = contract.inputs[tensor]
     sources = [name.removesuffix("?") for name in _sources(spec, normals)]
     reads = tuple(r for r in bound.reads if r in sources)
@@ -74,8 +76,9 @@ def _packer(device: Device, bound: BoundPass, contract: ModelContract, tensor: s
     defines["PACK_CHANNELS"] = _stores(spec)
     if spec.face is not None:
         defines |= cube_defines(spec.face, contract.cube_axes == "camera")
-    if "gathered.rgb" in spec.channels:
-        defines["WITHOUT_LAMPS"] = 1
+    glow: dict[str, float] = {}
+    if "gathered.rgb" in spec.channels:  # whose grid shows no lamps
+        defines["WITHOUT_LAMPS"], glow = 1, {"least_glow": reflected_radiance(scene)}
     if spec.grid == PANORAMA:
         defines["PANORAMA"] = 1
     program = device.program("pack_screen.comp", defines=defines)
@@ -87,7 +90,7 @@ def _packer(device: Device, bound: BoundPass, contract: ModelContract, tensor: s
         resources.bind(program, reads=reads, samplers=samplers)
         resources.buffer(buffer).bind_to_storage_buffer(0)
         span = ratio_to(grid, frame) if spec.grid == SCREEN else (1.0, 1.0)
-        program.set(extent=contract.scene_extent / extent, texel_span=span, grid=(width, height))
+        program.set(extent=contract.scene_extent / scene.longest_edge, texel_span=span, grid=(width, height), **glow)
         program.raw.run(*groups)
 
     return pack

@@ -132,15 +132,17 @@ def _make_rays(device: Device, bound: BoundPass, defines: Mapping[str, object], 
         if light_guide is not None:
             _follow(light_guide, frame, continues and not frame.relit)
         before = None
-        if not continues and (sky_guide is not None or light_guide is not None) and len(samples) > FIRST_SAMPLES:
-            before, samples = rays.trace(frame, samples[:FIRST_SAMPLES]), samples[FIRST_SAMPLES:]
+        if not continues and (sky_guide is not None or light_guide is not None):
+            before = rays.trace(frame, range(FIRST_SAMPLES))
+            samples = range(max(samples.start, FIRST_SAMPLES), samples.stop)
         if gpu_rays is not None and (sky_guide is None or len(samples) <= MAX_LESSONS):
             resources.bind(gpu_rays.program)
             gpu_rays.program.set(ratio=ratio_to(size, frame))
             gpu_rays.draw(frame, samples, [resources[name] for name in sums])
         else:
             found = rays.trace(frame, samples)
-            found = found if before is None else merge_unguided(found, before, rays.guided)
+            if before is not None and not (has_history and frame.history_valid):
+                found = merge_unguided(found, before, rays.guided)
             for name, values in zip(sums, found, strict=True):
                 resources[name].write(values.tobytes())
         if sky_guide is not None and SKY in bound.writes:
@@ -151,7 +153,7 @@ def _make_rays(device: Device, bound: BoundPass, defines: Mapping[str, object], 
 
 
 def _follow(guide: SkyGuide | LightGuide, frame: FrameState, continues: bool) -> None:
-    """Let a guide forget what has changed, if not all has with a frame that does not continue the last one."""
+    """Let a guide forget all if the frame does not continue the last one, or trust it less if something moves."""
     if not continues:
         guide.forget()
     elif frame.motion is not MotionKind.NONE:

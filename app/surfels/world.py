@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from app.arrays import F32, F64, Ints
 from app.math3d import View, put_rows, row_dots
+from app.radiance_scale import reflected_radiance
 from app.raycast.caster import STATIC, AttachedPoints, Caster, Hits, concatenate
 from app.scene import Scene
 from app.surfels import kernel, neighbours
@@ -29,7 +30,7 @@ COVERAGE_RAYS = 64         # rays from an eye; it is covered when few of them
 MAX_COVERED_RADII = 2.0    # end farther than this many radii from a surfel:
 MAX_UNCOVERED = 0.25       # less than this share.
 EMISSION_RAYS = 144        # of a surfel, to find emissive surfaces, which may be small
-PROXY_WEIGHT = 1e-3        # of surfels on light proxies: things right before one would get what arrives there
+LAMP_WEIGHT = 1e-3         # of surfels on lamps: things right before one would get the light that arrives there
 
 
 class WorldSurfels:
@@ -92,7 +93,8 @@ class WorldSurfels:
         self._rays = trace_cosine_rays(self._caster, self._surfels, rays, rng)
         median = np.median(self._rays.static.distance.reshape(self.used, rays), axis=1)
         weight = np.minimum(median / self.radius[:self.used], 1.0)
-        self.weight = self._pad(np.where(self._is_light_proxy, np.float32(PROXY_WEIGHT) * weight, weight))
+        is_lamp = self._is_light_proxy & (surfels.emission.max(axis=1) > reflected_radiance(scene))
+        self.weight = self._pad(np.where(is_lamp, np.float32(LAMP_WEIGHT) * weight, weight))
         self.clip_plane = self._find_clip_planes(median)
         self._static_index = self._nearest(self._rays.static)
         self._assign_light_samples(candidates, chosen)

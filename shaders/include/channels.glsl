@@ -31,12 +31,13 @@ vec2 centre(ivec2 t)
     return vec2(t) + 0.5;
 }
 
-#ifdef HAS_EMISSION
-// Whether texel t shows what emits more than it reflects: an analytic light stands for it, or it is unlit.
+#if defined(WITHOUT_LAMPS) && defined(HAS_EMISSION)
+uniform float least_glow;  // above which what an analytic light stands for emits more than it reflects
+
 bool is_lamp(ivec2 t)
 {
     vec4 emitted = texelFetch(emission, t, 0);
-    return emitted.a == 0.0 && emitted.rgb != vec3(0.0);
+    return emitted.a == 0.0 && max(max(emitted.r, emitted.g), emitted.b) > least_glow;
 }
 #endif
 
