@@ -332,7 +332,8 @@ void main()
 #endif
 #if defined(HAS_MIRRORED) && defined(HAS_SPECULAR_ROUGHNESS)
         vec4 reflectance = texelFetch(specular_roughness, texel, 0);
-        vec3 n = sanitize_normal(texelFetch(normal, texel, 0).xyz), v = -normalize(along_view(surface_point(gl_FragCoord.xy, d)));
+        vec3 n = sanitize_normal(texelFetch(normal, texel, 0).xyz);
+        vec3 v = -normalize(along_view(surface_point(gl_FragCoord.xy, d)));
         light += coverage * specular_albedo(sanitize_albedo(reflectance.rgb), reflectance.a, dot(n, v))
             * coarse_light(mirrored, gl_FragCoord.xy, d, vec3(0.0));
 #endif

@@ -94,7 +94,8 @@ layout(location = 1) out vec4 out_vector;  // from there to the ray's end; a: 0:
 layout(location = 2) out vec4 out_light;   // rgb: unshadowed irradiance of the sample, over its probability; a: for a specular
                                            // ray instead, the luminance of the rectangle that it is traced to
 #ifdef GUIDE_TILE
-layout(location = 3) out vec4 out_known;   // rgb: unshadowed irradiance that is known, less the sample's part of it; a: luminance of the sky's
+layout(location = 3) out vec4 out_known;   // rgb: unshadowed irradiance that is known, less the sample's part of it; a: luminance
+                                           // of the sky's
 #endif
 #ifdef GUIDES_LIGHTS
 layout(location = 4) out vec2 out_lesson;  // light, -1: none; luminance of its irradiance over the chance that it was chosen
@@ -380,11 +381,14 @@ ShadowRay shadow_ray(ivec2 texel, Receiver r)
     // Guided samples say little of what is hidden, so what is known stands for them.
 #ifdef GUIDES_LIGHTS
     float guided = texelFetch(light_guide, ivec2(LIGHT_COUNT, row), 0).r;
-    if (r.is_surface && guided > 0.0) result.known.rgb += guided * of_lights - (to_sky ? vec3(0.0) : result.light.rgb);
-    if (r.is_surface && chosen >= 0 && !to_sky) result.lesson = vec2(chosen, min(luminance(of_chosen) * inverse_chance, MAX_WEIGHED * HALF_MAX));
+    vec3 from_light = to_sky ? vec3(0.0) : result.light.rgb;
+    if (r.is_surface && guided > 0.0) result.known.rgb += guided * of_lights - from_light;
+    if (r.is_surface && chosen >= 0 && !to_sky)
+        result.lesson = vec2(chosen, min(luminance(of_chosen) * inverse_chance, MAX_WEIGHED * HALF_MAX));
 #endif
 #ifdef GUIDE_PARTS
-    if (r.is_surface) result.known += vec4(guides_to_sky(texel) ? unshadowed - (to_sky ? result.light.rgb : vec3(0.0)) : vec3(0.0), whole_sky);
+    vec3 from_sky = to_sky ? result.light.rgb : vec3(0.0);
+    if (r.is_surface) result.known += vec4(guides_to_sky(texel) ? unshadowed - from_sky : vec3(0.0), whole_sky);
 #endif
 #ifdef SPECULAR_RAYS
     Lobe lobe = specular_lobe(r.p, r.n, texelFetch(specular_roughness, r.pixel, 0));

@@ -111,10 +111,9 @@ def ratio_of_changed_texel(share: float, rays: str, change: Change) -> F32:
         for _ in range(3):
             renderer.render(camera)
         unshadowed = renderer.resource("shadow_unshadowed").copy()
-        assert unshadowed[..., 3].mean() > 0.9  # the share of samples that were guided
         visible = unshadowed * share
-        visible[..., 3] = 64.0
-        change(visible[20, 20, :3], unshadowed[20, 20, :3])
+        visible[..., 3], unshadowed[..., 3] = 64.0, share  # samples, and their mean square where all have one weight
+        change(visible[20, 20], unshadowed[20, 20])
         draw_replaced(renderer, [camera], {"shadow_visible": visible, "shadow_unshadowed": unshadowed})
         return np.asarray(renderer.resource("shadow_ratio")[..., 1])
 
@@ -124,7 +123,8 @@ def ratio_of_changed_texel(share: float, rays: str, change: Change) -> F32:
 def test_a_texel_that_alone_has_met_the_sky_does_not_shine(rays: str, share: float, factor: float) -> None:
     """Below a lamp, rays are seldom sent to a sky that is mostly hidden, and then bring much of its light."""
     def brighten(visible: F32, unshadowed: F32) -> None:
-        visible *= factor
+        visible[:3] *= factor
+        unshadowed[3] *= 3 * factor  # by few samples of much light
 
     ratio = ratio_of_changed_texel(share, rays, brighten)
     np.testing.assert_allclose(ratio[10:30, 10:30], share, atol=0.06)
@@ -132,7 +132,7 @@ def test_a_texel_that_alone_has_met_the_sky_does_not_shine(rays: str, share: flo
 
 def test_a_hidden_sample_of_much_light_leaves_no_dark_dot() -> None:
     def add_hidden_light(visible: F32, unshadowed: F32) -> None:
-        unshadowed *= 1.7
+        unshadowed[:3] *= 1.7
 
     ratio = ratio_of_changed_texel(0.9, "cpu", add_hidden_light)
     np.testing.assert_allclose(ratio[10:30, 10:30], 0.9, atol=0.07)
@@ -141,7 +141,8 @@ def test_a_hidden_sample_of_much_light_leaves_no_dark_dot() -> None:
 def test_a_shadow_of_one_texel_stays() -> None:
     """Its unshadowed light is that of the texels around."""
     def hide(visible: F32, unshadowed: F32) -> None:
-        visible *= 0.1
+        visible[:3] *= 0.1
+        unshadowed[3] *= 0.1
 
     ratio = ratio_of_changed_texel(0.9, "cpu", hide)
     assert ratio[20, 20] < 0.2
