@@ -23,7 +23,7 @@ def reflected_radiance(scene: Scene) -> float:
     distance = scene.longest_edge / 4
     estimates = []
     if scene.environment is not None:
-        estimates.append(float(scene.environment.radiance.mean(axis=(0, 1), dtype=np.float64).max()))
+        estimates.append(float(scene.environment.mean_radiance.max()))
     for light in scene.lights:
         match light:
             case PointLight() | SpotLight():

@@ -504,6 +504,11 @@ class Environment:
     radiance: F32
     rotation_deg: float = 0.0
 
+    @cached_property
+    def mean_radiance(self) -> F64:
+        """Over the sphere, W/(sr m²), shape (3,)."""
+        return np.asarray(self.radiance.mean(axis=(0, 1), dtype=np.float64))
+
 
 @dataclass(frozen=True)
 class Intrinsics:

@@ -14,7 +14,6 @@ from app.arrays import F32, F64
 from app.gl.frame_state import Execute, FrameState
 from app.gl.peeling import PeeledLayer
 from app.gl.pool import Resources
-from app.gl.shadow_rays import RAY_EPSILON
 from app.graph import Pass, Tex
 from app.math3d import row_dots
 from app.network.channels import HALF_MAX
@@ -80,7 +79,7 @@ def _mirrored(surfels: TrackedSurfels, leaving: F32, at: F32, normal: F32, along
     caster = surfels.caster
     direction = along - 2 * row_dots(along, normal)[:, None] * normal
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    hits = caster.cast(at + normal * (RAY_EPSILON * caster.extent), direction)
+    hits = caster.cast(at + normal * caster.ray_epsilon, direction)
     met = np.flatnonzero(hits.body >= 0)
     ends = hits.select(met)
     light = np.zeros_like(at)

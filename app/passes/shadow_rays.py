@@ -63,8 +63,7 @@ def declare(lights: LightSet, has_specular: bool, has_sky: bool, scene: Callable
     of_sky = {SKY: Tex("f4", 1, size=tiles(receivers))} if has_sky and lights.has_traced and has_specular else {}
     surfaces = "albedo", "normal", "depth", *(("specular_roughness",) if defines else ())
     yield Pass("shadow_rays", reads=(*surfaces, *(SKY_READS if has_sky else ())), writes={**now, **of_sky},
-               make=lambda device, bound: _make_rays(device, bound, {**lights.defines, **defines}, scene(), receivers,
-                                                     has_history))
+               make=lambda device, bound: _make_rays(device, bound, lights, defines, scene(), receivers, has_history))
     if has_history:
         yield Pass("shadow_history",
                    reads=(*now, "shadow_gbuffer", "motion", *(f"{name}@prev" for name in sums), "shadow_gbuffer@prev"),
@@ -98,14 +97,13 @@ def filter_shift(frame: FrameState, spacing: int) -> tuple[int, int]:
     return x - spacing // 2, y - spacing // 2
 
 
-def _make_rays(device: Device, bound: BoundPass, defines: Mapping[str, object], scene: RayScene, size: tuple[int, int],
-               has_history: bool) -> Execute:
-    has_sky, light_count = "sky_strata" in bound.reads, int(str(defines["LIGHT_COUNT"]))
+def _make_rays(device: Device, bound: BoundPass, lights: LightSet, defines: Mapping[str, object], scene: RayScene,
+               size: tuple[int, int], has_history: bool) -> Execute:
+    has_sky, traced = "sky_strata" in bound.reads, len(lights.lights) - len(lights.mapped)
     sky_guide = SkyGuide(device, size) if has_sky else None
-    traced = light_count - int(str(defines["MAPPED_COUNT"]))
     has_choice = traced > 0 and traced + has_sky > 1 and scene.shader_rays is None
-    light_guide = LightGuide(device, size, light_count) if has_choice else None
-    defines = {**defines, **read_defines(bound)}
+    light_guide = LightGuide(device, size, len(lights.lights)) if has_choice else None
+    defines = {**lights.defines, **defines, **read_defines(bound)}
     rays = ShadowRays(device, size, defines, scene, sky_guide, light_guide)
     draws_rays = scene.shader_rays is not None and (sky_guide is None or has_history)
     gpu_rays = GpuShadowRays(device, size, defines, scene, sky_guide) if draws_rays else None
