@@ -225,6 +225,12 @@ class FrameInputs:
         size = self.settings.render_size
         return reflection.has_detail(reflection.grid(size), size, self.settings.taa)
 
+    def has_sharp_images(self, outer: bool = False) -> bool:
+        """Whether opaque or ``outer`` surfaces show sharp images, whose details are followed while something moves."""
+        coats = (m.clearcoat for m in self.scene.materials if m.clearcoat is not None and m.clearcoat.strength > 0)
+        return (any(reflection.is_sharp(m.min_roughness) for m in self.scene.materials if m.is_see_through is outer)
+                or (outer and any(reflection.is_sharp(coat.roughness) for coat in coats)))
+
     @property
     def gathers_reflections(self) -> bool:
         """Whether pixels of a still get reflections of their own one after another."""
@@ -468,7 +474,7 @@ def _reflections(inputs: FrameInputs) -> Iterator[Step]:
     else:
         yield from _absent("there is no clear coat, and nothing smooth that is seen through", *OUTER_PASSES)
     if "reflection" in settings.outputs:
-        yield reflection.declare(grid, _reflecting(inputs))
+        yield reflection.declare(grid, _reflecting(inputs), inputs.has_sharp_images())
     else:
         yield Absent("reflection", "not asked for by --aov; composite adds reflections itself")
 
@@ -480,7 +486,7 @@ def _reflected_rays(inputs: FrameInputs, grid: Size, prefix: str = "") -> Iterat
     yield reflection_rays.declare(grid, inputs.surfels, inputs.lights, scene.environment, settings.taa, prefix)
     yield from reflection.declare_gathering(grid, settings.taa, prefix)
     if inputs.has_reflection_detail:
-        yield reflection.declare_detail(grid, prefix)
+        yield reflection.declare_detail(grid, inputs.has_sharp_images(outer=bool(prefix)), prefix)
     else:
         yield Absent(prefix + "reflection_detail",
                      "the image is no larger than the grid of reflections" if settings.taa else NO_TAA)
@@ -493,7 +499,7 @@ def _outer_reflections(inputs: FrameInputs, grid: Size) -> Iterator[Step]:
                                 inputs.settings.taa)
     yield lowres_gbuffer.declare(prefix + "reflection_gbuffer", grid, prefix + "normal", prefix + "depth")
     yield from _reflected_rays(inputs, grid, prefix)
-    yield reflection.declare_outer(grid, inputs.has_reflection_detail, prefix)
+    yield reflection.declare_outer(grid, inputs.has_reflection_detail, inputs.has_sharp_images(outer=True), prefix)
 
 
 def _reflecting(inputs: FrameInputs) -> tuple[str, ...]:
@@ -505,7 +511,7 @@ def _reflecting(inputs: FrameInputs) -> tuple[str, ...]:
 def _composite(inputs: FrameInputs) -> Pass:
     surfaces = _reflecting(inputs) if inputs.why_no_reflections is None else ()
     return composite.declare(inputs.models.indirect is not None, "opaque_lit" if inputs.has_see_through else "lit",
-                             surfaces, reflection.grid(inputs.settings.render_size))
+                             surfaces, reflection.grid(inputs.settings.render_size), inputs.has_sharp_images())
 
 
 def _network(inputs: FrameInputs, model: Network | RepeatedNetwork, grid: Size, target: str) -> Iterator[Step]:

@@ -293,16 +293,16 @@ void main()
     coat.y *= lookup(clearcoat_roughness_map, map_at(clearcoat_roughness_uv)).g;
 #endif
 #ifdef CLEARCOAT_NORMAL_MAP
-    coat_normal = bend_above_face(mapped_normal(lookup(clearcoat_normal_map, map_at(clearcoat_normal_uv)).xyz,
-                                                clearcoat_normal_scale, normal, tangent, sign(scale), face), face, v);
+    coat_normal = bend_above_face(mapped_normal(lookup(clearcoat_normal_map, map_at(clearcoat_normal_uv)),
+                                                clearcoat_normal_scale, normal, tangent, sign(scale), face, v), face, v);
 #endif
 #endif
 #ifdef WRITE_SMOOTH_NORMAL
     out_smooth_normal = vec4(n, 0.0);
 #endif
 #ifdef NORMAL_MAP
-    n = bend_above_face(mapped_normal(lookup(normal_map, map_at(normal_uv)).xyz, normal_scale, normal, tangent,
-                                      sign(scale), face), face, v);
+    n = bend_above_face(mapped_normal(lookup(normal_map, map_at(normal_uv)), normal_scale, normal, tangent,
+                                      sign(scale), face, v), face, v);
 #endif
 #if defined(SPECULAR) && defined(WRITE_ALBEDO)
     // A surface reflects no more light than arrives.

@@ -1,9 +1,7 @@
-// Gathers reflected light over frames. It follows the mirror image rather than the surface: the point as far behind a mirror as
-// what it shows is before it, closer for rough surfaces (Zimmer et al. 2015, "Path-space Motion Estimation and Decomposition
-// for Robust Animation Filtering"; the factor is that of Lagarde and de Rousiers 2014, section 4.9.3).
+// Gathers reflected light over frames. It follows the mirror image rather than the surface.
 #include "numbers.glsl"
 #include "grid.glsl"
-#include "projection.glsl"
+#include "mirror_image.glsl"
 #include "nearest_texel.glsl"
 #include "reflection.glsl"
 
@@ -11,8 +9,6 @@ const float MIN_SHARE = 0.05;        // of the texels around that must show the 
 const float MIN_NEIGHBOURS = 4.0;    // with samples, that bound the history
 const float MAX_BRIGHTENING = 4.0;   // history counts as at most this many times what is around now, or a flash would linger
 const float MAX_RARE = 40.0;         // the same where few rays of a wide lobe meet a window or a lamp, and at rest
-const float SHARP = 0.1, BLURRED = 0.25;  // roughness up to which the history of what moves is bounded, and from which it isn't;
-const float NARROW = 1.5, WIDE = 3.0;     // the same for the spread of the lobe in texels, of which few rays meet a window
 const float MAX_WEIGHT = 8.0;             // of a traced sample
 const float SIGMAS = 2.0;            // of their mean, within which history counts
 
@@ -20,8 +16,8 @@ uniform sampler2D reflection_now;  // radiance; a: length of the ray / depth whe
 #ifdef FAST_PATH
 uniform sampler2D reflection_origin;  // a: 0 where nothing reflects
 #elif defined(HAS_REFLECTION_LOW_PREV)
-uniform sampler2D reflection_ray;     // a: negative if the screen does not show the end
-uniform sampler2D reflection_chance;  // that such a ray is traced
+uniform sampler2D reflection_ray;     // a: (SHARP_)NOT_SHOWN if the screen does not show the end
+uniform sampler2D reflection_chance;  // that such a ray of a blurred image is traced
 uniform sampler2D reflection_gbuffer;
 uniform sampler2D specular_roughness;
 uniform sampler2D motion;
@@ -29,8 +25,6 @@ uniform sampler2D reflection_low_prev;
 uniform sampler2D reflection_distance_prev;
 uniform sampler2D reflection_gbuffer_prev;
 uniform vec2 ratio;            // full-resolution texels per low-resolution texel
-uniform mat4 previous_from_relative;  // camera space of the frame before, from this frame's relative space
-uniform vec4 previous_lens;    // half the image's size; where the view axis met it
 uniform vec2 max_frames;       // of the history of mirrors, and of rough surfaces
 uniform bool history_valid;
 uniform bool bounded;          // whether that of sharp images counts only within what the texels around show now
@@ -44,12 +38,8 @@ layout(location = WRITE_REFLECTION_DISTANCE) out float out_reflection_distance; 
 float sample_weight(ivec2 low)
 {
     float chance = texelFetch(reflection_chance, ivec2(0), 0).r;
-    return texelFetch(reflection_ray, low, 0).a < 0.0 && chance < 1.0 ? 1.0 / max(chance, 1.0 / MAX_WEIGHT) : 1.0;
-}
-
-vec3 previous_point(vec2 pixel, float depth)
-{
-    return unproject(pixel, depth, previous_lens.xy, previous_lens.zw);
+    float along = texelFetch(reflection_ray, low, 0).a;
+    return along < 0.0 && along > SHARP_NOT_SHOWN && chance < 1.0 ? 1.0 / max(chance, 1.0 / MAX_WEIGHT) : 1.0;
 }
 
 // Adds a texel of the frame before, if it shows the surface with the plane through p, in that frame's camera space.
@@ -106,14 +96,10 @@ void main()
     vec3 deviation = sqrt(max(square * scale - mean * mean, 0.0));
     float reach = sampled ? now.a : distances * scale;
 
-    float smoothness = 1.0 - clamp(roughness, 0.0, 1.0), depth = surface.a;
-    vec3 p = surface_point(vec2(full) + 0.5, depth);
-    vec3 behind = normalize(along_view(p)) * (min(reach, HALF_MAX) * depth * smoothness * (sqrt(smoothness) + roughness));
-    vec3 view = mat3(view_from_relative) * p;
-    vec2 pixel = project(view, lens.xy, center.xy).xy - moved.xy * vec2(1.0, -1.0);
-    vec3 before = previous_point(pixel, depth * moved.z), image_before = before + mat3(previous_from_relative) * behind;
-    vec2 image_now = project(view + mat3(view_from_relative) * behind, lens.xy, center.xy).xy;
-    vec2 at = vec2(low) - (image_now - project(image_before, previous_lens.xy, previous_lens.zw).xy) / ratio, f = fract(at);
+    float depth = surface.a;
+    MirrorImage image_before = mirror_image(surface_point(vec2(full) + 0.5, depth), depth, moved, reach, roughness);
+    vec3 before = image_before.surface;
+    vec2 at = vec2(low) - image_before.moved / ratio, f = fract(at);
     ivec2 base = ivec2(floor(at));
     vec3 n = mat3(previous_from_relative) * surface.xyz;
     float tolerance = PLANE_TOLERANCE * depth_scale(depth * moved.z);
@@ -127,7 +113,7 @@ void main()
     vec4 history = sum / weight;
     float old_distance = old_distances / weight;
     vec3 margin = SIGMAS * deviation;
-    float blur = max(smoothstep(SHARP, BLURRED, roughness), smoothstep(NARROW, WIDE, lobe_texels(reach, roughness, depth, ratio)));
+    float blur = image_blur(reach, roughness, depth, ratio);
     float loose = bounded ? blur : 1.0;
     history.rgb = brightest > 0.0 ? min(history.rgb, mix(MAX_BRIGHTENING, MAX_RARE, loose) * brightest) : history.rgb;
     vec3 near = clamp(history.rgb, mean - margin, mean + margin);

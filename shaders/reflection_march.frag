@@ -16,7 +16,6 @@ const float MAX_OFF = 2.0;          // pixels, between a ray's end and the point
 const float MIN_FACING = 0.05;      // cosine, of a surface to the eye
 const float MAX_LENGTH = 1e3;       // of depth_scale
 const float MAX_APPROACH = 0.98;    // of the depth, by which a ray may come towards the eye
-const float NOT_SHOWN = -1.0;
 
 uniform sampler2D reflection_gbuffer;
 uniform sampler2D normal;
@@ -49,7 +48,7 @@ uniform int refinements = 5; // halvings of the step that meets a surface; no co
 
 // Relative space; a: 1 + number of the pixel in the texel, at rest; negative on another surface, 0 for none.
 layout(location = WRITE_REFLECTION_ORIGIN) out vec4 out_origin;
-layout(location = WRITE_REFLECTION_RAY) out vec4 out_ray;  // unit vector; a: length, 0 for no ray, NOT_SHOWN
+layout(location = WRITE_REFLECTION_RAY) out vec4 out_ray;  // unit vector; a: length, 0 for no ray, or (SHARP_)NOT_SHOWN
 
 // Depth of what the march has interpolated over the image.
 float marched_depth(float k)
@@ -170,6 +169,7 @@ void main()
     bool same = is_surface(surface.a) && is_surface(d) && dot(n, surface.xyz) >= SAME_NORMAL
         && abs(away) <= PLANE_TOLERANCE * depth_scale(surface.a);
     if (!same && !at_rest) {
+        number = number_of_centre(ratio);
         full = centre;
         d = surface.a;
         n = surface.xyz;
@@ -191,6 +191,8 @@ void main()
     // Half a pixel, within limits, off the surface and towards the eye, where nothing is in the way, also in a corner.
     vec3 origin = p + (face + v) * clamp(0.5 * pixel_width(d), MIN_EPSILON * ray_epsilon, ray_epsilon);
     out_origin = vec4(origin, float(1 + number) * (same ? 1.0 : -1.0));
-    out_ray = vec4(l, march(origin, l, fract(u.x + u.y)));
+    float t = march(origin, l, fract(u.x + u.y));
+    bool is_sharp = image_sharpness(reflectance.a, d, ratio) > 0.0;
+    out_ray = vec4(l, t == NOT_SHOWN && is_sharp ? SHARP_NOT_SHOWN : t);
 #endif
 }

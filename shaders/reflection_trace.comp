@@ -11,6 +11,9 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 const float MAX_UNIT_ERROR = 0.1;  // of a direction's squared length
 
+layout(rgba32f, binding = 4) writeonly uniform image2D end_lobe;  // F0; roughness
+layout(rgba32f, binding = 5) writeonly uniform image2D end_view;  // back along the ray; a: share of the lobe's highlights
+
 uniform sampler2D reflection_origin;  // relative space
 uniform sampler2D reflection_ray;     // direction; a: negative if the screen does not show the end
 #ifdef HAS_ENVIRONMENT
@@ -42,6 +45,14 @@ float trace(vec3 origin, vec3 along, float proxy_share, inout Surface end)
     return met ? hit.distance : sky_distance;
 }
 
+// Of sharp lobes, emission that rays which go on meet is the highlight.
+void store_lobe(ivec2 texel, Surface s, vec3 along)
+{
+    float blurred = smoothstep(SHARP_HIGHLIGHT, BROAD_HIGHLIGHT, s.roughness);
+    imageStore(end_lobe, texel, vec4(s.f0, s.roughness));
+    imageStore(end_view, texel, vec4(-along, blurred));
+}
+
 // Stores ends of first rays in the lower half of the images, and those of rays that go on in the upper half.
 void main()
 {
@@ -51,6 +62,7 @@ void main()
     vec3 origin = texelFetch(reflection_origin, texel, 0).xyz + local_eye;
     Surface end = NO_SURFACE, beyond = NO_SURFACE;
     vec3 more_direct = vec3(0.0);
+    vec3 onward = vec3(0.0);
     float distance = 0.0;  // where no ray was traced; negative where one goes on
     if (ray.a < 0.0 && abs(dot(ray.xyz, ray.xyz) - 1.0) < MAX_UNIT_ERROR && is_finite(dot(origin, vec3(1.0)))) {
         distance = trace(origin, ray.xyz, 0.0, end);
@@ -63,13 +75,16 @@ void main()
             end.albedo = min(end.albedo - instead, 1.0 - mirrored);
             more_direct = for_direct - end.albedo;
             vec2 u = fract(vec2(texel_noise(vec2(texel)), texel_noise(vec2(texel.y, size.x - texel.x))) + noise_offset);
-            vec3 onward = reflected(-ray.xyz, end.normal, end.face, end.roughness * end.roughness, u);
+            onward = reflected(-ray.xyz, end.normal, end.face, end.roughness * end.roughness, u);
             float further = trace(end.position + ray_epsilon * end.face, onward, sharp, beyond);
             distance = -(dot(mirrored - end.albedo, vec3(1.0)) > 0.0 ? distance + further : distance);
             beyond.albedo *= mirrored;
             beyond.emission *= mirrored;
+            beyond.f0 *= mirrored;  // of which the lobe's light is about a multiple
         }
     }
     store_ray_end(texel, end, distance, more_direct);
+    store_lobe(texel, end, ray.xyz);
     store_ray_end(texel + ivec2(0, size.y), beyond, 0.0, vec3(0.0));
+    store_lobe(texel + ivec2(0, size.y), beyond, onward);
 }

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import moderngl
 import numpy as np
@@ -14,6 +15,26 @@ from app.gl.pool import Resources
 from app.gl.shader import Program
 from app.gl.shadow_rays import RayScene, ShadowRays
 from app.gl.shadow_rays_gpu import GpuShadowRays
+
+LOBE_TEXTURES = "light_sample_lobe", "light_sample_view"
+
+
+@dataclass(frozen=True, eq=False)
+class PointLobes:
+    """What N points reflect towards viewers by their specular lobes.
+
+    Attributes
+    ----------
+    f0, view : ndarray, float32, shape (N, 3)
+        Reflectance at normal incidence, 0 for no lobe; unit vectors towards the viewers.
+    roughness, share : ndarray, float32, shape (N, 1)
+        Perceptual; of the lobe's highlights that are wanted.
+    """
+
+    f0: F32
+    view: F32
+    roughness: F32
+    share: F32
 
 
 class DirectLight:
@@ -29,16 +50,21 @@ class DirectLight:
         Width and height of the textures that hold the points.
     on_gpu : bool
         Whether shaders place the points and trace their rays, for ``draw_estimate`` alone.
+    has_lobes : bool
+        Whether the points also have highlights of lights with shadow maps.
     """
 
     def __init__(self, device: Device, lights: LightSet, defines: Mapping[str, object], layout: tuple[int, int],
-                 scene: RayScene, on_gpu: bool = False) -> None:
+                 scene: RayScene, on_gpu: bool = False, has_lobes: bool = False) -> None:
         self._device, self._layout, self._origin, self._maps = device, layout, scene.origin, lights.shadow_maps
-        self._defines, self._mapped_count = {**lights.defines, **defines}, len(lights.mapped)
-        self._light = device.ctx.texture((2 * layout[0], 2 * layout[1]), 4, dtype="f4")
-        self._target = device.ctx.framebuffer([self._light])
+        self._defines = {**lights.defines, **defines, **({"HAS_LOBES": 1} if has_lobes else {})}
+        self._mapped_count = len(lights.mapped)
+        # Irradiance / π; with lobes, highlights.
+        self._drawn = [device.ctx.texture((2 * layout[0], 2 * layout[1]), 4, dtype="f4") for _ in range(1 + has_lobes)]
+        self._target = device.ctx.framebuffer(self._drawn)
         self._rows = layout[1]  # of texels that hold points
-        names = "light_sample_position", "light_sample_normal", "light_sample_visibility"
+        names = ("light_sample_position", "light_sample_normal", "light_sample_visibility",
+                 *(LOBE_TEXTURES if has_lobes else ()))
         self._textures = {name: device.ctx.texture(layout, 4, dtype="f4") for name in names}
         ray_defines = {**lights.defines, "GRID_SURFELS": 1}
         self._rays = ShadowRays(device, layout, ray_defines, scene) if lights.has_traced and not on_gpu else None
@@ -48,7 +74,11 @@ class DirectLight:
     def place(self, position: F32, normal: F32) -> None:
         """Take other points, shape (N, 3) in local space: world axes, relative to the origin of the traced scene."""
         self._rows = -(-len(position) // self._layout[0])
-        for name, rows in (("light_sample_position", position), ("light_sample_normal", normal)):
+        self._write({"light_sample_position": position, "light_sample_normal": normal})
+
+    def _write(self, values: Mapping[str, F32]) -> None:
+        """Values of the points, up to four of each, into the textures of these names."""
+        for name, rows in values.items():
             self._textures[name].write(self._as_texels(rows).tobytes())
 
     def trace(self, frame: FrameState, samples: range) -> tuple[F32, ...] | None:
@@ -71,8 +101,12 @@ class DirectLight:
             self._textures["light_sample_visibility"].write(visibility.tobytes())
         elif not self._mapped_count:
             return np.zeros((self._rows * self._layout[0], 3), np.float32)
-        drawn = self._draw(frame, resources, visibility is not None)
-        texels = np.frombuffer(self._target.read(drawn, components=4, alignment=1, dtype="f4"), np.float32)
+        return self._read(0, self._draw(frame, resources, visibility is not None))
+
+    def _read(self, attachment: int, drawn: tuple[int, int, int, int]) -> F32:
+        """The mean over each point's four texels of what was drawn, shape (N, 3)."""
+        texels = np.frombuffer(self._target.read(drawn, components=4, attachment=attachment, alignment=1, dtype="f4"),
+                               np.float32)
         rows = texels.reshape(self._rows, 2, 8 * self._layout[0])
         pairs = (rows[:, 0] + rows[:, 1]).reshape(-1, 2, 4)
         return np.asarray((pairs[:, 0, :3] + pairs[:, 1, :3]) / np.float32(4), np.float32)
@@ -96,17 +130,23 @@ class DirectLight:
         """Positions and normals of the points, for shaders that place them; a normal of 0 is no point."""
         return self._textures["light_sample_position"], self._textures["light_sample_normal"]
 
+    @property
+    def lobes(self) -> tuple[moderngl.Texture, moderngl.Texture]:
+        """F0 and roughness of the points' lobes; directions to their viewers, and the shares that are wanted."""
+        lobe, view = (self._textures[name] for name in LOBE_TEXTURES)
+        return lobe, view
+
     def draw_estimate(self, frame: FrameState, resources: Resources, sample: int) -> dict[str, moderngl.Texture]:
         """Like ``estimate``, by a ``sample`` of each point's sequence of rays, but at ``points`` and on the GPU alone.
 
         Returns
         -------
         dict of str to Texture
-            ``end_light``: irradiance / π by mapped lights, four texels for each point; with traced lights,
-            ``end_traced``: irradiance by these.
+            ``end_light``: irradiance / π by mapped lights, four texels for each point; with lobes, ``end_highlights``;
+            with traced lights, ``end_traced``: irradiance by these.
         """
         self._draw(frame, resources, has_traced=False)
-        light = {"end_light": self._light}
+        light = dict(zip(("end_light", "end_highlights"), self._drawn, strict=False))
         if self._gpu_rays is not None:
             self._bind(self._gpu_rays.program, tuple(self._textures)[:2], 0)
             self._gpu_rays.draw(frame, range(sample, sample + 1), self._traced)
@@ -114,8 +154,9 @@ class DirectLight:
         return light
 
     def estimate(self, frame: FrameState, resources: Resources, position: F32, normal: F32, rays: int = 1,
-                 smooth: Callable[[F32], F32] = lambda traced: traced) -> F32:
-        """Irradiance / π at N points, shape (N, 3); of lights whose shadows are traced, the mean of so many ``rays``.
+                 smooth: Callable[[F32], F32] = lambda traced: traced,
+                 lobes: PointLobes | None = None) -> tuple[F32, F32]:
+        """Irradiance / π at N points; of lights whose shadows are traced, the mean of so many ``rays``. Highlights.
 
         Of these a ratio of visible to unshadowed light would be biased, for a single ray sees one light only.
 
@@ -123,18 +164,32 @@ class DirectLight:
         ----------
         smooth : callable, optional
             Takes some of the noise from light of that kind, shape (N, 3).
+        lobes : PointLobes, optional
+            Of the points, if the object has lobes.
+
+        Returns
+        -------
+        tuple of ndarray, float32, shape (N, 3)
+            Irradiance / π, and the radiance of highlights of lights with shadow maps, less what of the same light is
+            reflected where lobes count as diffuse; 0 without ``lobes``.
         """
         at_once = math.prod(self._layout)
-        light, of_traced = np.zeros_like(position), np.zeros_like(position)
+        light, of_traced, highlights = np.zeros_like(position), np.zeros_like(position), np.zeros_like(position)
         for number, first in enumerate(range(0, len(position), at_once)):
             rows = slice(first, first + at_once)
             count = len(position[rows])
             self.place(position[rows], normal[rows])
+            if lobes is not None:
+                of_points = (lobes.f0, lobes.roughness), (lobes.view, lobes.share)
+                self._write({name: np.concatenate([part[rows] for part in parts], axis=1)
+                             for name, parts in zip(LOBE_TEXTURES, of_points, strict=True)})
             light[rows] = self.draw(frame, resources, None)[:count]
+            if lobes is not None and self._mapped_count:
+                highlights[rows] = self._read(1, (0, 0, 2 * self._layout[0], 2 * self._rows))[:count]
             first_sample = (frame.index + number) * rays
             if (traced := self.trace(frame, range(first_sample, first_sample + rays))) is not None:
                 of_traced[rows] = traced[0].reshape(-1, 4)[:count, :3] / np.float32(math.pi)
-        return light if self._rays is None else light + smooth(of_traced)
+        return light if self._rays is None else light + smooth(of_traced), highlights
 
     def _bind(self, program: Program, names: tuple[str, ...], first_unit: int) -> None:
         """Bind textures to the samplers of their names, in the units from the first one on."""
@@ -143,7 +198,7 @@ class DirectLight:
             program.set(**{name: unit})
 
     def _as_texels(self, rows: F32) -> F32:
-        """Rows of three as texels of four, [h, w, 4], the first at the bottom left; 0 beyond the last."""
+        """Rows of up to four as texels, [h, w, 4], the first at the bottom left; 0 beyond the last."""
         texels = np.zeros((self._layout[0] * self._layout[1], 4), np.float32)
-        texels[:len(rows), :3] = rows
+        texels[:len(rows), :rows.shape[1]] = rows
         return texels.reshape(self._layout[1], self._layout[0], 4)

@@ -6,7 +6,7 @@ What differs among them is in a buffer with a row for each instance.
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from app.arrays import F64, Bools, Ints
 from app.gl.context import Device
 from app.gl.shader import Program
-from app.gl.surface import MAP_UNITS, Surface, describe_surface
+from app.gl.surface import MAP_UNITS, NORMAL_MAPS, Surface, describe_surface
 from app.gl.vertex_buffers import DeformedVertices, VertexBuffers, attribute_names, upload_meshes
 from app.math3d import boxes_in_frustum, frustum_planes, normal_matrix
 from app.scene import Scene, Texture, world_box
@@ -28,6 +28,7 @@ INSTANCE_ATTRIBUTES = tuple(f"in_{matrix}_{axis}" for matrix in ("relative", "pr
 RELATIVE_ROWS, PREVIOUS_ROWS, NORMAL_ROWS = slice(0, 3), slice(3, 6), slice(6, 9)
 COMMAND_SIZE = 5    # numbers of indices and instances, first index, vertex and instance
 MIN_SCALE = 1e-30
+SPREAD_SCALE = 4.0  # of the square of what tilts normals, in the alpha of their maps, as in normal_map.glsl
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +214,7 @@ class GpuScene:
             ctx.disable(moderngl.CULL_FACE)
         for name, texture in surface.maps.items():
             if name in program:
-                self._texture(texture).use(MAP_UNITS[name])
+                self._texture(texture, name in NORMAL_MAPS).use(MAP_UNITS[name])
                 if one_level:
                     self._sampler(texture).use(MAP_UNITS[name])
         if self._applied.get(program.glo) is not surface:
@@ -271,10 +272,11 @@ class GpuScene:
         runs = np.stack([values, begin, begin + counts], axis=1).tolist()
         return order, [(self.batches[value // 2], bool(value % 2), first, end) for value, first, end in runs]
 
-    def _texture(self, texture: Texture) -> moderngl.Texture:
-        key = id(texture.pixels), texture.is_color, texture.repeat, texture.magnified
+    def _texture(self, texture: Texture, is_normal_map: bool) -> moderngl.Texture:
+        key = id(texture.pixels), texture.is_color, texture.repeat, texture.magnified, is_normal_map
         if key not in self._textures:
-            self._textures[key] = _upload_texture(self._device, texture)
+            self._textures[key] = _upload_texture(
+                self._device, replace(texture, pixels=_with_spread(texture.pixels)) if is_normal_map else texture)
         return self._textures[key]
 
     def _sampler(self, texture: Texture) -> moderngl.Sampler:
@@ -292,6 +294,14 @@ class GpuScene:
                                      buffers.values(), (self._instances, self._indirect))
         for resource in owned:
             resource.release()
+
+
+def _with_spread(pixels: NDArray[Any]) -> NDArray[Any]:
+    """A normal map with the square of what tilts its normals in alpha, so that coarser levels know its mean."""
+    most = 255 if pixels.dtype == np.uint8 else 1.0
+    tilt = 2 * np.asarray(pixels[..., :2], np.float32) / most - 1
+    spread = np.minimum(SPREAD_SCALE * (tilt * tilt).sum(axis=-1, keepdims=True), 1) * most
+    return np.concatenate([pixels[..., :3], np.round(spread).astype(np.uint8) if most == 255 else spread], axis=-1)
 
 
 def _upload_texture(device: Device, texture: Texture) -> moderngl.Texture:

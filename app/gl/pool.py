@@ -30,7 +30,7 @@ class Pool:
         self._buffers: dict[str, moderngl.Buffer] = {}
         self._arrays: dict[str, F32] = {}
         self._stamps: dict[str, int] = {}
-        self._targets: dict[tuple[tuple[str, ...], int], moderngl.Framebuffer] = {}
+        self._targets: dict[tuple[tuple[str, ...], int, bool], moderngl.Framebuffer] = {}
         self._depths: dict[tuple[int, int], moderngl.Texture] = {}
         for name, resource in plan.resources.items():
             if isinstance(resource, Tex):
@@ -87,7 +87,7 @@ class Pool:
 
     def target(self, names: tuple[str, ...], with_depth: bool) -> moderngl.Framebuffer:
         """The framebuffer of textures ``names``; passes share depth buffers, which hold nothing for the next one."""
-        key = (names, self.parity)
+        key = (names, self.parity, with_depth)
         if key not in self._targets:
             colors = [self.texture(w) for w in names]
             depth = None
@@ -166,7 +166,7 @@ class Pool:
 
     def _framebuffer(self, name: str) -> moderngl.Framebuffer:
         """A framebuffer of the texture of ``name``, or of ``name@prev``, alone."""
-        key = ((name,), self.parity)
+        key = ((name,), self.parity, False)
         if key not in self._targets:
             self._targets[key] = self._device.ctx.framebuffer([self.texture(name)])
         return self._targets[key]

@@ -8,6 +8,7 @@ MAP_UNITS = {name: unit for unit, name in enumerate((
     "albedo_map", "emission_map", "metallic_roughness_map", "specular_map", "normal_map", "occlusion_map",
     "clearcoat_map", "clearcoat_roughness_map", "clearcoat_normal_map", "sheen_color_map", "sheen_roughness_map",
     "transmission_map", "thickness_map"))}
+NORMAL_MAPS = frozenset({"normal_map", "clearcoat_normal_map"})
 
 
 @dataclass(frozen=True, eq=False)

@@ -86,6 +86,9 @@ def catalogue() -> dict[str, Case]:
                 outputs=WITH_REFLECTION, stages=("direct", "reflection_history", "reflection", "composite")),
         replace(_settled("reflected_still", scenes.materials(), SSGI), size=(320, 240), reflections=True,
                 outputs=WITH_REFLECTION, stages=("reflection_detail", "reflection")),
+        # Larger than the grid of reflections.
+        replace(_settled("mirrors_in_motion", scenes.mirrors(), SSGI), size=(320, 240), reflections=True,
+                outputs=WITH_REFLECTION, stages=("reflection_detail",)),
         replace(_settled("glass_reflected", scenes.glass(), SSGI), size=(64, 48), reflections=True,
                 stages=("reflection_march", "outer_surface", "outer_reflection", "peel0_blend")),
         replace(_settled("coats_reflected", scenes.materials(), SSGI), size=(40, 30), reflections=True,

@@ -126,7 +126,7 @@ def make(device: Device, bound: BoundPass, surfels: TrackedSurfels, lights: Ligh
         has_sky = bool(world.sky_irradiance.any())
 
         def direct_at(at: F32, facing: F32) -> F32:
-            light = direct.estimate(frame, resources, at, facing)
+            light, _ = direct.estimate(frame, resources, at, facing)
             return light + lookup.approximate(world.sky_irradiance, at, facing) if has_sky else light
 
         light_at = LightAt(direct_at, lambda at, facing: lookup.approximate(indirect, at, facing))

@@ -12,7 +12,6 @@ import numpy as np
 from app.gl.context import Device
 from app.gl.frame_state import Execute, FrameState, MotionKind
 from app.gl.fullscreen import always, make_fullscreen, ratio_to, reduced_grid
-from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Resource, Tex
 from app.math3d import R2, affine_matrix
 from app.scene import Material
@@ -20,6 +19,7 @@ from app.scene import Material
 PIXELS_PER_TEXEL = 16  # of the grid, within these limits:
 MIN_TEXELS, MAX_TEXELS = 2**16, 2**17
 MAX_ROUGHNESS = 0.6  # from which surfaces need no rays, as in ray_share.glsl
+MAX_SHARP_ROUGHNESS = 0.15  # from which image_sharpness in reflection.glsl is 0, but at wide angles
 MARCH_STEPS = 16
 RAY_EPSILON = 1e-4   # of the scene's longest edge, by which rays start off their surface
 # Frames that are gathered, of mirrors and of rough surfaces.
@@ -91,22 +91,35 @@ def has_detail(grid: Size, size: Size, has_history: bool) -> bool:
     return has_history and grid != size
 
 
-def declare_detail(grid: Size, prefix: str = "") -> Pass:
-    """The light along the rays of single pixels, gathered while nothing moves."""
-    draw = make_fullscreen("reflection_detail.frag", lambda frame: {
-        "ratio": ratio_to(grid, frame), "history_stands": frame.rests}, strip=prefix)
+def is_sharp(roughness: float) -> bool:
+    """Whether what a surface reflects may be sharp."""
+    return roughness < MAX_SHARP_ROUGHNESS
+
+
+def declare_detail(grid: Size, follows_images: bool, prefix: str = "") -> Pass:
+    """The light along the rays of single pixels, gathered while nothing moves, and of sharp images also in motion.
+
+    Parameters
+    ----------
+    follows_images : bool
+        Whether some images are sharp.
+    """
+    resting = make_fullscreen("reflection_detail.frag", lambda frame: {
+        "ratio": ratio_to(grid, frame), "has_rested": frame.rests,
+        "history_stands": frame.rests or (follows_images and frame.history_valid and not frame.relit)}, strip=prefix)
+    following = make_fullscreen("reflection_detail.frag", lambda frame: {
+        **_image_uniforms(grid, frame), "history_stands": frame.history_valid and not frame.relit,
+        "bounded": frame.motion is MotionKind.OBJECTS}, {"FOLLOWS_IMAGES": 1}, strip=prefix, fast_path=always)
 
     def make(device: Device, bound: BoundPass) -> Execute:
-        execute = draw(device, bound)
+        at_rest = resting(device, bound)
+        moving = following(device, bound) if follows_images else lambda frame, resources: None
+        return lambda frame, resources: (at_rest if _is_at_rest(frame) else moving)(frame, resources)
 
-        def execute_at_rest(frame: FrameState, resources: Resources) -> None:
-            if _is_at_rest(frame):
-                execute(frame, resources)
-
-        return execute_at_rest
-
-    return Pass(prefix + "reflection_detail",
-                reads=tuple(prefix + r for r in ("reflection_now", "reflection_origin", "reflection_detail@prev")),
+    reads = "reflection_now", "reflection_origin", "reflection_filtered", "reflection_detail@prev"
+    followed = ("reflection_distance", "reflection_distance@prev", "reflection_gbuffer@prev",
+                "motion", "normal", "depth", "specular_roughness") if follows_images else ()
+    return Pass(prefix + "reflection_detail", reads=tuple(prefix + r for r in (*reads, *followed)),
                 writes={prefix + "reflection_detail": Tex("f2", 4)}, make=make)
 
 
@@ -117,16 +130,23 @@ def surfaces_read(has_rays: bool, has_detail: bool, has_clearcoat: bool) -> tupl
             *(("reflection_detail",) if has_rays and has_detail else ()))
 
 
-def make_with_reflections(fragment: str, grid: Size, defines: Mapping[str, object] | None = None,
+def make_with_reflections(fragment: str, grid: Size, follows_images: bool, defines: Mapping[str, object] | None = None,
                           strip: str = "") -> Callable[[Device, BoundPass], Execute]:
-    """``Pass.make`` of a full-screen pass with ``reflected_light.glsl``; with detail, at rest it has another shader."""
+    """``Pass.make`` of a full-screen pass with ``reflected_light.glsl``; with detail, at rest it has another shader.
+
+    Parameters
+    ----------
+    follows_images : bool
+        As of ``declare_detail``.
+    """
     def draw(variant: dict[str, object]) -> Callable[[Device, BoundPass], Execute]:
         return make_fullscreen(fragment, lambda frame: {"ratio": ratio_to(grid, frame)}, {**(defines or {}), **variant},
                                strip)
 
     def make(device: Device, bound: BoundPass) -> Execute:
-        moving = draw({})(device, bound)
-        if strip + "reflection_detail" not in bound.reads:
+        has_detail = strip + "reflection_detail" in bound.reads
+        moving = draw({"FOLLOWS_IMAGES": 1} if has_detail and follows_images else {})(device, bound)
+        if not has_detail:
             return moving
         resting = draw({"AT_REST": 1})(device, bound)
         return lambda frame, resources: (resting if _is_at_rest(frame) else moving)(frame, resources)
@@ -134,24 +154,27 @@ def make_with_reflections(fragment: str, grid: Size, defines: Mapping[str, objec
     return make
 
 
-def declare(grid: Size, surfaces: tuple[str, ...]) -> Pass:
+def declare(grid: Size, surfaces: tuple[str, ...], follows_images: bool) -> Pass:
     """What is seen of reflections, at full resolution; of those of opaque surfaces, what ``composite`` adds by itself.
 
     Parameters
     ----------
     surfaces : tuple of str
         What ``surfaces_read`` gives.
+    follows_images : bool
+        As of ``declare_detail``.
     """
     return Pass("reflection", reads=("indirect", *surfaces), optional=("outer_reflection",),
-                writes={"reflection": Tex("f2", 4)}, make=make_with_reflections("reflection.frag", grid))
+                writes={"reflection": Tex("f2", 4)},
+                make=make_with_reflections("reflection.frag", grid, follows_images))
 
 
-def declare_outer(grid: Size, has_detail: bool, prefix: str) -> Pass:
+def declare_outer(grid: Size, has_detail: bool, follows_images: bool, prefix: str) -> Pass:
     """The same of outer surfaces, which ``composite`` and ``peel0_blend`` add."""
     reads = "albedo", *surfaces_read(True, has_detail, has_clearcoat=False)
     return Pass(prefix + "reflection", reads=("indirect", *(prefix + name for name in reads)),
                 writes={prefix + "reflection": Tex("f2", 4)},
-                make=make_with_reflections("reflection.frag", grid, {"OF_OUTER": 1}, prefix))
+                make=make_with_reflections("reflection.frag", grid, follows_images, {"OF_OUTER": 1}, prefix))
 
 
 def _is_at_rest(frame: FrameState) -> bool:
@@ -185,10 +208,15 @@ def _filter(name: str, source: str, target: str, grid: Size, spacing: int, prefi
                                      samplers={prefix + source: "light_low"}, fast_path=always))
 
 
-def _history_uniforms(grid: Size, frame: FrameState) -> dict[str, object]:
+def _image_uniforms(grid: Size, frame: FrameState) -> dict[str, object]:
+    """What mirror_image.glsl reads, and the grid's ratio."""
     previous = frame.previous
     moved = affine_matrix(np.eye(3), frame.view.eye - previous.eye)
     return {"ratio": ratio_to(grid, frame), "previous_from_relative": affine_matrix(previous.rotation) @ moved,
-            "previous_lens": (*previous.half_size, *previous.center), "max_frames": MAX_FRAMES[frame.motion],
+            "previous_lens": (*previous.half_size, *previous.center)}
+
+
+def _history_uniforms(grid: Size, frame: FrameState) -> dict[str, object]:
+    return {**_image_uniforms(grid, frame), "max_frames": MAX_FRAMES[frame.motion],
             "history_valid": frame.history_valid and not frame.relit,
             "bounded": frame.motion is not MotionKind.NONE}

@@ -12,7 +12,7 @@ from app.arrays import F32, Bools, Ints
 from app.environment import SKY_DISTANCE, radiance_along
 from app.gl.compute import run_over_grid
 from app.gl.context import Device
-from app.gl.direct_light import DirectLight
+from app.gl.direct_light import DirectLight, PointLobes
 from app.gl.environment_texture import environment_texture
 from app.gl.frame_state import Execute, FrameState, MotionKind
 from app.gl.fullscreen import read_defines
@@ -22,14 +22,16 @@ from app.graph import BoundPass, Pass, Tex
 from app.math3d import GOLDEN_RATIO, R2, put_rows, row_dots
 from app.passes.surfel_buffer import SurfelBuffer
 from app.raycast.caster import Caster, Hits, concatenate
-from app.raycast.onward_rays import go_on, of_highlights
+from app.raycast.onward_rays import go_on, of_highlights, sharpness
 from app.scene import Environment
 from app.surfels.tracked import TrackedSurfels
 
 FIRST_RAYS = 2**17    # of a frame without history: all of them
 FRAME_RAYS = {MotionKind.NONE: 2**15, MotionKind.CAMERA: 2**12, MotionKind.OBJECTS: 2**13}  # of other frames
+MIN_SHARP_RAYS = 2**13  # of a frame, of sharp images, which no neighbours replace
 SHADOW_RAYS_AT_REST = 4  # at their ends, since mirrors are shown pixel by pixel then, and nothing averages their noise
 LIT_AT_ONCE = 64, 64   # ends of rays that direct light is drawn at together, as a grid
+NOT_SHOWN = -1.0      # for the length of a ray, as in reflection_march.frag, where those of sharp images have less
 MAX_UNIT_ERROR = 0.1  # of a direction's squared length
 # Ends of rays whose light is averaged:
 MAX_APART = 0.1       # of a ray's length, their distance
@@ -66,7 +68,7 @@ def declare(grid: tuple[int, int], surfels: TrackedSurfels, lights: LightSet, en
 def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: TrackedSurfels, lights: LightSet,
           environment: Environment | None, has_history: bool, prefix: str) -> Execute:
     dither = _dither(grid)
-    direct = DirectLight(device, lights, read_defines(bound), LIT_AT_ONCE, surfels.caster)
+    direct = DirectLight(device, lights, read_defines(bound), LIT_AT_ONCE, surfels.caster, has_lobes=True)
 
     def execute(frame: FrameState, resources: Resources) -> None:
         ray = _read(resources, prefix + "reflection_ray")
@@ -80,10 +82,11 @@ def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: Trac
             lookup = surfels.lookup
             of_surfels = lookup.smooth(_light_of(surfels, bound, resources))
 
-            def light_at(hits: Hits, ends: Ints) -> tuple[F32, F32]:
-                light = direct.estimate(frame, resources, hits.position, hits.normal, shadow_rays,
-                                        lambda traced: _averaged(traced, rows.take(ends), grid, hits))
-                return light, lookup.interpolate(of_surfels, hits.position, hits.normal)
+            def light_at(hits: Hits, along: F32, covers: Bools, ends: Ints) -> tuple[F32, F32, F32]:
+                light, highlights = direct.estimate(frame, resources, hits.position, hits.normal, shadow_rays,
+                                                    lambda traced: _averaged(traced, rows.take(ends), grid, hits),
+                                                    _lobes(surfels.caster, hits, along, covers))
+                return light, highlights, lookup.interpolate(of_surfels, hits.position, hits.normal)
 
             shift = frame.view.eye - surfels.caster.origin
             origin = _read(resources, prefix + "reflection_origin").take(rows, axis=0)[:, :3] + shift
@@ -102,7 +105,7 @@ def _make_on_gpu(device: Device, bound: BoundPass, grid: tuple[int, int], surfel
     rays = surfels.caster.shader_rays
     assert rays is not None
     ends_grid = grid[0], 2 * grid[1]  # those of the rays, and above them those of rays that go on
-    direct = DirectLight(device, lights, read_defines(bound), ends_grid, surfels.caster, on_gpu=True)
+    direct = DirectLight(device, lights, read_defines(bound), ends_grid, surfels.caster, on_gpu=True, has_lobes=True)
     trace = device.program("reflection_trace.comp", defines={"HAS_ENVIRONMENT": 1} if environment else {})
     light = device.program("reflection_light.comp", defines=lights.defines)
     sky = {} if environment is None else {"environment": environment_texture(device, environment)}
@@ -119,7 +122,7 @@ def _make_on_gpu(device: Device, bound: BoundPass, grid: tuple[int, int], surfel
                   noise_offset=tuple(step * (1 + frame.index * has_history) % 1.0 for step in ONWARD_STEPS))
         rays.bind(trace)
         traced = {**{name: resources[prefix + name] for name in ("reflection_origin", "reflection_ray")}, **sky}
-        run_over_grid(device, trace, grid, TRACED_SIDE, traced, tuple(ends.values()))
+        run_over_grid(device, trace, grid, TRACED_SIDE, traced, (*ends.values(), *direct.lobes))
         drawn = direct.draw_estimate(frame, resources, frame.index)
         buffer.bind(light, surfels.lookup.smooth(_light_of(surfels, bound, resources)), with_sky=False)
         run_over_grid(device, light, grid, 1, {**ends, **drawn}, [resources[prefix + "reflection_traced"]])
@@ -145,14 +148,16 @@ def _write_chance(bound: BoundPass, resources: Resources, prefix: str, chance: f
 
 
 def _choose(ray: F32, threshold: F32, budget: int) -> tuple[Ints, float]:
-    """At most about ``budget`` of the rays whose end the screen does not show, spread evenly, others in each frame.
+    """Some of the rays whose end the screen does not show, spread evenly, others in each frame.
 
-    Also the chance that each of them had.
+    At most about ``budget`` of those of blurred images; also the chance that each of these had.
     """
-    rows, chance = np.flatnonzero(ray[:, 3] < 0), 1.0
-    if len(rows) > budget:
-        chance = budget / len(rows)
-        rows = rows[threshold.take(rows) < chance]
+    rows = np.flatnonzero(ray[:, 3] < 0)
+    is_sharp = ray[:, 3].take(rows) < NOT_SHOWN
+    sharp = int(is_sharp.sum())
+    chance_of_sharp = min(max(budget, MIN_SHARP_RAYS) / max(sharp, 1), 1.0)
+    chance = min(budget / max(len(rows) - sharp, 1), 1.0)
+    rows = rows[threshold.take(rows) < np.where(is_sharp, chance_of_sharp, chance)]
     with np.errstate(invalid="ignore", over="ignore"):
         direction = ray.take(rows, axis=0)[:, :3]
         return rows[np.abs(row_dots(direction, direction) - 1) < MAX_UNIT_ERROR], chance
@@ -197,8 +202,14 @@ def _averaged(light: F32, rows: Ints, grid: tuple[int, int], hits: Hits) -> F32:
     return total
 
 
-def _trace(caster: Caster, light_at: Callable[[Hits, Ints], tuple[F32, F32]], environment: Environment | None,
-           origin: F32, direction: F32, u: F32) -> F32:
+def _lobes(caster: Caster, hits: Hits, along: F32, covers: Bools) -> PointLobes:
+    """The lobes of what rays meet, where it covers all; highlights on sharp ones are what onward rays meet."""
+    lobes = caster.lobes(hits, 1.0)
+    return PointLobes(lobes.f0, -along, lobes.roughness, (1 - sharpness(lobes.roughness)) * covers[:, None])
+
+
+def _trace(caster: Caster, light_at: Callable[[Hits, F32, Bools, Ints], tuple[F32, F32, F32]],
+           environment: Environment | None, origin: F32, direction: F32, u: F32) -> F32:
     """Radiance along rays and their lengths, to what is most seen, shape (N, 4).
 
     Lengths are negative where rays pass something or go on, so that what the screen shows at their end is not all.
@@ -206,7 +217,8 @@ def _trace(caster: Caster, light_at: Callable[[Hits, Ints], tuple[F32, F32]], en
     Parameters
     ----------
     light_at : callable
-        Takes what is met, and which of the rays end at the first of it; gives direct and indirect irradiance / π there.
+        Takes what is met, directions of the rays that met it, whether it covers what is behind, and which of the rays
+        end at the first of it; gives direct irradiance / π there, highlights and indirect irradiance / π.
     u : ndarray, float32, shape (N, 2)
         In [0, 1), that choose where rays go on.
     """
@@ -229,8 +241,9 @@ def _trace(caster: Caster, light_at: Callable[[Hits, Ints], tuple[F32, F32]], en
     found = np.zeros((count, 4), np.float32)
     if len(lit := np.flatnonzero(counts & ~is_sky)):
         at = hits.select(lit)
-        direct, indirect = light_at(at, ray[lit[lit < count]])
-        light = emission.take(lit, axis=0) + for_direct.take(lit, axis=0) * direct + at.albedo * indirect
+        covers = (lit < count) | (lit >= len(met.ray))
+        direct, highlights, indirect = light_at(at, along.take(lit, axis=0), covers, ray[lit[lit < count]])
+        light = emission.take(lit, axis=0) + for_direct.take(lit, axis=0) * direct + highlights + at.albedo * indirect
         np.add.at(found[:, :3], ray[lit], share[lit] * light)
     if environment is not None and len(sky := np.flatnonzero(counts & is_sky)):
         np.add.at(found[:, :3], ray[sky], share[sky] * radiance_along(environment, along[sky].astype(np.float64)))

@@ -22,19 +22,25 @@ struct Lobe {
 #endif
 };
 
-// Of the surface at relative point p; specular_roughness holds F0 and roughness.
-Lobe specular_lobe(vec3 p, vec3 n, vec4 specular_roughness)
+// v: towards the viewer; specular_roughness holds F0 and roughness.
+Lobe lobe_towards(vec3 v, vec3 n, vec4 specular_roughness)
 {
     Lobe lobe;
     lobe.f0 = specular_roughness.rgb;
     lobe.alpha = max(specular_roughness.a * specular_roughness.a, MIN_ALPHA);
-    lobe.v = -normalize(along_view(p));
+    lobe.v = v;
     lobe.albedo = lobe_albedo(specular_roughness.a, dot(n, lobe.v)).x;
     lobe.compensation = multiple_scattering(lobe.f0, lobe.albedo);
 #if defined(HAS_RECT_LIGHT) && !defined(LOBES_OF_SPHERES)
     lobe.rect = rect_lobe(n, lobe.v, lobe.alpha);
 #endif
     return lobe;
+}
+
+// Towards the eye, of the surface at relative point p.
+Lobe specular_lobe(vec3 p, vec3 n, vec4 specular_roughness)
+{
+    return lobe_towards(-normalize(along_view(p)), n, specular_roughness);
 }
 
 #if defined(HAS_RECT_LIGHT) && !defined(LOBES_OF_SPHERES)

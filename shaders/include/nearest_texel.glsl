@@ -17,3 +17,10 @@ ivec2 numbered_texel(ivec2 low, vec2 ratio, int number, ivec2 size)
     ivec2 texels = ivec2(ceil(ratio));
     return texel_inside(low, ratio, (vec2(number % texels.x, number / texels.x) + 0.5) / vec2(texels), size);
 }
+
+// The number of the one at its centre.
+int number_of_centre(vec2 ratio)
+{
+    ivec2 texels = ivec2(ceil(ratio));
+    return texels.y / 2 * texels.x + texels.x / 2;
+}

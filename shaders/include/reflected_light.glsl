@@ -20,6 +20,11 @@ uniform sampler2D reflection_filtered;  // radiance; a: depth of its surface, 0 
 uniform vec2 ratio;  // full-resolution texels per low-resolution texel
 const float SAME_DEPTH = 2e-3;     // of the depth, more than halves round it by
 const float SPREAD_FACING = 0.75;  // cosine that the unknown normal of spread light counts as
+#if defined(AT_REST) || defined(FOLLOWS_IMAGES)
+const float EVEN = 1e-4, BUMPY = 1e-2;  // bumpiness, between which samples get noisy
+
+uniform sampler2D reflection_detail;  // radiance; a: number of samples
+#endif
 #ifdef AT_REST
 const float EDGE = 0.3;               // radians, that the turn to another surface counts as
 const float MIN_LOBE = 5e-3;          // radians
@@ -28,11 +33,9 @@ const float FEW = 2.0, ENOUGH = 9.0;  // samples that averaged light counts as, 
 const float MIN_BLUR = 0.4;           // of ROUGHNESS_OF_ONE, from which pixels along count too
 const float NOISELESS = 0.05, NOISY = 0.15;  // roughness, between which samples get noisy
 const float NOISY_SAMPLES = 12.0;     // of noisy ones, that averaged light counts as at least
-const float EVEN = 1e-4, BUMPY = 1e-2;  // bumpiness, between which samples get noisy
+const float UNKNOWN = 0.5;            // samples, up to which a pixel has no light but that of the grid
 const float UNSAMPLED = 0.1;          // samples that averaged light counts as, at least, in pixels without one
 const int ALONG = 8;                  // pixels on a line that count beyond those around
-
-uniform sampler2D reflection_detail;  // radiance; a: number of samples
 #endif
 
 // Weighted by how much the texel's surface is the receiver's.
@@ -63,24 +66,10 @@ vec4 upsampled(vec3 n, float d, int count, vec3 otherwise)
     return sum.a > 0.0 ? vec4(sum.rgb / sum.a, min(sum.a, 1.0)) : vec4(otherwise, 0.0);
 }
 
-#ifdef AT_REST
+#if defined(AT_REST) || defined(FOLLOWS_IMAGES)
 vec3 normal_at(ivec2 texel)
 {
     return sanitize_normal(texelFetch(normal, clamp(texel, ivec2(0), textureSize(normal, 0) - 1), 0).xyz);
-}
-
-// How much the normal changes from n to that of a pixel, in radians. Beside an edge, the light of the grid is less certain.
-float turn(vec3 n, ivec2 texel)
-{
-    vec3 m = normal_at(texel);
-    return dot(n, m) > SAME_NORMAL ? distance(n, m) : EDGE;
-}
-
-// How much the normal changes within a low-resolution texel, in radians.
-float bend(ivec2 texel, vec3 n)
-{
-    ivec2 reach = ivec2(0.5 * ratio + 0.5), right = ivec2(reach.x, 0), up = ivec2(0, reach.y);
-    return max(max(turn(n, texel - right), turn(n, texel + right)), max(turn(n, texel - up), turn(n, texel + up)));
 }
 
 // How much the normals of two pixels on both sides differ from a steady turn, squared; 0 beside an edge.
@@ -96,6 +85,22 @@ float bumpiness(ivec2 texel, vec3 n)
     ivec2 right = ivec2(1, 0), up = ivec2(0, 1);
     return max(unsteadiness(n, normal_at(texel - right), normal_at(texel + right)),
                unsteadiness(n, normal_at(texel - up), normal_at(texel + up)));
+}
+#endif
+
+#ifdef AT_REST
+// How much the normal changes from n to that of a pixel, in radians. Beside an edge, the light of the grid is less certain.
+float turn(vec3 n, ivec2 texel)
+{
+    vec3 m = normal_at(texel);
+    return dot(n, m) > SAME_NORMAL ? distance(n, m) : EDGE;
+}
+
+// How much the normal changes within a low-resolution texel, in radians.
+float bend(ivec2 texel, vec3 n)
+{
+    ivec2 reach = ivec2(0.5 * ratio + 0.5), right = ivec2(reach.x, 0), up = ivec2(0, reach.y);
+    return max(max(turn(n, texel - right), turn(n, texel + right)), max(turn(n, texel - up), turn(n, texel + up)));
 }
 
 // The direction in which the normal changes least, as along a rod: the eigenvector of the smaller eigenvalue of squared changes.
@@ -141,7 +146,7 @@ vec3 detailed(ivec2 texel, vec3 n, float d, float roughness, vec4 averaged)
         float away = dot(n, surface_point(vec2(at) + 0.5, texelFetch(depth, at, 0).r) - p);
         float rougher = (texelFetch(specular_roughness, at, 0).a - roughness) / ROUGHNESS_SIGMA;
         float weight = detail.a * needed * exp(-falloff - rougher * rougher);
-        bool counts = detail.a >= 1.0 && is_finite(dot(detail, vec4(1.0))) && is_finite(weight)
+        bool counts = detail.a > UNKNOWN && is_finite(dot(detail, vec4(1.0))) && is_finite(weight)
             && at == texel + offset && dot(turned, turned) < 2.0 - 2.0 * SAME_NORMAL && abs(away) <= PLANE_TOLERANCE * depth_scale(d);
         sum += counts ? vec4(clamp(detail.rgb, 0.0, HALF_MAX), 1.0) * weight : vec4(0.0);
     }
@@ -162,6 +167,12 @@ vec3 reflected_light(ivec2 texel, vec3 arriving)
     vec4 averaged = upsampled(n, d, share > 0.0 ? 4 : 1, light);
 #ifdef AT_REST
     averaged.rgb = detailed(texel, n, d, reflectance.a, averaged);
+#endif
+#ifdef FOLLOWS_IMAGES
+    vec4 detail = texelFetch(reflection_detail, texel, 0);
+    float sharpness = image_sharpness(reflectance.a, d, ratio) * (1.0 - smoothstep(EVEN, BUMPY, bumpiness(texel, n)));
+    bool is_known = detail.a > 0.0 && is_finite(dot(detail, vec4(1.0))) && sharpness > 0.0;
+    averaged.rgb = is_known ? mix(averaged.rgb, clamp(detail.rgb, 0.0, HALF_MAX), sharpness) : averaged.rgb;
 #endif
     light = mix(light, averaged.rgb, share);
 #endif

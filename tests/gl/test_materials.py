@@ -148,6 +148,25 @@ def test_mirror_directions_are_above_the_face() -> None:
     assert mirrored[:, 2].min() > -2e-3 and (n * v).sum(axis=1).min() > 0
 
 
+@pytest.mark.parametrize("deviation", [0.05, 0.1, 0.2])
+def test_distant_bumps_show_the_slopes_that_face_the_eye(deviation: float) -> None:
+    """The mean of normally distributed slopes over what is visible of them, by quadrature, at a grazing view."""
+    slopes = np.random.default_rng(0).normal(scale=deviation, size=(256, 256, 2))
+    normals = np.concatenate([slopes, np.ones((256, 256, 1))], axis=2)
+    normals = 0.5 + 0.5 * normals / np.linalg.norm(normals, axis=2, keepdims=True)
+    pixels = np.concatenate([255 * normals, np.full((256, 256, 1), 255)], axis=2).round().astype(np.uint8)
+    scene = card(replace(METAL, normal_map=Texture(pixels, is_color=False)))
+    grazing = Camera((6.0, 0.0, 0.6), (0.0, 0.0, 0.0), fov_y_deg=5.0)
+    image = draw(scene, (64, 48), ("normal",), grazing)["normal"]
+    n = image[22:26].reshape(-1, 3).astype(np.float64).mean(axis=0)
+    s = np.linspace(-8, 8, 4001)
+    weight = np.exp(-0.5 * s * s) * np.maximum(1 + 10 * deviation * s, 0)
+    expected = deviation * (weight @ s) / weight.sum()
+    print(f"SLOPE {n[0] / n[2]:.4f}, by quadrature {expected:.4f}")
+    assert n[0] / n[2] == pytest.approx(expected, abs=0.015)  # eight bits
+    assert abs(n[1]) < 0.01
+
+
 @pytest.mark.parametrize("metallic", [0.0, 0.3, 1.0])
 @pytest.mark.parametrize("is_mapped", [False, True])
 def test_metallic_mixes_diffuse_and_specular(metallic: float, is_mapped: bool) -> None:
