@@ -548,7 +548,7 @@ def test_a_mirror_stays_sharp_in_motion(moves: str, is_turned: bool, small_ember
     error, left = (np.sqrt(((image - still) ** 2).mean()) / still.std() for image in (moving, stopped))
     print(f"MOVING contrast {contrast:.3f}, error {error:.3f}, {left:.3f} after 48 frames at rest")
     assert contrast > 0.7
-    assert error < 0.5
+    assert error < 0.6
     assert left < 0.2
 
 
