@@ -4,13 +4,13 @@
 #include "grid.glsl"
 #include "nearest_texel.glsl"
 #include "reflection.glsl"
+#include "reflections_around.glsl"
 #include "mirror_image.glsl"
 #include "history_filter.glsl"
 
 const float MAX_SAMPLES = 256.0;
 const float MOVED = 0.9;  // samples that what was gathered in motion counts as, until the pixel has a ray of its own
 
-uniform sampler2D reflection_now;  // radiance; a: 0 for none
 uniform sampler2D reflection_origin;  // a: 1 + number of the pixel where the ray started, negative on another surface
 uniform sampler2D reflection_detail_prev;
 uniform vec2 ratio;           // full-resolution texels per low-resolution texel
@@ -51,32 +51,6 @@ int pixel_number(ivec2 low)
 }
 
 #ifdef FOLLOWS_IMAGES
-// What the texels around show now.
-struct Around {
-    float nearest;  // length of the shortest ray / depth; HALF_MAX without any
-    vec3 low;       // within which history counts
-    vec3 high;
-};
-
-Around around(ivec2 low, ivec2 last)
-{
-    vec3 mean = vec3(0.0), square = vec3(0.0);
-    float count = 0.0, nearest = HALF_MAX;
-    for (int i = 0; i < 9; ++i) {
-        vec4 t = texelFetch(reflection_now, clamp(low + ivec2(i % 3, i / 3) - 1, ivec2(0), last), 0);
-        bool counts = is_finite(dot(t, vec4(1.0))) && t.a > 0.0;
-        vec3 light = counts ? clamp(t.rgb, 0.0, HALF_MAX) : vec3(0.0);
-        mean += light;
-        square += light * light;
-        nearest = counts ? min(nearest, t.a) : nearest;
-        count += counts ? 1.0 : 0.0;
-    }
-    mean /= max(count, 1.0);
-    vec3 margin = SIGMAS * sqrt(max(square / max(count, 1.0) - mean * mean, 0.0));
-    bool bounds = bounded && count > 0.0;
-    return Around(nearest, bounds ? mean - margin : vec3(0.0), bounds ? mean + margin : vec3(HALF_MAX));
-}
-
 // What was gathered before around a position, in pixels; nothing beside what shows no sharp image.
 vec4 gathered_at(vec2 position)
 {
@@ -94,7 +68,8 @@ vec4 gathered_at(vec2 position)
 vec4 followed(ivec2 texel, ivec2 low, vec3 p, vec3 n, float d, float roughness)
 {
     ivec2 last = textureSize(reflection_now, 0) - 1;
-    Around now = around(low, last);
+    Around now = reflections_around(low);
+    vec3 margin = bounded && now.count > 0.0 ? SIGMAS * now.deviation : vec3(HALF_MAX);
     float reach = now.nearest < HALF_MAX ? now.nearest : texelFetch(reflection_distance, low, 0).r;
     vec3 moved = texelFetch(motion, texel, 0).xyz;
     MirrorImage before = mirror_image(p, d, moved, reach, roughness);
@@ -113,7 +88,9 @@ vec4 followed(ivec2 texel, ivec2 low, vec3 p, vec3 n, float d, float roughness)
         && length_before >= (1.0 - SAME_LENGTH) * reach * d;
     vec4 history = gathered_at(inside ? position : vec2(0.5));
     bool stands = history_stands && same && history.a > 0.0 && is_finite(dot(history, vec4(1.0)));
-    return stands ? vec4(clamp(history.rgb, now.low, now.high), min(history.a, MAX_MOVED_SAMPLES)) : of_grid(low, abs(off_grid) <= PLANE_TOLERANCE * depth_scale(d) ? UNSAMPLED : 0.0);
+    history.rgb = clamp(history.rgb, max(now.mean - margin, 0.0), min(now.mean + margin, HALF_MAX));
+    vec4 grid_light = of_grid(low, abs(off_grid) <= PLANE_TOLERANCE * depth_scale(d) ? UNSAMPLED : 0.0);
+    return stands ? vec4(history.rgb, min(history.a, MAX_MOVED_SAMPLES)) : grid_light;
 }
 
 // Adds the light along the ray of a texel, if it started on the surface at p with that normal, by how near it started.

@@ -4,6 +4,7 @@
 #include "mirror_image.glsl"
 #include "nearest_texel.glsl"
 #include "reflection.glsl"
+#include "reflections_around.glsl"
 
 const float MIN_SHARE = 0.05;        // of the texels around that must show the same surface
 const float MIN_NEIGHBOURS = 4.0;    // with samples, that bound the history
@@ -12,7 +13,6 @@ const float MAX_RARE = 40.0;         // the same where few rays of a wide lobe m
 const float MAX_WEIGHT = 8.0;             // of a traced sample
 const float SIGMAS = 2.0;            // of their mean, within which history counts
 
-uniform sampler2D reflection_now;  // radiance; a: length of the ray / depth where it starts, none of the texel's surface if <= 0
 #ifdef FAST_PATH
 uniform sampler2D reflection_origin;  // a: 0 where nothing reflects
 #elif defined(HAS_REFLECTION_LOW_PREV)
@@ -72,29 +72,14 @@ void main()
     out_reflection_low = sampled ? vec4(now.rgb, 1.0) : vec4(0.0);
     out_reflection_distance = now.a;
 #ifdef HAS_REFLECTION_LOW_PREV
-    ivec2 last = textureSize(reflection_now, 0) - 1, full = nearest_texel(low, ratio);
+    ivec2 full = nearest_texel(low, ratio);
     vec4 surface = texelFetch(reflection_gbuffer, low, 0);
     vec3 moved = texelFetch(motion, full, 0).xyz;
     float roughness = texelFetch(specular_roughness, full, 0).a;
     if (!(history_valid && is_surface(surface.a) && is_finite(dot(moved, vec3(1.0))) && roughness <= 1.0)) return;
 
-    // What the texels around show now.
-    vec3 mean = vec3(0.0), square = vec3(0.0);
-    float count = 0.0, distances = 0.0, brightest = 0.0;
-    for (int i = 0; i < 9; ++i) {
-        vec4 t = texelFetch(reflection_now, clamp(low + ivec2(i % 3, i / 3) - 1, ivec2(0), last), 0);
-        bool counts = is_finite(dot(t, vec4(1.0))) && t.a > 0.0;
-        vec3 light = counts ? clamp(t.rgb, 0.0, HALF_MAX) : vec3(0.0);
-        mean += light;
-        brightest = max(brightest, max(max(light.r, light.g), light.b));
-        square += light * light;
-        distances += counts ? t.a : 0.0;
-        count += counts ? 1.0 : 0.0;
-    }
-    float scale = 1.0 / max(count, 1.0);
-    mean *= scale;
-    vec3 deviation = sqrt(max(square * scale - mean * mean, 0.0));
-    float reach = sampled ? now.a : distances * scale;
+    Around around = reflections_around(low);
+    float reach = sampled ? now.a : around.reach;
 
     float depth = surface.a;
     MirrorImage image_before = mirror_image(surface_point(vec2(full) + 0.5, depth), depth, moved, reach, roughness);
@@ -112,12 +97,12 @@ void main()
     if (!(weight > MIN_SHARE)) return;
     vec4 history = sum / weight;
     float old_distance = old_distances / weight;
-    vec3 margin = SIGMAS * deviation;
+    vec3 margin = SIGMAS * around.deviation;
     float blur = image_blur(reach, roughness, depth, ratio);
     float loose = bounded ? blur : 1.0;
-    history.rgb = brightest > 0.0 ? min(history.rgb, mix(MAX_BRIGHTENING, MAX_RARE, loose) * brightest) : history.rgb;
-    vec3 near = clamp(history.rgb, mean - margin, mean + margin);
-    history.rgb = count >= MIN_NEIGHBOURS ? mix(near, history.rgb, loose) : history.rgb;
+    history.rgb = around.brightest > 0.0 ? min(history.rgb, mix(MAX_BRIGHTENING, MAX_RARE, loose) * around.brightest) : history.rgb;
+    vec3 near = clamp(history.rgb, around.mean - margin, around.mean + margin);
+    history.rgb = around.count >= MIN_NEIGHBOURS ? mix(near, history.rgb, loose) : history.rgb;
     float frames = clamp(history.a * weight, 1.0, mix(max_frames.x, max_frames.y, clamp(roughness, 0.0, 1.0)));
     // Of a sharp image, all rays of a texel end where the screen shows them, or none.
     float weight_now = sampled ? mix(1.0, sample_weight(low), blur) : 0.0, share = weight_now / (frames + weight_now);

@@ -101,29 +101,33 @@ class DirectLight:
             self._textures["light_sample_visibility"].write(visibility.tobytes())
         elif not self._mapped_count:
             return np.zeros((self._rows * self._layout[0], 3), np.float32)
-        return self._read(0, self._draw(frame, resources, visibility is not None))
+        self._draw(frame, resources, visibility is not None)
+        return self._read(0)
 
-    def _read(self, attachment: int, drawn: tuple[int, int, int, int]) -> F32:
+    @property
+    def _area(self) -> tuple[int, int, int, int]:
+        """The rectangle of the target that has points."""
+        return 0, 0, 2 * self._layout[0], 2 * self._rows
+
+    def _read(self, attachment: int) -> F32:
         """The mean over each point's four texels of what was drawn, shape (N, 3)."""
-        texels = np.frombuffer(self._target.read(drawn, components=4, attachment=attachment, alignment=1, dtype="f4"),
-                               np.float32)
+        texels = np.frombuffer(self._target.read(self._area, components=4, attachment=attachment, alignment=1,
+                                                 dtype="f4"), np.float32)
         rows = texels.reshape(self._rows, 2, 8 * self._layout[0])
         pairs = (rows[:, 0] + rows[:, 1]).reshape(-1, 2, 4)
         return np.asarray((pairs[:, 0, :3] + pairs[:, 1, :3]) / np.float32(4), np.float32)
 
-    def _draw(self, frame: FrameState, resources: Resources, has_traced: bool) -> tuple[int, int, int, int]:
-        """Draw into the target, also lights whose shadows are traced or not; the rectangle of it that has points."""
+    def _draw(self, frame: FrameState, resources: Resources, has_traced: bool) -> None:
+        """Draw into the target, also lights whose shadows are traced or not."""
         left_out = {} if has_traced else {"LIGHT_COUNT": self._mapped_count}  # which come last
         program = self._device.fullscreen("surfel_light.frag", {**self._defines, **left_out})
-        drawn = 0, 0, 2 * self._layout[0], 2 * self._rows
         self._target.use()
-        self._target.scissor = drawn
+        self._target.scissor = self._area
         self._device.ctx.enable_only(moderngl.NOTHING)
         resources.bind(program, reads=self._maps)
         self._bind(program, tuple(self._textures), len(self._maps))
         program.set(noise_phase=frame.noise_phase, local_eye=tuple(frame.view.eye - self._origin))
         self._device.draw_fullscreen(program)
-        return drawn
 
     @property
     def points(self) -> tuple[moderngl.Texture, moderngl.Texture]:
@@ -165,7 +169,7 @@ class DirectLight:
         smooth : callable, optional
             Takes some of the noise from light of that kind, shape (N, 3).
         lobes : PointLobes, optional
-            Of the points, if the object has lobes.
+            Of the points, if the object has lobes and lights have shadow maps.
 
         Returns
         -------
@@ -184,8 +188,8 @@ class DirectLight:
                 self._write({name: np.concatenate([part[rows] for part in parts], axis=1)
                              for name, parts in zip(LOBE_TEXTURES, of_points, strict=True)})
             light[rows] = self.draw(frame, resources, None)[:count]
-            if lobes is not None and self._mapped_count:
-                highlights[rows] = self._read(1, (0, 0, 2 * self._layout[0], 2 * self._rows))[:count]
+            if lobes is not None:
+                highlights[rows] = self._read(1)[:count]
             first_sample = (frame.index + number) * rays
             if (traced := self.trace(frame, range(first_sample, first_sample + rays))) is not None:
                 of_traced[rows] = traced[0].reshape(-1, 4)[:count, :3] / np.float32(math.pi)

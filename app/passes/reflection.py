@@ -106,9 +106,9 @@ def declare_detail(grid: Size, follows_images: bool, prefix: str = "") -> Pass:
     """
     resting = make_fullscreen("reflection_detail.frag", lambda frame: {
         "ratio": ratio_to(grid, frame), "has_rested": frame.rests,
-        "history_stands": frame.rests or (follows_images and frame.history_valid and not frame.relit)}, strip=prefix)
+        "history_stands": frame.rests or (follows_images and _has_history(frame))}, strip=prefix)
     following = make_fullscreen("reflection_detail.frag", lambda frame: {
-        **_image_uniforms(grid, frame), "history_stands": frame.history_valid and not frame.relit,
+        **_image_uniforms(grid, frame), "history_stands": _has_history(frame),
         "bounded": frame.motion is MotionKind.OBJECTS}, {"FOLLOWS_IMAGES": 1}, strip=prefix, fast_path=always)
 
     def make(device: Device, bound: BoundPass) -> Execute:
@@ -181,6 +181,10 @@ def _is_at_rest(frame: FrameState) -> bool:
     return frame.motion is MotionKind.NONE
 
 
+def _has_history(frame: FrameState) -> bool:
+    return frame.history_valid and not frame.relit
+
+
 def _inside(grid: Size, frame: FrameState) -> tuple[float, float]:
     """Where in its texel each ray starts, in [0, 1); as many frames as a texel has pixels cover all of them.
 
@@ -218,5 +222,5 @@ def _image_uniforms(grid: Size, frame: FrameState) -> dict[str, object]:
 
 def _history_uniforms(grid: Size, frame: FrameState) -> dict[str, object]:
     return {**_image_uniforms(grid, frame), "max_frames": MAX_FRAMES[frame.motion],
-            "history_valid": frame.history_valid and not frame.relit,
+            "history_valid": _has_history(frame),
             "bounded": frame.motion is not MotionKind.NONE}

@@ -31,7 +31,7 @@ FRAME_RAYS = {MotionKind.NONE: 2**15, MotionKind.CAMERA: 2**12, MotionKind.OBJEC
 MIN_SHARP_RAYS = 2**13  # of a frame, of sharp images, which no neighbours replace
 SHADOW_RAYS_AT_REST = 4  # at their ends, since mirrors are shown pixel by pixel then, and nothing averages their noise
 LIT_AT_ONCE = 64, 64   # ends of rays that direct light is drawn at together, as a grid
-NOT_SHOWN = -1.0      # for the length of a ray, as in reflection_march.frag, where those of sharp images have less
+NOT_SHOWN = -1.0      # for the length of a ray, as in reflection.glsl, where those of sharp images have less
 MAX_UNIT_ERROR = 0.1  # of a direction's squared length
 # Ends of rays whose light is averaged:
 MAX_APART = 0.1       # of a ray's length, their distance
@@ -68,7 +68,8 @@ def declare(grid: tuple[int, int], surfels: TrackedSurfels, lights: LightSet, en
 def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: TrackedSurfels, lights: LightSet,
           environment: Environment | None, has_history: bool, prefix: str) -> Execute:
     dither = _dither(grid)
-    direct = DirectLight(device, lights, read_defines(bound), LIT_AT_ONCE, surfels.caster, has_lobes=True)
+    has_lobes = bool(lights.mapped)
+    direct = DirectLight(device, lights, read_defines(bound), LIT_AT_ONCE, surfels.caster, has_lobes=has_lobes)
 
     def execute(frame: FrameState, resources: Resources) -> None:
         ray = _read(resources, prefix + "reflection_ray")
@@ -85,7 +86,7 @@ def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: Trac
             def light_at(hits: Hits, along: F32, covers: Bools, ends: Ints) -> tuple[F32, F32, F32]:
                 light, highlights = direct.estimate(frame, resources, hits.position, hits.normal, shadow_rays,
                                                     lambda traced: _averaged(traced, rows.take(ends), grid, hits),
-                                                    _lobes(surfels.caster, hits, along, covers))
+                                                    _lobes(surfels.caster, hits, along, covers) if has_lobes else None)
                 return light, highlights, lookup.interpolate(of_surfels, hits.position, hits.normal)
 
             shift = frame.view.eye - surfels.caster.origin

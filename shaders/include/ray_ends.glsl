@@ -12,12 +12,17 @@ uniform sampler2D end_light;     // irradiance / π by mapped lights: four texel
 uniform sampler2D end_traced;    // irradiance by traced lights
 #endif
 
-vec3 direct_at(ivec2 end)
+// The mean over the four texels of an end.
+vec3 mean_of_quad(sampler2D drawn, ivec2 end)
 {
     ivec2 quad = 2 * end;
-    vec3 light = texelFetch(end_light, quad, 0).rgb + texelFetch(end_light, quad + ivec2(1, 0), 0).rgb
-        + texelFetch(end_light, quad + ivec2(0, 1), 0).rgb + texelFetch(end_light, quad + 1, 0).rgb;
-    light *= 0.25;
+    return 0.25 * (texelFetch(drawn, quad, 0).rgb + texelFetch(drawn, quad + ivec2(1, 0), 0).rgb
+                   + texelFetch(drawn, quad + ivec2(0, 1), 0).rgb + texelFetch(drawn, quad + 1, 0).rgb);
+}
+
+vec3 direct_at(ivec2 end)
+{
+    vec3 light = mean_of_quad(end_light, end);
 #ifdef HAS_TRACED_LIGHT
     light += texelFetch(end_traced, end, 0).rgb / PI;
 #endif
