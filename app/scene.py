@@ -443,15 +443,33 @@ class DirectionalLight:
     angular_radius_deg: float = 0.0
 
 
+@dataclass(frozen=True, eq=False)
+class EmissionImage:
+    """How the radiance of a rectangle light varies over it.
+
+    Attributes
+    ----------
+    pixels : ndarray, float32, shape (H, W, 3)
+        Factors of the light's radiance, 1 on the mean of each channel. Columns go along ``edge_u``, rows along
+        ``edge_v``.
+    """
+
+    pixels: F32
+
+
 @dataclass(frozen=True)
 class RectLight:
-    """A rectangle that emits ``radiance`` in W/(sr m²) to the side of ``edge_u`` × ``edge_v``."""
+    """A rectangle that emits ``radiance`` in W/(sr m²) to the side of ``edge_u`` × ``edge_v``.
+
+    Of a surface with a texture, ``radiance`` is the mean, and ``image`` says how it varies.
+    """
 
     center: tuple[float, float, float]
     edge_u: tuple[float, float, float]
     edge_v: tuple[float, float, float]
     radiance: Color
     two_sided: bool = False
+    image: EmissionImage | None = field(default=None, repr=False)
 
 
 Light = PointLight | SpotLight | DirectionalLight | RectLight
@@ -653,8 +671,9 @@ class Scene:
 
     @property
     def exact_lights(self) -> tuple[Light, ...]:
-        """Those of ``lights`` that approximate nothing."""
-        return tuple(light for light in self.lights if light not in self.approximate_lights)
+        """Those of ``lights`` that approximate nothing, such as a texture's details."""
+        return tuple(light for light in self.lights if light not in self.approximate_lights
+                     and (not isinstance(light, RectLight) or light.image is None))
 
     @property
     def triangles(self) -> int:

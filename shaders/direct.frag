@@ -163,7 +163,7 @@ void main()
 #endif
 #ifdef LAYERS
     for (int m = MAPPED_COUNT; m < (is_surface(d) ? LIGHT_COUNT : MAPPED_COUNT); ++m)
-        traced_layered += layered_light(lights[m], p, n, irradiance(lights[m], p, n), layers);
+        traced_layered += layered_light(lights[m], p, n, traced_irradiance(lights[m], p, n), layers);
 #endif
     vec3 of_lights = traced, of_sky = vec3(0.0), sky_glossy = vec3(0.0), sky_layered = vec3(0.0);
 #if defined(HAS_SKY_IRRADIANCE) && !defined(SKY_IS_GATHERED)

@@ -290,6 +290,7 @@ LightSample sample_highlight(Receiver r, Lobe lobe, vec2 s, float diffuse)
 LightSample sample_mirrored(Receiver r, Lobe lobe, vec2 s)
 {
     float nearest = 1e30;
+    bool meets_proxies = false;
     vec3 along = reflected(lobe.v, r.n, r.face, lobe.alpha, s), light = vec3(0.0);
     int i = RECTS_BEGIN;
     do {
@@ -301,10 +302,15 @@ LightSample sample_mirrored(Receiver r, Lobe lobe, vec2 s)
             - vec2(lights[i].frame_x.w, lights[i].frame_y.w);
         bool meets = t > 0.0 && t < nearest && rect_side(lights[i], to_light) != 0.0 && max(beyond.x, beyond.y) < 0.0;
         nearest = meets ? t : nearest;
-        light = meets ? lights[i].color.rgb : light;
+        vec3 radiance = lights[i].color.rgb;
+#ifdef HAS_LIGHT_IMAGES
+        meets_proxies = meets ? image_layer(lights[i]) >= 0.0 : meets_proxies;
+        radiance *= image_at(lights[i], along * t - to_light, RAY_LEVEL);
+#endif
+        light = meets ? radiance : light;
     } while (++i < LIGHT_COUNT);
     light *= lobe.albedo * lobe.compensation * lobe.f0;
-    return LightSample(along * nearest, light, false);
+    return LightSample(along * nearest, light, meets_proxies);
 }
 #endif
 #endif
@@ -330,7 +336,7 @@ ShadowRay shadow_ray(ivec2 texel, Receiver r)
     int row = guide_row(texel);
 #endif
     do {
-        vec3 light = irradiance(lights[--i], r.p, r.n);
+        vec3 light = traced_irradiance(lights[--i], r.p, r.n);
         float brightness = luminance(light), target = brightness;
 #ifdef GUIDES_LIGHTS
         target *= texelFetch(light_guide, ivec2(i, row), 0).r;

@@ -52,7 +52,7 @@ void main()
     highlights = vec4(view.a * (sanitize_radiance(specular) - sanitize_radiance(replaced)), 1.0);
 #endif
     vec3 traced = vec3(0.0);
-    for (int i = MAPPED_COUNT; i < LIGHT_COUNT; ++i) traced += used ? irradiance(lights[i], p, n) : vec3(0.0);
+    for (int i = MAPPED_COUNT; i < LIGHT_COUNT; ++i) traced += used ? traced_irradiance(lights[i], p, n) : vec3(0.0);
     if (MAPPED_COUNT < LIGHT_COUNT) sum += clamp(texelFetch(light_sample_visibility, sample_texel, 0).rgb, 0.0, 1.0) * traced;
     light = vec4(sanitize_radiance(sum / PI), 1.0);
 }

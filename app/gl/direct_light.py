@@ -126,7 +126,8 @@ class DirectLight:
         self._device.ctx.enable_only(moderngl.NOTHING)
         resources.bind(program, reads=self._maps)
         self._bind(program, tuple(self._textures), len(self._maps))
-        program.set(noise_phase=frame.noise_phase, local_eye=tuple(frame.view.eye - self._origin))
+        program.set(noise_phase=frame.noise_phase, local_eye=tuple(frame.view.eye - self._origin),
+                    **frame.lights.bind_light_images())
         self._device.draw_fullscreen(program)
 
     @property

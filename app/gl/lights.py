@@ -33,7 +33,9 @@ IN_PLANE = 1e-4  # of a rectangle's size: points so near its plane count as in i
 
 POINT_ROWS = 5   # of texels for the emission points of a light
 POINT_LEVELS = 5  # of the tree of its points below the root
-POINTS_UNIT = 33  # texture unit of the emission points, beyond those that one stage can have samplers for
+# Texture units beyond those that one stage can have samplers for.
+POINTS_UNIT = 33
+IMAGES_UNIT = 36
 
 TRANSMITTANCE_MAPS = "shadow_transmittance", "shadow_transmittance_depth"
 NEAREST_TRANSMITTANCE = "shadow_transmittance_nearest"
@@ -83,7 +85,7 @@ class LightSet:
     ----------
     lights : tuple of Light
         Those with maps first, then spheres, then rectangles, as in the uniform block; those of both that are sparse
-        follow each other.
+        follow each other, and those with an image come last.
     mapped : tuple of Light
         Those with maps.
     bounds : ndarray, float64, shape (2, 3)
@@ -121,15 +123,18 @@ class LightSet:
         self.has_cascades = False
         self._lay_out()
         self.buffer = device.ctx.buffer(reserve=LIGHT_BYTES * max(1, len(self.lights)))
-        self._emission_points = self._make_emission_points()
+        self._emission_points, self._light_images = self._make_emission_points(), self._make_light_images()
 
     def _set_lights(self, scene: Scene, traced: tuple[bool, ...]) -> None:
         self.mapped = tuple(light for light, is_traced in zip(scene.lights, traced, strict=True) if not is_traced)
         others = [light for light, is_traced in zip(scene.lights, traced, strict=True) if is_traced]
         self._points = {light: scene.approximate_lights[light] for light in others if light in scene.approximate_lights}
+        images = [light.image for light in others if isinstance(light, RectLight)]
+        self._images = tuple(image for image in images if image is not None)
         sparse = {light for light, points in self._points.items() if points.is_sparse}
-        # Spheres, then rectangles, and sparse ones between the others.
-        others.sort(key=lambda light: (isinstance(light, RectLight), isinstance(light, RectLight) != (light in sparse)))
+        # Spheres, then rectangles, and sparse ones between the others; those with an image last.
+        others.sort(key=lambda light: (isinstance(light, RectLight), getattr(light, "image", None) is not None,
+                                       isinstance(light, RectLight) != (light in sparse)))
         self.lights = (*self.mapped, *others)
         places = [place for place, light in enumerate(others, len(self.mapped)) if light in sparse]
         self._sparse = range(places[0], places[-1] + 1) if places else range(0)
@@ -152,6 +157,19 @@ class LightSet:
             shares[:2 << POINT_LEVELS, :3] = _shares(points.intensity)
         return self._ctx.texture((width, texels.shape[0] * POINT_ROWS), 4, texels.tobytes(), dtype="f4")
 
+    def _make_light_images(self) -> moderngl.TextureArray | None:
+        """A texture with a layer for each image of traced lights."""
+        if not self._images:
+            return None
+        pixels = np.stack([image.pixels for image in self._images])
+        layers, height, width, _ = pixels.shape
+        texels = np.concatenate([pixels, np.ones_like(pixels[..., :1])], axis=3).astype(np.float16)
+        texture = self._ctx.texture_array((width, height, layers), 4, texels.tobytes(), dtype="f2")
+        texture.build_mipmaps()
+        texture.filter = moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR
+        texture.repeat_x = texture.repeat_y = False
+        return texture
+
     def bind_emission_points(self) -> dict[str, object]:
         """Bind the emission points of traced lights, if any has some; the uniform of shaders that read them."""
         if self._emission_points is None:
@@ -159,10 +177,17 @@ class LightSet:
         self._emission_points.use(POINTS_UNIT)
         return {"emission_points": POINTS_UNIT}
 
+    def bind_light_images(self) -> dict[str, object]:
+        """Bind the images of traced lights, if any has one; the uniform of shaders that include lights.glsl."""
+        if self._light_images is None:
+            return {}
+        self._light_images.use(IMAGES_UNIT)
+        return {"light_images": IMAGES_UNIT}
+
     def release(self) -> None:
-        self.buffer.release()
-        if self._emission_points is not None:
-            self._emission_points.release()
+        for resource in (self.buffer, self._emission_points, self._light_images):
+            if resource is not None:
+                resource.release()
 
     def replace(self, scene: Scene, traced: tuple[bool, ...]) -> bool:
         """Take the lights of ``scene`` if they need the same shaders and shadow maps; whether they do."""
@@ -176,6 +201,10 @@ class LightSet:
             if self._emission_points is not None:
                 self._emission_points.release()
             self._points, self._emission_points = other._points, other._make_emission_points()
+        if self._images != other._images:  # as are images
+            if self._light_images is not None:
+                self._light_images.release()
+            self._images, self._light_images = other._images, other._make_light_images()
         return True
 
     def cover(self, boxes: F64) -> None:
@@ -241,10 +270,12 @@ class LightSet:
             **{f"HAS_{MAP_NAMES[tile.kind]}_MAP": True for tile in self.tiles},
             "HAS_TRACED_LIGHT": bool(traced), "HAS_TRACED_SPHERE": rect_count < len(traced),
             "HAS_TRACED_RECT": rect_count > 0, "HAS_EMISSION_POINTS": bool(self._points),
-            "HAS_SPARSE_LIGHT": bool(self._sparse),
+            "HAS_SPARSE_LIGHT": bool(self._sparse), "HAS_LIGHT_IMAGES": bool(self._images),
+            "HAS_PLAIN_RECT": rect_count > len(self._images),
         }
         return {"LIGHT_COUNT": len(self.lights), "MAPPED_COUNT": len(self.mapped),
                 "RECTS_BEGIN": len(self.lights) - rect_count,
+                **({"IMAGES_BEGIN": len(self.lights) - len(self._images)} if self._images else {}),
                 **({"POINT_LEVELS": POINT_LEVELS} if self._points else {}),
                 **({"SPARSE_BEGIN": self._sparse.start, "SPARSE_END": self._sparse.stop} if self._sparse else {}),
                 **{name: 1 for name in sorted(flags) if flags[name]}}
@@ -287,6 +318,8 @@ class LightSet:
                 half = np.divide(edge, 2)
                 frame[:] = (*normalize(half), np.linalg.norm(half))
             frame_z[:3] = normalize(np.cross(np.divide(light.edge_u, 2), np.divide(light.edge_v, 2)))
+            if light.image is not None and light.image in self._images:
+                position[3], frame_z[3] = light.image.pixels.max(), 1 + self._images.index(light.image)
             return
         position[:] = (*np.subtract(light.position, eye), light.radius)
         color[:3] = light.intensity

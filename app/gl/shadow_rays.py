@@ -168,7 +168,8 @@ class ShadowRays:
 def set_frame(program: Program, frame: FrameState, scene: RayScene) -> None:
     """Set what variants of shadow_rays.frag need of a frame, beside their receivers."""
     program.set(noise_phase=frame.noise_phase, ray_epsilon=RAY_EPSILON * scene.extent,
-                sky_distance=SKY_DISTANCE * scene.extent, **frame.lights.bind_emission_points())
+                sky_distance=SKY_DISTANCE * scene.extent, **frame.lights.bind_emission_points(),
+                **frame.lights.bind_light_images())
 
 
 def guide_defines(has_sky_guide: bool, has_light_guide: bool) -> dict[str, object]:

@@ -59,6 +59,7 @@ def catalogue() -> dict[str, Case]:
         _single("hard", scenes.hard(), PROBE),
         replace(_settled("area_lights", scenes.area_lights(), None), seed=5, size=(160, 120),
                 stages=AREA_LIGHTS_STAGES),
+        replace(_settled("screen", scenes.screen(), None), size=(64, 48), stages=("shadow_rays", "direct")),
         _single("spotlights", scenes.spotlights(), None),
         _single("terrace", scenes.terrace(), PROBE),
         _single("emissive", scenes.emissive(), radiosity),

@@ -17,6 +17,7 @@ from app.scene import (
     CameraPath,
     Clearcoat,
     DirectionalLight,
+    EmissionImage,
     EmissionPoints,
     Environment,
     Instance,
@@ -213,6 +214,17 @@ def area_lights() -> Scene:
     first = Camera((0.0, 1.1, 3.0), (0.0, 0.35, 0.0), fov_y_deg=50.0)
     path = CameraPath((0.0, 4 * FRAME_SECONDS), (first, replace(first, eye=(0.1, 1.1, 3.0))))
     return _scene("area_lights", meshes, transforms, materials, lights, {"path": path})
+
+
+def screen() -> Scene:
+    """``area_lights``, whose rectangle light has an image: stripes that differ in colour, the last one dark."""
+    scene = area_lights()
+    colors = np.array([(3.0, 0.2, 0.4), (0.5, 2.8, 0.6), (0.5, 1.0, 3.0), (0.0, 0.0, 0.0)], np.float32)
+    ramp = np.linspace(0.2, 1.8, 256, dtype=np.float32)
+    pixels = colors.repeat(64, axis=0)[:, None] * ramp[:, None]
+    image = EmissionImage(np.ascontiguousarray((pixels / pixels.mean(axis=(0, 1))).astype(np.float32)))
+    return replace(scene, name="screen", lights=tuple(
+        replace(light, image=image) if isinstance(light, RectLight) else light for light in scene.lights))
 
 
 def spotlights() -> Scene:

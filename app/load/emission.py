@@ -1,26 +1,132 @@
-"""What a surface emits on the mean."""
+"""What surfaces emit: at their texture coordinates, and on the mean over triangles."""
+
+from dataclasses import replace
 
 import numpy as np
 
-from app.arrays import F64
-from app.load.images import mean_color
-from app.scene import Material
+from app.arrays import F32, F64, Bytes, Ints
+from app.io.image import srgb_decode
+from app.scene import Material, Mesh, Texture
 
-OPAQUE = 255  # of alpha in 8 bits
+OPAQUE = 255              # of alpha in 8 bits
+MAX_SIDE = 512            # of the copies of textures that are read, in texels that are means
+MAX_LEVEL = 6             # of a triangle's samples, whose number is a power of 4
+CHUNK = 2**20             # samples at once, which bounds the memory
+MIN_SHARE = 1e-3          # of the largest radiance of a mesh; triangles with less are black but for a texture's noise
+R2 = np.array([0.7548776662466927, 0.5698402909980532])  # Roberts 2018, "The Unreasonable Effectiveness of Quasirandom
+                                                         # Sequences"
 
 
-def mean_radiance(material: Material) -> F64:
-    """Mean emitted radiance of what a material covers of its surface, shape (3,), W/(sr m²)."""
-    radiance = np.asarray(material.emission) * _coverage(material)
-    return radiance if material.emission_map is None else radiance * mean_color(material.emission_map.pixels)
+class SurfaceEmission:
+    """Radiance that a material emits, of what it covers of its surface."""
+
+    def __init__(self, material: Material) -> None:
+        self._emission = np.array(material.emission, np.float64)
+        maps = material.emission_map, _coverage(material)
+        self._maps = [_smaller(texture) for texture in maps if texture is not None]
+        if material.alpha_cutoff is not None:
+            self._emission *= material.albedo_map is not None or material.alpha >= material.alpha_cutoff
+        elif material.is_blended:
+            self._emission *= material.alpha
+
+    @property
+    def is_textured(self) -> bool:
+        return bool(self._maps)
+
+    def at(self, uvs: F64) -> F64:
+        """Radiance at N places, shape (N, 3), W/(sr m²); ``uvs``: coordinates in both sets, shape (2, N, 2)."""
+        radiance = np.tile(self._emission, (uvs.shape[1], 1))
+        for texture in self._maps:
+            radiance *= _interpolate(texture, uvs[texture.uv_set])
+        return radiance
+
+    def mean(self, uvs: F64) -> F64:
+        """Mean radiance of T triangles, shape (T, 3), whose corners have ``uvs`` in both sets, shape (2, T, 3, 2)."""
+        out = np.tile(self._emission, (uvs.shape[1], 1))
+        level = np.zeros(len(out), np.int64)
+        for texture in self._maps:
+            a, b, c = np.moveaxis(_transform(texture, uvs[texture.uv_set]), 1, 0)
+            (x, y), (z, w) = (b - a).T, (c - a).T
+            texels = np.abs(x * w - y * z) * texture.pixels.shape[0] * texture.pixels.shape[1]
+            level = np.maximum(level, np.ceil(np.log2(np.clip(texels, 1, 4**MAX_LEVEL)) / 2).astype(np.int64))
+        for of_level in np.unique(level) if self._maps else ():
+            shares = spread_over_triangle(4**int(of_level))
+            rows = np.flatnonzero(level == of_level)
+            for part in np.array_split(rows, -(-len(rows) * len(shares) // CHUNK)):
+                places = np.einsum("sk,utkd->utsd", shares, uvs[:, part]).reshape(2, -1, 2)
+                out[part] = self.at(places).reshape(len(part), len(shares), 3).mean(axis=1)
+        return out
 
 
-def _coverage(material: Material) -> float:
-    """The mean share of the surface that a blended or alpha-tested material covers."""
-    if not material.is_blended and material.alpha_cutoff is None:
-        return 1.0
-    alpha = np.full((1, 1), material.alpha)
-    if material.albedo_map is not None:
-        pixels = material.albedo_map.pixels
-        alpha = alpha * pixels[..., 3] / (OPAQUE if pixels.dtype == np.uint8 else 1)
-    return float(np.mean(alpha if material.alpha_cutoff is None else alpha >= material.alpha_cutoff))
+def triangle_radiance(mesh: Mesh, emission: SurfaceEmission) -> F64:
+    """Mean emitted radiance of each triangle of a mesh, shape (T, 3), W/(sr m²)."""
+    radiance = emission.mean(corner_uvs(mesh, np.arange(len(mesh.triangles))))
+    radiance[radiance.max(axis=1) < MIN_SHARE * radiance.max(initial=0)] = 0
+    return radiance
+
+
+def corner_uvs(mesh: Mesh, rows: Ints) -> F64:
+    """Texture coordinates at the corners of so many triangles, in both sets; shape (2, T, 3, 2)."""
+    corners = mesh.triangles[rows]
+    none = np.zeros((*corners.shape, 2))
+    return np.stack([none if uvs is None else uvs[corners].astype(np.float64) for uvs in (mesh.uvs, mesh.second_uvs)])
+
+
+def _coverage(material: Material) -> Texture | None:
+    """How much a material with a texture covers of its surface, as a texture; None if that is the same everywhere."""
+    texture = material.albedo_map
+    if texture is None or not (material.is_blended or material.alpha_cutoff is not None):
+        return None
+    alpha = texture.pixels[..., 3:] / np.float32(OPAQUE if texture.pixels.dtype == np.uint8 else 1)
+    if material.alpha_cutoff is not None:
+        alpha = (alpha * material.alpha >= material.alpha_cutoff).astype(np.float32)
+    return None if alpha.min() == alpha.max() == 1 else replace(texture, pixels=np.repeat(alpha, 4, axis=2))
+
+
+def _smaller(texture: Texture) -> Texture:
+    """A copy whose texels are linear means of blocks of the texture's."""
+    linear = _linear(texture.pixels[..., :3], texture.is_color)
+    for axis in (0, 1):
+        edges = np.linspace(0, linear.shape[axis], min(MAX_SIDE, linear.shape[axis]) + 1).astype(int)
+        sums = np.add.reduceat(linear, edges[:-1], axis=axis)
+        linear = sums / np.expand_dims(np.diff(edges), tuple({0, 1, 2} - {axis}))
+    return replace(texture, pixels=linear.astype(np.float32))
+
+
+def _linear(color: Bytes | F32, is_color: bool) -> F64:
+    if color.dtype != np.uint8:
+        return np.asarray(np.nan_to_num(color.astype(np.float64)).clip(0, None))
+    share = np.arange(OPAQUE + 1) / OPAQUE
+    return np.asarray((srgb_decode(share) if is_color else share)[color])
+
+
+def _transform(texture: Texture, uv: F64) -> F64:
+    return np.asarray(uv @ texture.transform[:2, :2].T + texture.transform[:2, 2])
+
+
+def _interpolate(texture: Texture, uv: F64) -> F64:
+    """A texture of linear pixels at coordinates of shape (N, 2), as shaders magnify it; shape (N, 3)."""
+    height, width = texture.pixels.shape[:2]
+    flat = texture.pixels.reshape(-1, 3)
+    u, v = np.nan_to_num(_transform(texture, uv)).T
+    at = np.stack([(1 - v) * height, u * width]) - (0.5 if texture.magnified == "linear" else 0.0)
+    low = np.floor(at)
+    share = at - low if texture.magnified == "linear" else np.zeros_like(at)
+
+    def index(corner: Ints, size: int, repeats: bool) -> Ints:
+        return np.asarray((corner % size if repeats else corner.clip(0, size - 1)).astype(np.int64))
+
+    rows, columns = ([index(low[axis] + step, size, repeats) for step in (0, 1)]
+                     for axis, (size, repeats) in enumerate(((height, texture.repeat[1]), (width, texture.repeat[0]))))
+    y, x = share[..., None]
+    upper, lower = (flat[row * width + columns[0]] * (1 - x) + flat[row * width + columns[1]] * x for row in rows)
+    return np.asarray(upper * (1 - y) + lower * y)
+
+
+def spread_over_triangle(count: int) -> F64:
+    """Barycentric coordinates of points spread evenly over a triangle, shape (count, 3)."""
+    if count == 1:
+        return np.full((1, 3), 1 / 3)
+    u, v = ((0.5 + R2 * np.arange(count)[:, None]) % 1.0).T
+    root = np.sqrt(u)
+    return np.stack([1 - root, root * (1 - v), root * v], axis=1)

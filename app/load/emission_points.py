@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from app.arrays import F64, Ints
+from app.load.emission import spread_over_triangle
 from app.load.emission_patches import EmissiveTriangles
 from app.scene import EmissionPoints, Light, PointLight, RectLight
 
@@ -12,8 +13,6 @@ POINTS = 2048  # of a light
 LEVELS = 6     # at least as many as a tree over the points has
 MIN_POWER = 1e-300
 FILLED = 0.6, 1.6  # radiance of lights over that of the surfaces, within which these look like the lights
-R2 = np.array([0.7548776662466927, 0.5698402909980532])  # Roberts 2018, "The Unreasonable Effectiveness of Quasirandom
-                                                         # Sequences"
 
 
 def place_points(triangles: EmissiveTriangles, lights: Sequence[Light],
@@ -27,10 +26,7 @@ def place_points(triangles: EmissiveTriangles, lights: Sequence[Light],
     facing = _main_axis(triangles.normals)
     weight /= np.sqrt(np.maximum(np.bincount(facing, weight), MIN_POWER))[facing]
     row = _choose(triangles, weight)
-    u, v = np.hsplit((0.5 + R2 * np.arange(POINTS)[:, None]) % 1.0, 2)
-    root = np.sqrt(u)
-    a, b, c = np.moveaxis(triangles.corners[row], 1, 0)
-    position = (1 - root) * a + root * (1 - v) * b + root * v * c
+    position = np.einsum("nk,nkd->nd", spread_over_triangle(POINTS), triangles.corners[row])
     order = _by_halves(position)
     position, row = position[order], row[order]
     normals = triangles.normals[row]

@@ -1,7 +1,8 @@
 """Emissive surfaces -> analytic lights.
 
-All static surfaces that emit become lights. A connected piece that is a flat rectangle is exactly a rectangle light.
-Other pieces, and pieces of which there are too many, are approximated by few lights with the same power in all.
+All static surfaces that emit become lights. A connected piece that is a flat rectangle is exactly a rectangle light,
+with an image of its texture. Other pieces, and pieces of which there are too many, are approximated by few lights with
+the same power in all.
 """
 
 from collections.abc import Iterator
@@ -10,8 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.arrays import F64, Bools, Ints
-from app.load.emission import mean_radiance
-from app.load.emission_patches import EmissiveTriangles, divide_into_patches, make_patches
+from app.load.emission import SurfaceEmission, corner_uvs, triangle_radiance
+from app.load.emission_images import with_image
+from app.load.emission_patches import EmissiveTriangles, divide_by_texture, divide_into_patches, make_patches
 from app.load.emission_points import place_points
 from app.load.emissive_pieces import Pieces, find_pieces
 from app.load.exact_rectangles import find_rectangles
@@ -36,17 +38,21 @@ class _Emitters:
     ----------
     triangles : EmissiveTriangles
         Relative to ``origin``.
-    textured : ndarray, bool, shape (T,)
-        Whether their radiance is the mean of a texture.
+    textured, turned : ndarray, bool, shape (T,)
+        Whether their radiance is the mean of a texture, and whether their corners are in the mesh's reverse order.
     instance, index : ndarray of int, shape (T,)
         Where each is in the builder: the instance, and the row of its mesh's triangles.
+    emissions : dict of int to SurfaceEmission
+        Of the builder's materials that emit.
     """
 
     triangles: EmissiveTriangles
     textured: Bools
+    turned: Bools
     instance: Ints
     index: Ints
     origin: F64
+    emissions: dict[int, SurfaceEmission]
 
 
 def find_emitters(builder: SceneBuilder) -> None:
@@ -59,8 +65,9 @@ def find_emitters(builder: SceneBuilder) -> None:
     if emitters is None:
         return
     triangles, count = emitters.triangles, int(emitters.triangles.piece.max()) + 1
-    rectangles = find_rectangles(triangles, emitters.textured)
-    small, patch = divide_into_patches(triangles, np.isin(np.arange(count), list(rectangles)))
+    rectangles = find_rectangles(triangles)
+    whole = np.isin(np.arange(count), list(rectangles))
+    small, patch = divide_into_patches(_divide_textured(builder, emitters, whole), whole)
     patches = make_patches(small, patch)
     exact = {int(np.flatnonzero(patches.piece == number)[0]): light for number, light in rectangles.items()}
     clusters = cluster_patches(patches, _views(builder, emitters, set(emissive), small, patch), exact)
@@ -68,10 +75,14 @@ def find_emitters(builder: SceneBuilder) -> None:
     hides_itself = _find_bent(triangles)
     exact_pieces, lights = [], []
     for cluster in clusters:
-        lights += [_translate(light, emitters.origin) for light in cluster.lights]
         if len(cluster.patches) == 1 and int(cluster.patches[0]) in exact:
-            exact_pieces.append(patches.piece[cluster.patches[0]])
+            number = int(patches.piece[cluster.patches[0]])
+            light = _with_image(builder, emitters, number, rectangles[number])
+            lights.append(_translate(light, emitters.origin))
+            if light.image is None:
+                exact_pieces.append(number)
             continue
+        lights += [_translate(light, emitters.origin) for light in cluster.lights]
         part = small.select(np.flatnonzero(np.isin(patch, cluster.patches)))
         placed = place_points(part, cluster.lights, bool(hides_itself[part.piece].any()))
         approximate |= {_translate(light, emitters.origin): points for light, points in placed}
@@ -80,6 +91,37 @@ def find_emitters(builder: SceneBuilder) -> None:
     if approximate:
         builder.notice(_describe(count, len(lights), len(approximate)))
     _mark_proxies(builder, emitters, np.isin(triangles.piece, exact_pieces))
+
+
+def _divide_textured(builder: SceneBuilder, emitters: _Emitters, whole: Bools) -> EmissiveTriangles:
+    """The triangles, but parts of those that have a texture and are of no piece that is ``whole``, shape (pieces,)."""
+    divided = emitters.textured & ~whole[emitters.triangles.piece]
+    parts = [emitters.triangles.select(np.flatnonzero(~divided))]
+    for mesh, rows in _by_mesh(builder, emitters, np.flatnonzero(divided)):
+        parts.append(divide_by_texture(emitters.triangles.select(rows), _uvs(mesh, emitters, rows),
+                                       emitters.emissions[mesh.material]))
+    return EmissiveTriangles.join(parts)
+
+
+def _with_image(builder: SceneBuilder, emitters: _Emitters, piece: int, light: RectLight) -> RectLight:
+    """The light of a rectangular piece, with its image if it has a texture."""
+    textured = np.flatnonzero((emitters.triangles.piece == piece) & emitters.textured)
+    for mesh, rows in _by_mesh(builder, emitters, textured):
+        light = with_image(light, emitters.triangles.corners[rows], _uvs(mesh, emitters, rows),
+                           emitters.emissions[mesh.material])
+    return light
+
+
+def _by_mesh(builder: SceneBuilder, emitters: _Emitters, rows: Ints) -> Iterator[tuple[Mesh, Ints]]:
+    """The mesh, and the rows, of those of the emissive triangles ``rows`` that are of one instance."""
+    for index in np.unique(emitters.instance[rows]):
+        yield builder.meshes[builder.instances[int(index)].mesh], rows[emitters.instance[rows] == index]
+
+
+def _uvs(mesh: Mesh, emitters: _Emitters, rows: Ints) -> F64:
+    """Texture coordinates at the corners of triangles of a mesh, in both sets; shape (2, N, 3, 2)."""
+    uvs = corner_uvs(mesh, emitters.index[rows])
+    return np.where(emitters.turned[rows, None, None], uvs[:, :, ::-1], uvs)
 
 
 def _find_bent(triangles: EmissiveTriangles) -> Bools:
@@ -112,26 +154,34 @@ def _material_of(builder: SceneBuilder, instance: Instance) -> Material:
 def _collect(builder: SceneBuilder, instances: list[int]) -> _Emitters | None:
     """All triangles of ``instances`` with an area; None without any, or in a scene that is too large to be drawn."""
     pieces: dict[int, Pieces] = {}
+    radiances: dict[int, F64] = {}
+    emissions: dict[int, SurfaceEmission] = {}
     parts, rows, first = [], [], 0
     for i in instances:
         instance = builder.instances[i]
         mesh, material = builder.meshes[instance.mesh], _material_of(builder, instance)
         if instance.mesh not in pieces:
-            pieces[instance.mesh] = find_pieces(mesh)
-        part = _to_world(mesh, instance, material, pieces[instance.mesh], first)
-        first += len(pieces[instance.mesh].is_closed)
-        parts.append(part)
-        rows.append(np.stack([np.full(len(mesh.triangles), i), np.arange(len(mesh.triangles)),
-                              np.full(len(mesh.triangles), material.emission_map is not None)]))
+            emission = emissions[mesh.material] = emissions.get(mesh.material) or SurfaceEmission(material)
+            pieces[instance.mesh], radiances[instance.mesh] = find_pieces(mesh), triangle_radiance(mesh, emission)
+        of_mesh = pieces[instance.mesh]
+        # Of a closed piece only the outside counts.
+        turned = (of_mesh.is_inside_out & material.double_sided)[of_mesh.label]
+        turned ^= np.linalg.det(instance.transform[:3, :3]) < 0
+        corners = place(mesh, instance)[mesh.triangles]
+        corners[turned] = corners[turned][:, ::-1]
+        two_sided = material.double_sided & ~of_mesh.is_closed[of_mesh.label]
+        parts.append(EmissiveTriangles(corners, radiances[instance.mesh], two_sided, first + of_mesh.label))
+        first += len(of_mesh.is_closed)
+        rows.append(np.stack([np.full(len(corners), i), np.arange(len(corners)),
+                              np.full(len(corners), emissions[mesh.material].is_textured), turned]))
     if not parts:
         return None
-    corners, radiance, two_sided, piece = (np.concatenate([getattr(p, name) for p in parts]) for name in (
-        "corners", "radiance", "two_sided", "piece"))
-    instance_of, index, textured = np.concatenate(rows, axis=1)
-    if not np.abs(corners).max() < MAX_COORDINATE:
+    every = EmissiveTriangles.join(parts)
+    instance_of, index, textured, turned = np.concatenate(rows, axis=1)
+    if not np.abs(every.corners).max() < MAX_COORDINATE:
         return None
-    origin = (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))) / 2
-    every = EmissiveTriangles(corners - origin, radiance, two_sided, piece)
+    origin = (every.corners.min(axis=(0, 1)) + every.corners.max(axis=(0, 1))) / 2
+    every = replace(every, corners=every.corners - origin)
     order = _sort(every)
     order = order[np.asarray(every.power.any(axis=1))[order]]
     if len(order) == 0:
@@ -139,18 +189,8 @@ def _collect(builder: SceneBuilder, instances: list[int]) -> _Emitters | None:
     chosen = every.select(order)
     _, appears, number = np.unique(chosen.piece, return_index=True, return_inverse=True)
     chosen = replace(chosen, piece=np.argsort(np.argsort(appears))[number.reshape(-1)])
-    return _Emitters(chosen, textured[order].astype(bool), instance_of[order], index[order], origin)
-
-
-def _to_world(mesh: Mesh, instance: Instance, material: Material, pieces: Pieces, first: int) -> EmissiveTriangles:
-    """The triangles of an instance, whose pieces are counted from ``first``."""
-    corners = place(mesh, instance)[mesh.triangles]
-    turned = (pieces.is_inside_out & material.double_sided)[pieces.label]  # of a closed piece only the outside counts
-    turned ^= np.linalg.det(instance.transform[:3, :3]) < 0
-    corners[turned] = corners[turned][:, ::-1]
-    two_sided = material.double_sided & ~pieces.is_closed[pieces.label]
-    radiance = np.tile(mean_radiance(material), (len(corners), 1))
-    return EmissiveTriangles(corners, radiance, two_sided, first + pieces.label)
+    return _Emitters(chosen, textured[order].astype(bool), turned[order].astype(bool), instance_of[order], index[order],
+                     origin, emissions)
 
 
 def _sort(triangles: EmissiveTriangles) -> Ints:

@@ -1,8 +1,8 @@
-"""Emissive pieces that are flat rectangles, and so exactly rectangle lights."""
+"""Emissive pieces that are flat rectangles, and so rectangle lights."""
 
 import numpy as np
 
-from app.arrays import F64, Bools
+from app.arrays import F64
 from app.load.emission_patches import EmissiveTriangles
 from app.load.scene_builder import color, vector
 from app.scene import RectLight
@@ -13,21 +13,14 @@ MAX_AREA_ERROR = 0.01
 MAX_DIRECTIONS = 256        # of a rectangle's edge that are tried
 
 
-def find_rectangles(triangles: EmissiveTriangles, textured: Bools) -> dict[int, RectLight]:
-    """The lights of those pieces that are rectangles of one radiance, by the pieces' numbers.
-
-    Parameters
-    ----------
-    textured : ndarray, bool, shape (T,)
-        Whether a triangle's radiance is the mean of a texture.
-    """
+def find_rectangles(triangles: EmissiveTriangles) -> dict[int, RectLight]:
+    """The lights of those pieces that are rectangles, with their mean radiance, by the pieces' numbers."""
     count = int(triangles.piece.max()) + 1
     power = np.bincount(triangles.piece, triangles.power.sum(axis=1), count)
-    has_texture = np.bincount(triangles.piece, textured, count) > 0
     order = np.argsort(triangles.piece, kind="stable")
     start = np.searchsorted(triangles.piece[order], np.arange(count + 1))
     rectangles = {}
-    for number in np.flatnonzero((power >= MIN_POWER_SHARE * power.sum()) & ~has_texture):
+    for number in np.flatnonzero(power >= MIN_POWER_SHARE * power.sum()):
         piece = triangles.select(order[start[number]:start[number + 1]])
         light = _fit_exact_rectangle(piece)
         if light is not None:
@@ -52,7 +45,8 @@ def _fit_exact_rectangle(piece: EmissiveTriangles) -> RectLight | None:
     coverage = min(area / float(np.linalg.norm(u) * np.linalg.norm(v)), 1.0)
     if coverage <= 1 - MAX_AREA_ERROR:
         return None
-    return RectLight(vector(center + middle), vector(u), vector(v), color(piece.radiance[0]), bool(piece.two_sided[0]))
+    radiance = areas @ piece.radiance / area
+    return RectLight(vector(center + middle), vector(u), vector(v), color(radiance), bool(piece.two_sided[0]))
 
 
 def _smallest_rectangle(points: F64, normal: F64) -> tuple[F64, F64, F64]:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from app.errors import SettingsError
-from app.load.emission import mean_radiance
+from app.load.emission import SurfaceEmission, triangle_radiance
 from app.load.free_space import FreeSpace
 from app.load.geometry import RawMesh, face_vectors
 from app.load.scene_builder import SceneBuilder, vector
@@ -102,5 +102,6 @@ def _emitted_power(builder: SceneBuilder, instance: Instance) -> float:
     if not material.emits:
         return 0.0
     world = mesh.positions @ instance.transform_at(0.0)[:3, :3].T
-    area = float(np.linalg.norm(face_vectors(world, mesh.triangles), axis=1).sum()) / 2
-    return math.pi * area * float(mean_radiance(material).mean()) * (2 if material.double_sided else 1)
+    areas = np.linalg.norm(face_vectors(world, mesh.triangles), axis=1) / 2
+    power = math.pi * float(areas @ triangle_radiance(mesh, SurfaceEmission(material)).mean(axis=1))
+    return power * (2 if material.double_sided else 1)

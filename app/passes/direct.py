@@ -77,8 +77,8 @@ def declare_cube(lights: LightSet, face: int, camera_axes: bool, is_traced: bool
              *(("cube_shadow_ratio",) if is_traced else ()), *(("sky_irradiance",) if has_sky else ()))
     defines = {**lights.defines, **cube_defines(face, camera_axes), **({"NORMAL_MAPS": 1} if has_normal_maps else {})}
     return Pass("cube_direct", reads=reads, writes={"cube_direct": Tex("f2", 4, size=(6 * face, face))},
-                make=make_fullscreen("direct.frag", lambda frame: {"noise_phase": frame.noise_phase % 1.0}, defines,
-                                     CUBE_PREFIX))
+                make=make_fullscreen("direct.frag", lambda frame: {
+                    "noise_phase": frame.noise_phase % 1.0, **frame.lights.bind_light_images()}, defines, CUBE_PREFIX))
 
 
 def _make(device: Device, bound: BoundPass, defines: Mapping[str, object], shadow_grid: tuple[int, int] | None,
@@ -94,7 +94,8 @@ def _make(device: Device, bound: BoundPass, defines: Mapping[str, object], shado
 
     def uniforms(frame: FrameState) -> Mapping[str, object]:
         values: dict[str, object] = {
-            "noise_phase": (frame.noise_phase + GOLDEN_RATIO * frame.index * frame.accumulates) % 1.0}
+            "noise_phase": (frame.noise_phase + GOLDEN_RATIO * frame.index * frame.accumulates) % 1.0,
+            **frame.lights.bind_light_images()}
         if shadow_grid is not None:
             values["shadow_grid_ratio"] = ratio_to(shadow_grid, frame)
         if lobes is not None:

@@ -1,10 +1,11 @@
 """Instances of meshes as Mitsuba meshes, whose materials only Mitsuba's own integrators use."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from app.arrays import F32, F64
+from app.arrays import F32, F64, Ints
 from app.math3d import normal_matrix
 from app.scene import Instance, Material, Scene, Texture
 from export.reference.mitsuba_lights import SIDE_GAP
@@ -37,13 +38,15 @@ class MeshConverter:
             facing = _face_normals(points)
             facing *= (-side if mirrored else side) / np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-300)
             points, normals = points + SIDE_GAP * facing, facing
-        texture = material.emission_map if side else material.albedo_map
+        texture = _emission_texture(material) if side else material.albedo_map
         uvs = mesh.second_uvs if texture is not None and texture.uv_set == 1 else mesh.uvs
         properties = mi.Properties()
         if side:
+            covered = material.alpha if material.is_blended and material.albedo_map is None else 1.0
+            emission = tuple(covered * channel for channel in material.emission)
             properties["emitter"] = mi.load_dict({
-                "type": "area", "radiance": self._texture(material.emission, None if uvs is None else texture),
-                "sampling_weight": max(_mean_emission(material) * _area(points), MIN_SAMPLING_WEIGHT)})
+                "type": "area", "radiance": self._texture(emission, None if uvs is None else texture),
+                "sampling_weight": max(_mean_emission(emission, texture) * _area(points), MIN_SAMPLING_WEIGHT)})
         by_vertex = mesh.colors is not None and material.albedo_map is None
         if (mesh.material, by_vertex) not in self._bsdfs:
             self._bsdfs[mesh.material, by_vertex] = self._bsdf(material, by_vertex)
@@ -78,7 +81,7 @@ class MeshConverter:
             bsdf = {"type": "mask", "opacity": opacity, "bsdf": bsdf}
         return self._mi.load_dict(bsdf)
 
-    def _texture(self, factor: tuple[float, float, float], texture: Texture | None) -> dict[str, Any]:
+    def _texture(self, factor: tuple[float, ...], texture: Texture | None) -> dict[str, Any]:
         if texture is None:
             return {"type": "rgb", "value": list(factor)}
         return self._bitmap(linear_pixels(texture)[..., :3] * np.asarray(factor, np.float32), texture)
@@ -100,11 +103,28 @@ class MeshConverter:
                 self.notices.append("the path tracer's light repeats an emission texture clamped in one direction")
 
 
-def _mean_emission(material: Material) -> float:
+def _emission_texture(material: Material) -> Texture | None:
+    """What emission is multiplied by: the material's texture, where it has alpha as far as it covers its surface."""
+    mask = material.albedo_map if material.is_blended or material.alpha_cutoff is not None else None
+    if mask is None:
+        return material.emission_map
+    alpha = linear_pixels(mask)[..., 3:] * np.float32(material.alpha)
+    covered = alpha if material.alpha_cutoff is None else (alpha >= material.alpha_cutoff).astype(np.float32)
+    texture = material.emission_map or replace(mask, pixels=np.ones((1, 1, 4), np.float32))
+    size = np.maximum(covered.shape[:2], texture.pixels.shape[:2])
+    return replace(texture, pixels=_enlarge(linear_pixels(texture), size) * _enlarge(covered, size))
+
+
+def _enlarge(pixels: F32, size: Ints) -> F32:
+    """Pixels repeated to a larger height and width."""
+    rows, columns = (np.arange(new) * old // new for new, old in zip(size, pixels.shape, strict=False))
+    return np.asarray(pixels[rows][:, columns])
+
+
+def _mean_emission(emission: tuple[float, ...], texture: Texture | None) -> float:
     """Over all channels and the whole texture."""
-    texture = material.emission_map
     pixels = np.ones(3, np.float32) if texture is None else linear_pixels(texture)[..., :3]
-    return float((pixels * np.asarray(material.emission, np.float32)).mean())
+    return float((pixels * np.asarray(emission, np.float32)).mean())
 
 
 def _area(points: F64) -> float:

@@ -60,7 +60,11 @@ vec3 layered_light(Light light, vec3 p, vec3 n, vec3 e, Layers layers)
 {
     vec3 sum = vec3(0.0);
 #ifdef HAS_CLEARCOAT
-    sum += layers.strength * ggx_specular(light, p, layers.normal, layers.lobe);
+    vec3 of_coat = layers.strength * ggx_specular(light, p, layers.normal, layers.lobe);
+#ifdef HAS_LIGHT_IMAGES
+    of_coat *= image_along(light, p, layers.normal, reflect(-layers.lobe.v, layers.normal), layers.lobe.alpha);
+#endif
+    sum += of_coat;
 #endif
 #ifdef HAS_SHEEN
     if (max(max(layers.sheen.r, layers.sheen.g), layers.sheen.b) > 0.0) {

@@ -110,7 +110,13 @@ LightSample sample_rectangle(Light light, vec3 to_light, vec3 n, vec2 s)
         float square = dot(point, point);
         solid_angle = 4.0 * abs(dot(point, cross(u, v))) / max(square * sqrt(square), 1e-30);
     }
-    return LightSample(point, light.color.rgb * (solid_angle * max(dot(normalize(point), n), 0.0) / density), false);
+    vec3 radiance = light.color.rgb;
+    bool has_image = false;  // of a surface with a texture, whose parts may hide each other, as flames on crossed cards do
+#ifdef HAS_LIGHT_IMAGES
+    has_image = image_layer(light) >= 0.0;
+    radiance *= image_at(light, point - to_light, RAY_LEVEL);
+#endif
+    return LightSample(point, radiance * (solid_angle * max(dot(normalize(point), n), 0.0) / density), has_image);
 }
 
 LightSample sample_sphere(Light light, vec3 to_light, vec3 n, vec2 s)

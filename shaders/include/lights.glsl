@@ -1,29 +1,8 @@
-// The scene's lights and the irradiance that each sends to an unoccluded receiver.
+// The irradiance that each light sends to an unoccluded receiver.
 #include "numbers.glsl"
+#include "light.glsl"
+#include "light_image.glsl"
 #include "rect_form.glsl"
-
-const int POINT = 0;
-const int SPOT = 1;
-const int DIRECTIONAL = 2;
-const int RECT = 3;
-
-struct Light {
-    vec4 position;  // relative space (directional: unit vector towards the light); w: radius, or its tangent
-    vec4 color;     // intensity, irradiance or radiance; w: kind
-    vec4 u;         // rectangle: half edge, w = distance up to which points are in its plane; spot: axis; directional: x = half
-                    // width of its map, y = how far off blockers are searched; of its near cascade, z = half width, w = texels
-    vec4 v;         // rectangle: half edge, w = two-sided; spot: inner and outer half angle in radians; directional: xy = centre
-                    // of its near cascade relative to that of its map, zw = corner
-    vec4 tile;      // shadow map: corner and face size in texels, kind of map; without one: first row of its emission points,
-                    // and their number
-    vec4 frame_x;   // axes of a single map; rectangle: direction of u, w = its length
-    vec4 frame_y;   // rectangle: direction of v, w = its length
-    vec4 frame_z;   // rectangle: unit normal, along u x v
-};
-
-layout(std140) uniform LightBlock {
-    Light lights[LIGHT_COUNT > 0 ? LIGHT_COUNT : 1];
-};
 
 // Irradiance form factor times pi of a sphere seen under cosine c at distance / radius h, with the part
 // below the horizon left out (Lagarde and de Rousiers 2014, "Moving Frostbite to PBR", section 4.7.3).
@@ -73,7 +52,7 @@ float rect_light(Light light, vec3 p, vec3 n, Cosine lobe)
     return rect_form(to_light, light.u.xyz, light.v.xyz, n, lobe) * rect_side(light, to_light);
 }
 
-// Irradiance in W/m² (times the scene's scale) at relative point p with unit normal n.
+// Irradiance in W/m² (times the scene's scale) at relative point p with unit normal n, as if no light had an image.
 vec3 irradiance(Light light, vec3 p, vec3 n)
 {
     int kind = int(light.color.w);
@@ -101,4 +80,14 @@ vec3 irradiance(Light light, vec3 p, vec3 n)
 #else
     return vec3(0.0);
 #endif
+}
+
+// The same with images, which only lights with traced shadows have.
+vec3 traced_irradiance(Light light, vec3 p, vec3 n)
+{
+    vec3 e = irradiance(light, p, n);
+#ifdef HAS_LIGHT_IMAGES
+    e *= image_around(light, p, n);
+#endif
+    return e;
 }

@@ -157,15 +157,93 @@ def test_what_is_covered_emits(mode: str, alpha: float, share: float, tmp_path):
     np.testing.assert_allclose(power_of(scene), share * np.pi * area * np.array([1, 0.5, 0.25]), rtol=1e-6)
 
 
-def test_emission_texture_counts_by_its_linear_mean(tmp_path):
+def test_a_triangle_emits_what_its_texture_is_over_it(tmp_path):
     gltf = Gltf()
     gltf.material(emissiveFactor=[1, 1, 1], doubleSided=True,
                   emissiveTexture={"index": gltf.texture(np.array([[[255] * 3, [0] * 3]]))})
     gltf.primitive["attributes"]["TEXCOORD_0"] = gltf.array(TRIANGLE[:, :2].copy())
     scene = load_scene(gltf.save(tmp_path))
-    np.testing.assert_allclose(power_of(scene), 2 * np.pi * 0.25, rtol=1e-6)
+    share = 5 / 8  # the integral of the interpolated and repeated texels over the triangle
+    np.testing.assert_allclose(power_of(scene), 2 * np.pi * 0.5 * share, rtol=0.005)
     assert all(light.two_sided for light in scene.lights)
-    assert tuple(scene.approximate_lights) == scene.lights, "the mean of a texture is no exact radiance"
+    assert tuple(scene.approximate_lights) == scene.lights, "a texture's details are no exact radiance"
+
+
+def screen(pixels, **node) -> Gltf:
+    """A square of side 1 with an emission texture of ``pixels``, whose left column is on its left."""
+    gltf = Gltf()
+    gltf.material(emissiveFactor=[1, 1, 1], doubleSided=False, emissiveTexture={"index": gltf.texture(pixels)})
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
+    gltf.primitive["attributes"]["POSITION"] = gltf.array(corners)
+    gltf.primitive["attributes"].pop("NORMAL", None)
+    uvs = np.stack([corners[:, 0], 1 - corners[:, 1]], axis=1)
+    gltf.primitive["attributes"]["TEXCOORD_0"] = gltf.array(uvs.astype(np.float32))
+    gltf.primitive["indices"] = gltf.array(np.array([0, 1, 2, 0, 2, 3], np.uint16))
+    gltf.json["nodes"][0].update(node)
+    return gltf
+
+
+def quarters() -> np.ndarray:
+    """Large texels, encoded: red and green above, blue and black below."""
+    colors = np.array([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [0, 0, 0]]])
+    return colors.repeat(32, axis=0).repeat(32, axis=1)
+
+
+def emitted_at(scene, point) -> np.ndarray:
+    """Radiance of the only light, which has an image, at a world-space point on it."""
+    (light,) = scene.lights
+    away = np.subtract(point, light.center)
+    place = [away @ np.array(edge) / np.dot(edge, edge) + 0.5 for edge in (light.edge_u, light.edge_v)]
+    height, width, _ = light.image.pixels.shape
+    return light.image.pixels[int(place[1] * height), int(place[0] * width)] * light.radiance
+
+
+@pytest.mark.parametrize("node", [{}, {"scale": [-1, 1, 1]}, {"rotation": [0, 0, 0.6, 0.8], "scale": [2, 1, 1]}])
+def test_a_rectangle_with_a_texture_is_a_light_with_its_image(node, tmp_path):
+    scene = load_scene(screen(quarters(), **node).save(tmp_path), studio=False)
+    transform = scene.instances[0].transform
+    for x, y, expected in ((0.25, 0.75, (1, 0, 0)), (0.75, 0.75, (0, 1, 0)), (0.25, 0.25, (0, 0, 1)), (0.75, 0.25, 0)):
+        at = (transform @ (x - 0.5, y - 0.5, 0, 1))[:3]  # the mesh is moved so that its middle is the origin
+        np.testing.assert_allclose(emitted_at(scene, at), np.broadcast_to(expected, 3), atol=0.01)
+    area = abs(np.linalg.det(transform[:3, :3]))
+    np.testing.assert_allclose(power_of(scene), np.pi * area / 4, rtol=0.01)
+    assert not scene.approximate_lights and not scene.exact_lights
+    assert len(scene.approximated_materials) == 1, "the reference traces the surface instead"
+
+
+def test_a_texture_of_one_colour_has_no_image(tmp_path):
+    scene = load_scene(screen(np.full((4, 4, 3), 255)).save(tmp_path), studio=False)
+    (light,) = scene.exact_lights
+    assert light.image is None and not scene.approximated_materials
+    np.testing.assert_allclose(light.radiance, 1, rtol=1e-6)
+
+
+def test_only_what_is_bright_of_an_atlas_is_a_light(tmp_path):
+    """Two squares of one mesh; the texture is black but for the part that the second shows."""
+    pixels = np.zeros((64, 64, 3), np.uint8)
+    pixels[:, 40:] = 255
+    gltf = screen(pixels)
+    corners = np.array([[x + d, y, 0] for d in (0, 3) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], np.float32)
+    uvs = np.array([[low + x, y] for low in (0.1, 0.7) for x, y in ((0, 0.2), (0.2, 0.2), (0.2, 0.6), (0, 0.6))])
+    gltf.primitive["attributes"]["POSITION"] = gltf.array(corners)
+    gltf.primitive["attributes"]["TEXCOORD_0"] = gltf.array(uvs.astype(np.float32))
+    gltf.primitive["indices"] = gltf.array(np.array([0, 1, 2, 0, 2, 3, 4, 5, 6, 4, 6, 7], np.uint16))
+    (light,) = load_scene(gltf.save(tmp_path), studio=False).lights
+    np.testing.assert_allclose(light.center, (3.5, 0.5, 0), atol=1e-6)
+    np.testing.assert_allclose(light.radiance, 1, rtol=1e-6)
+
+
+def test_what_is_cut_out_of_a_card_does_not_emit(tmp_path):
+    """Its left half alone."""
+    alpha = np.full((32, 32, 4), 255)
+    alpha[:, 16:, 3] = 0
+    gltf = screen(np.full((4, 4, 3), 255))
+    gltf.json["materials"][0] |= {"alphaMode": "MASK", "pbrMetallicRoughness": {
+        "baseColorTexture": {"index": gltf.texture(alpha)}}}
+    scene = load_scene(gltf.save(tmp_path), studio=False)
+    np.testing.assert_allclose(power_of(scene), np.pi / 2, rtol=0.01)
+    np.testing.assert_allclose(emitted_at(scene, (0.25, 0.5, 0)), 1, atol=0.01)
+    np.testing.assert_allclose(emitted_at(scene, (0.75, 0.5, 0)), 0, atol=0.01)
 
 
 @pytest.mark.parametrize(("sides", "double_sided", "hidden"), [

@@ -314,6 +314,20 @@ def test_meshes_emit_what_lights_only_approximate() -> None:
     assert exact.mean() > 2 * seen.mean()
 
 
+def test_what_is_cut_out_of_a_surface_does_not_emit() -> None:
+    """A mask leaves half of a panel: its light is that of a panel of half the size."""
+    pixels = np.ones((1, 2, 4), np.float32)
+    pixels[0, 1, 3] = 0
+    mask = replace(emissive(), albedo_map=Texture(pixels, repeat=(False, False), magnified="nearest"), alpha_cutoff=0.5)
+    view, pixels_at = View.of(CAMERA, (64, 48), 1e-3), np.full((2**14, 2), 0.5)
+    means = []
+    for width, material in ((2.0, mask), (1.0, emissive())):
+        scene = make_scene([floor(2.0), quad((-1.0, 1.0, -1.0), (width, 0, 0), (0, 0, 1), material)], camera=CAMERA)
+        samples = PathTracer(scene, max_bounces=0, emission_is_direct=True).trace(view, pixels_at, seed=0)
+        means.append(samples.direct.mean())
+    assert means[0] == pytest.approx(means[1], rel=0.03)
+
+
 def test_light_of_the_environment_is_direct() -> None:
     """A convex scene reflects it once and bounces nothing."""
     scene = replace(make_scene([floor(2.0)], camera=CAMERA), environment=Environment(np.ones((4, 8, 3), np.float32)))
