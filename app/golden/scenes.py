@@ -217,13 +217,14 @@ def area_lights() -> Scene:
 
 
 def screen() -> Scene:
-    """``area_lights``, whose rectangle light has an image: stripes that differ in colour, the last one dark."""
+    """``area_lights`` with a coated post; the rectangle light has an image: stripes that differ in colour, one dark."""
     scene = area_lights()
+    materials = (scene.materials[0], replace(scene.materials[1], clearcoat=Clearcoat(0.9, 0.3)), *scene.materials[2:])
     colors = np.array([(3.0, 0.2, 0.4), (0.5, 2.8, 0.6), (0.5, 1.0, 3.0), (0.0, 0.0, 0.0)], np.float32)
     ramp = np.linspace(0.2, 1.8, 256, dtype=np.float32)
     pixels = colors.repeat(64, axis=0)[:, None] * ramp[:, None]
     image = EmissionImage(np.ascontiguousarray((pixels / pixels.mean(axis=(0, 1))).astype(np.float32)))
-    return replace(scene, name="screen", lights=tuple(
+    return replace(scene, name="screen", materials=materials, lights=tuple(
         replace(light, image=image) if isinstance(light, RectLight) else light for light in scene.lights))
 
 

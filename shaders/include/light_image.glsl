@@ -3,39 +3,45 @@
 // texture as in Heitz, Dupuy, Hill and Neubelt 2016, "Real-Time Polygonal-Light Shading with Linearly Transformed Cosines".
 #include "light.glsl"
 #include "numbers.glsl"
+#include "rect_form.glsl"
 
 #ifdef HAS_LIGHT_IMAGES
 uniform sampler2DArray light_images;
 
 const int PARTS = 4;               // along each edge
 const float PART_LEVEL = 6.0;      // of mipmaps, whose texels are the parts
-const int IMAGE_SAMPLES = 3;             // of an image in a highlight
-const float LOBE_WIDTH = 3.0;      // over alpha, in radians: between directions where a lobe has half of its radiance
+const int IMAGE_SAMPLES = 3;       // in a highlight
+const float LOBE_WIDTH = 3.0;      // over alpha, in radians; a little more than between directions of half the lobe's radiance
 const float RAY_LEVEL = 3.0;       // whose detail rays see; more would be noise
 const float MIN_ROW = 3.0;         // texels, about, which a lobe is long where several samples are worth their time
 const float MAX_ROW = 1024.0;
 const float MEAN_LEVEL = 16.0;     // at least that of one texel
-const float MIN_LENGTH_SQUARE = 1e-12;
+const float MIN_LENGTH_SQUARE = 1e-12;  // of a view along the normal, whose plane of incidence may be any
 const float MIN_SPEED = 1e-6;      // at which a mirrored view approaches the light's plane
-const float MIN_PART_WEIGHT = 1e-6;     // of a part, so that their sum is not 0 below the horizon
+const float MIN_PART_WEIGHT = 1e-6;  // of a part, so that their sum is not 0 below the horizon
 
+// Negative for lights without an image.
 float image_layer(Light light)
 {
-    return light.frame_z.w - 1.0;
+    return int(light.color.w) == RECT ? light.frame_z.w - 1.0 : -1.0;
 }
 
 // What relative point p with unit normal n receives of every so many parts of the image, and the sum of their weights.
 vec4 image_parts(Light light, vec3 p, vec3 n, int first, int stride)
 {
-    vec3 to_light = light.position.xyz - p;
+    vec3 to_light = light.position.xyz - p, u = light.u.xyz, v = light.v.xyz;
+    float scale = inversesqrt(max(dot(to_light, to_light) + dot(u, u) + dot(v, v), MIN_SQUARE));  // against overflows
+    to_light *= scale;
+    u *= scale;
+    v *= scale;
     // A part is not a point, so its nearest distance is about a quarter of its size.
-    float nearest = (dot(light.u.xyz, light.u.xyz) + dot(light.v.xyz, light.v.xyz)) / float(4 * PARTS * PARTS);
+    float nearest = (dot(u, u) + dot(v, v)) / float(4 * PARTS * PARTS);
     vec4 sum = vec4(0.0);
     int i = first;
     do {
         ivec2 part = ivec2(i % PARTS, i / PARTS);
         vec2 at = (2.0 * vec2(part) + 1.0) / float(PARTS) - 1.0;
-        vec3 to = to_light + at.x * light.u.xyz + at.y * light.v.xyz;
+        vec3 to = to_light + at.x * u + at.y * v;
         float square = dot(to, to) + nearest, weight = max(dot(to, n), MIN_PART_WEIGHT * sqrt(square)) / (square * square);
         sum += weight * vec4(texelFetch(light_images, ivec3(part, image_layer(light)), int(PART_LEVEL)).rgb, 1.0);
     } while ((i += stride) < PARTS * PARTS);
