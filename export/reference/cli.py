@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from app.cli.render import choose_camera
 from app.errors import SettingsError
 from app.io.atomic_files import prepare_folders
 from app.io.terminal import transient_progress
@@ -16,7 +17,8 @@ SCENE = typer.Argument(metavar="[SCENE]", help="Scene file; by default the embed
 
 
 def reference(scene: Annotated[Path | None, SCENE] = None,
-              camera: Annotated[str | None, typer.Option(help="A camera of the scene.")] = None,
+              camera: Annotated[str | None, typer.Option(
+                  help="auto, a camera of the scene, or a FILE.json.", metavar="auto|NAME|FILE.json")] = None,
               lighting: Annotated[str | None, typer.Option(help="A lighting of the scene's JSON file.")] = None,
               scene_json: Annotated[Path | None, typer.Option(help="JSON file of cameras, lightings, motion.")] = None,
               studio: Annotated[bool | None, typer.Option(
@@ -55,10 +57,7 @@ def reference(scene: Annotated[Path | None, SCENE] = None,
     loaded = embedded_scene(lighting=lighting) if scene is None else load_scene(
         scene, lighting=lighting_of(lighting, studio), scene_json=scene_json, variant=variant, animation=animation,
         studio=studio is not False, ground=ground)
-    if camera is not None and camera not in loaded.cameras:
-        raise SettingsError(f"no camera {camera!r}", "--camera", f"expected one of: {', '.join(loaded.cameras)}")
-    path = loaded.cameras[camera or loaded.default_camera]
-    still = Still(loaded, path.at(time), pixels, time)
+    still = Still(loaded, choose_camera(loaded, camera).at(time), pixels, time)
     prepare_folders(out)
     if counts:
         write_baselines(out, still, counts, seed, max_bounces)

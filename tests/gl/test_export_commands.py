@@ -57,6 +57,13 @@ def test_choose_writes_the_list_without_dropped_views(tmp_path: Path, few_views:
     assert (width, height) == (contact_sheet.COLUMNS * listed["size"][0], listed["size"][1])
 
 
+@pytest.mark.usefixtures("path_tracer")
+def test_a_reference_of_the_automatic_camera(tmp_path: Path) -> None:
+    run("reference", "--camera", "auto", "--size", "8x6", "--spp", "1", "--out", str(tmp_path))
+    assert json.loads((tmp_path / "reference.json").read_text("utf-8"))["camera"] == "auto"
+    assert (tmp_path / "reference.exr").is_file()
+
+
 def test_probe_writes_the_networks_of_the_goldens(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(probe, "PROBE", tmp_path / "probe.onnx")
     monkeypatch.setattr(probe, "PROBE_ENVIRONMENT", tmp_path / "probe_environment.onnx")
@@ -89,6 +96,7 @@ def test_sheet_shows_the_first_pairs_of_a_dataset(tmp_path: Path) -> None:
     (["reference", "--scene-json", "bad.json"], r"--scene-json: needs a scene \(expected a SCENE too\)"),
     (["reference", "--studio"], r"--studio: needs a scene \(expected a SCENE too\)"),
     (["reference", "--ground"], r"--ground: needs a scene \(expected a SCENE too\)"),
+    (["reference", "--camera", "nope"], r"--camera: unknown name 'nope' \(expected one of: auto, "),
     (["reference", "--size", "0x4"], "--size: bad size 0x4"),
     (["reference", "--baselines", "0"], "--baselines: bad samples per pixel '0'"),
     (["reference", "--denoise", "--baselines", "1,2"], "--denoise: baselines are not denoised")])
