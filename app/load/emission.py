@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from app.arrays import F32, F64, Bytes, Ints
-from app.io.image import srgb_decode
+from app.load.images import to_linear
 from app.scene import Material, Mesh, Texture
 
 OPAQUE = 255              # of alpha in 8 bits
@@ -80,24 +80,24 @@ def _coverage(material: Material) -> Texture | None:
     alpha = texture.pixels[..., 3:] / np.float32(OPAQUE if texture.pixels.dtype == np.uint8 else 1)
     if material.alpha_cutoff is not None:
         alpha = (alpha * material.alpha >= material.alpha_cutoff).astype(np.float32)
-    return None if alpha.min() == alpha.max() == 1 else replace(texture, pixels=np.repeat(alpha, 4, axis=2))
+    return None if alpha.min() == alpha.max() == 1 else replace(texture, pixels=np.broadcast_to(alpha, texture.pixels.shape))
 
 
 def _smaller(texture: Texture) -> Texture:
     """A copy whose texels are linear means of blocks of the texture's."""
-    linear = _linear(texture.pixels[..., :3], texture.is_color)
-    for axis in (0, 1):
-        edges = np.linspace(0, linear.shape[axis], min(MAX_SIDE, linear.shape[axis]) + 1).astype(int)
-        sums = np.add.reduceat(linear, edges[:-1], axis=axis)
-        linear = sums / np.expand_dims(np.diff(edges), tuple({0, 1, 2} - {axis}))
-    return replace(texture, pixels=linear.astype(np.float32))
+    rows, columns = (np.linspace(0, size, min(MAX_SIDE, size) + 1).astype(int) for size in texture.pixels.shape[:2])
+    means = np.empty((len(rows) - 1, len(columns) - 1, 3), np.float32)
+    for mean, first, end in zip(means, rows[:-1], rows[1:], strict=True):  # a few rows at once, which bounds the memory
+        of_columns = _linear(texture.pixels[first:end, :, :3], texture.is_color).mean(axis=0)
+        mean[:] = np.add.reduceat(of_columns, columns[:-1]) / np.diff(columns)[:, None]
+    return replace(texture, pixels=means)
 
 
 def _linear(color: Bytes | F32, is_color: bool) -> F64:
     if color.dtype != np.uint8:
         return np.asarray(np.nan_to_num(color.astype(np.float64)).clip(0, None))
-    share = np.arange(OPAQUE + 1) / OPAQUE
-    return np.asarray((srgb_decode(share) if is_color else share)[color])
+    encoded = color.astype(np.uint8)
+    return to_linear(encoded) if is_color else encoded / np.float64(OPAQUE)
 
 
 def _transform(texture: Texture, uv: F64) -> F64:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from app.arrays import F32, F64, Bytes
+from app.arrays import F64, Bytes
 from app.errors import MissingExtraError, SceneError
 from app.io.image import srgb_decode
 from app.load import ktx2
@@ -73,11 +73,3 @@ def _too_large(where: object) -> SceneError:
 def to_linear(pixels: Bytes) -> F64:
     """sRGB-encoded bytes to linear values."""
     return np.asarray(_SRGB_TO_LINEAR[pixels])
-
-
-def mean_color(pixels: Bytes | F32) -> F64:
-    """Mean linear colour of a texture, shape (3,)."""
-    if pixels.dtype != np.uint8:
-        return pixels[..., :3].mean(axis=(0, 1), dtype=np.float64)
-    counts = [np.bincount(pixels[..., c].ravel(), minlength=256) for c in range(3)]
-    return np.array([c @ _SRGB_TO_LINEAR / c.sum() for c in counts])

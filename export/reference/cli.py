@@ -5,11 +5,12 @@ from typing import Annotated
 
 import typer
 
-from app.cli.render import choose_camera
-from app.errors import SettingsError
+from app.errors import SettingsError, did_you_mean
 from app.io.atomic_files import prepare_folders
 from app.io.terminal import transient_progress
-from app.load import embedded_scene, lighting_of, load_scene
+from app.load import auto_camera, embedded_scene, lighting_of, load_scene
+from app.load.cameras import AUTO
+from app.scene import CameraPath
 from app.settings import parse_size
 
 MAX_SPP, MAX_SECONDS = 2**15, 1e6
@@ -18,7 +19,7 @@ SCENE = typer.Argument(metavar="[SCENE]", help="Scene file; by default the embed
 
 def reference(scene: Annotated[Path | None, SCENE] = None,
               camera: Annotated[str | None, typer.Option(
-                  help="auto, a camera of the scene, or a FILE.json.", metavar="auto|NAME|FILE.json")] = None,
+                  help="auto, or a camera of the scene.", metavar="auto|NAME")] = None,
               lighting: Annotated[str | None, typer.Option(help="A lighting of the scene's JSON file.")] = None,
               scene_json: Annotated[Path | None, typer.Option(help="JSON file of cameras, lightings, motion.")] = None,
               studio: Annotated[bool | None, typer.Option(
@@ -57,12 +58,16 @@ def reference(scene: Annotated[Path | None, SCENE] = None,
     loaded = embedded_scene(lighting=lighting) if scene is None else load_scene(
         scene, lighting=lighting_of(lighting, studio), scene_json=scene_json, variant=variant, animation=animation,
         studio=studio is not False, ground=ground)
-    still = Still(loaded, choose_camera(loaded, camera).at(time), pixels, time)
+    cameras = {AUTO: CameraPath.still(auto_camera(loaded)), **loaded.cameras} if camera == AUTO else loaded.cameras
+    name = camera or loaded.default_camera
+    if name not in cameras:
+        raise SettingsError(f"unknown name {name!r}", "--camera", did_you_mean(name, (AUTO, *cameras)))
+    still = Still(loaded, cameras[name].at(time), pixels, time)
     prepare_folders(out)
     if counts:
         write_baselines(out, still, counts, seed, max_bounces)
         return
-    about = {"scene": str(scene or "embedded"), "camera": camera or loaded.default_camera, "lighting": loaded.lighting}
+    about = {"scene": str(scene or "embedded"), "camera": name, "lighting": loaded.lighting}
     print("the path tracer is compiled for the scene first, which takes a minute or more if there are many materials",
           flush=True)
     with transient_progress() as bar:
