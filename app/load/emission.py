@@ -80,7 +80,8 @@ def _coverage(material: Material) -> Texture | None:
     alpha = texture.pixels[..., 3:] / np.float32(OPAQUE if texture.pixels.dtype == np.uint8 else 1)
     if material.alpha_cutoff is not None:
         alpha = (alpha * material.alpha >= material.alpha_cutoff).astype(np.float32)
-    return None if alpha.min() == alpha.max() == 1 else replace(texture, pixels=np.broadcast_to(alpha, texture.pixels.shape))
+    is_whole = alpha.min() == alpha.max() == 1
+    return None if is_whole else replace(texture, pixels=np.broadcast_to(alpha, texture.pixels.shape))
 
 
 def _smaller(texture: Texture) -> Texture:
