@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal, Protocol
+from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -449,19 +449,27 @@ class EmissionImage:
 
     Attributes
     ----------
-    pixels : ndarray, float32, shape (H, W, 3)
+    pixels : ndarray, float32, shape (SIDE, SIDE, 3)
         Factors of the light's radiance, 1 on the mean of each channel. Columns go along ``edge_u``, rows along
         ``edge_v``.
     """
 
+    SIDE: ClassVar[int] = 256  # shaders/include/light_image.glsl knows the level of its mipmaps with 4×4 texels
+
     pixels: F32
+
+    def __post_init__(self) -> None:
+        shape = (self.SIDE, self.SIDE, 3)
+        if self.pixels.shape != shape or not (np.isfinite(self.pixels) & (self.pixels >= 0)).all():
+            raise SceneError("bad pixels", "emission image", f"expected finite factors from 0 on, of the shape {shape}")
 
 
 @dataclass(frozen=True)
 class RectLight:
     """A rectangle that emits ``radiance`` in W/(sr m²) to the side of ``edge_u`` × ``edge_v``.
 
-    Of a surface with a texture, ``radiance`` is the mean, and ``image`` says how it varies.
+    Of a surface with a texture, ``radiance`` is the mean, and ``image``, which loading makes, says how it varies. The
+    surface is in the scene, and references trace it instead of the light.
     """
 
     center: tuple[float, float, float]
@@ -671,7 +679,7 @@ class Scene:
 
     @property
     def exact_lights(self) -> tuple[Light, ...]:
-        """Those of ``lights`` that approximate nothing, such as a texture's details."""
+        """Those of ``lights`` that approximate nothing; others stand for surfaces that are in the scene too."""
         return tuple(light for light in self.lights if light not in self.approximate_lights
                      and (not isinstance(light, RectLight) or light.image is None))
 

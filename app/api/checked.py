@@ -23,6 +23,7 @@ from app.scene import (
     Camera,
     CameraPath,
     DirectionalLight,
+    EmissionImage,
     Environment,
     Light,
     Material,
@@ -249,6 +250,8 @@ def _plain_field(kind: type, name: str, hint: Any, value: Any, where: str, span:
         return _image(value, where, 4, _FINITE)
     if (kind, name) == (Texture, "transform"):
         return _numbers(value, (3, 3), where, _FINITE)
+    if isinstance(value, EmissionImage):
+        return value  # which checks itself, and is known by its identity
     options = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
     if value is None and NoneType in options:
         return None

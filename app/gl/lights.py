@@ -129,8 +129,8 @@ class LightSet:
         self.mapped = tuple(light for light, is_traced in zip(scene.lights, traced, strict=True) if not is_traced)
         others = [light for light, is_traced in zip(scene.lights, traced, strict=True) if is_traced]
         self._points = {light: scene.approximate_lights[light] for light in others if light in scene.approximate_lights}
-        images = [light.image for light in others if isinstance(light, RectLight)]
-        self._images = tuple(image for image in images if image is not None)
+        images = [light.image for light in others if isinstance(light, RectLight) and light.image is not None]
+        self._images, self._image_count = tuple(dict.fromkeys(images)), len(images)
         sparse = {light for light, points in self._points.items() if points.is_sparse}
         # Spheres, then rectangles, and sparse ones between the others; those with an image last.
         others.sort(key=lambda light: (isinstance(light, RectLight), getattr(light, "image", None) is not None,
@@ -271,11 +271,11 @@ class LightSet:
             "HAS_TRACED_LIGHT": bool(traced), "HAS_TRACED_SPHERE": rect_count < len(traced),
             "HAS_TRACED_RECT": rect_count > 0, "HAS_EMISSION_POINTS": bool(self._points),
             "HAS_SPARSE_LIGHT": bool(self._sparse), "HAS_LIGHT_IMAGES": bool(self._images),
-            "HAS_PLAIN_RECT": rect_count > len(self._images),
+            "HAS_PLAIN_RECT": rect_count > self._image_count,
         }
         return {"LIGHT_COUNT": len(self.lights), "MAPPED_COUNT": len(self.mapped),
                 "RECTS_BEGIN": len(self.lights) - rect_count,
-                **({"IMAGES_BEGIN": len(self.lights) - len(self._images)} if self._images else {}),
+                **({"IMAGES_BEGIN": len(self.lights) - self._image_count} if self._images else {}),
                 **({"POINT_LEVELS": POINT_LEVELS} if self._points else {}),
                 **({"SPARSE_BEGIN": self._sparse.start, "SPARSE_END": self._sparse.stop} if self._sparse else {}),
                 **{name: 1 for name in sorted(flags) if flags[name]}}

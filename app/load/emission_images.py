@@ -6,28 +6,28 @@ import numpy as np
 
 from app.arrays import F64
 from app.load.emission import SurfaceEmission
-from app.load.scene_builder import color
 from app.scene import EmissionImage, RectLight
 
-SIDE = 256            # texels of an image along each edge
-FINER = 2             # places along the edge of a texel, whose mean it is
+MAX_FACTOR = 6e4      # that half floats can hold
 MIN_CONTRAST = 0.02   # deviation from the mean, below which an image is not worth its time
 
 
 def with_image(light: RectLight, corners: F64, uvs: F64, emission: SurfaceEmission) -> RectLight:
-    """A light with the radiance of its surface, and its image unless it is the same everywhere.
+    """A light with the image of its surface, unless this is the same everywhere.
 
     Parameters
     ----------
     corners : ndarray, float64, shape (T, 3, 3)
-        Triangles that fill the rectangle, in the light's space.
+        Triangles that fill the rectangle, but for a hundredth of it, in the light's space.
     uvs : ndarray, float64, shape (2, T, 3, 2)
         Texture coordinates at their corners, in both sets.
     """
-    side = SIDE * FINER
+    side = EmissionImage.SIDE
     radiance = np.zeros((side, side, 3))
+    texels = float(emission.texels(uvs).sum())
+    level = int(np.ceil(np.log2(max(texels / side**2, 1)) / 2))
     edges = np.stack([light.edge_u, light.edge_v])
-    # In units of the finer texels, whose centres are at whole numbers.
+    # In units of the texels, whose centres are at whole numbers.
     places = ((corners - light.center) @ edges.T / np.square(edges).sum(axis=1) + 0.5) * side - 0.5
     for triangle, of_triangle in zip(places, np.moveaxis(uvs, 1, 0), strict=True):
         low = np.ceil(triangle.min(axis=0)).clip(0, side).astype(np.int64)
@@ -36,11 +36,9 @@ def with_image(light: RectLight, corners: F64, uvs: F64, emission: SurfaceEmissi
         shares = _barycentric(triangle, np.stack([x, y], axis=1).astype(np.float64))
         inside = shares.min(axis=1, initial=1.0) >= -1e-9
         at = np.einsum("nk,ukd->und", shares[inside], of_triangle)
-        radiance[y[inside], x[inside]] = emission.at(at)
-    pixels = radiance.reshape(SIDE, FINER, SIDE, FINER, 3).mean(axis=(1, 3))
-    mean = pixels.mean(axis=(0, 1))
-    pixels = np.where(mean > 0, pixels / np.maximum(mean, 1e-300), 1.0).astype(np.float32)
-    light = replace(light, radiance=color(mean))
+        radiance[y[inside], x[inside]] = emission.at(at, level)
+    mean = radiance.mean(axis=(0, 1))
+    pixels = np.where(mean > 0, radiance / np.maximum(mean, 1e-300), 1.0).clip(0, MAX_FACTOR).astype(np.float32)
     return light if pixels.std(axis=(0, 1)).max() < MIN_CONTRAST else replace(light, image=EmissionImage(pixels))
 
 

@@ -1,12 +1,12 @@
 """Emissive triangles -> emission patches: fewer and small ones, each with the moments of the triangles in it."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
 
 from app.arrays import F64, Bools, Ints
-from app.load.emission import SurfaceEmission
 from app.load.emissive_pieces import boxes
 
 PATCHES = 1024          # that all pieces share by power
@@ -14,9 +14,6 @@ MIN_PIECE_PATCHES = 8    # a piece whose share is less is one patch
 MAX_PIECE_PATCHES = 256  # roughly; more on curved pieces
 MAX_PIECE_CELLS = 256   # across a piece
 NORMAL_CELLS = 2.0      # per unit of a normal's components
-MAX_TEXTURED = 2**13     # triangles that those of a texture are divided into, roughly
-MAX_SIDE = 16            # parts along the edge of one
-MIN_PART = 1e-3          # of the largest radiance; parts with less are black
 MIN_FLUX = 0.5          # of the flux that leaves a patch, along its mean normal; below it emits in all directions alike
 MIN_ALIGNMENT = 0.7     # as MIN_FLUX, for both directions of a line
 
@@ -99,25 +96,18 @@ class Patches:
         return np.asarray(self.power.sum(axis=1))
 
 
-def divide_by_texture(triangles: EmissiveTriangles, uvs: F64, emission: SurfaceEmission) -> EmissiveTriangles:
-    """Equal parts of triangles of one material, each with its own radiance, without those that are black.
-
-    Parameters
-    ----------
-    uvs : ndarray, float64, shape (2, T, 3, 2)
-        Texture coordinates at their corners, in both sets.
-    """
-    side = int(np.clip(np.sqrt(MAX_TEXTURED / len(uvs[0])), 1, MAX_SIDE))
-    shares = _divide_triangle(side)
+def divide(triangles: EmissiveTriangles, radiance: F64) -> EmissiveTriangles:
+    """Parts of triangles as of ``divide_triangle``, of a radiance of shape (T, parts, 3), but for black ones."""
+    shares = divide_triangle(math.isqrt(radiance.shape[1]))
     corners = np.einsum("pcs,tsi->tpci", shares, triangles.corners).reshape(-1, 3, 3)
-    radiance = emission.mean(np.einsum("pcs,utsi->utpci", shares, uvs).reshape(2, -1, 3, 2))
     source = np.repeat(np.arange(len(triangles.corners)), len(shares))
-    bright = np.flatnonzero(radiance.max(axis=1) > MIN_PART * radiance.max())
-    return EmissiveTriangles(corners[bright], radiance[bright], triangles.two_sided[source[bright]],
-                             triangles.piece[source[bright]])
+    bright = np.flatnonzero(radiance.reshape(-1, 3).any(axis=1))
+    source = source[bright]
+    return EmissiveTriangles(corners[bright], radiance.reshape(-1, 3)[bright], triangles.two_sided[source],
+                             triangles.piece[source])
 
 
-def _divide_triangle(side: int) -> F64:
+def divide_triangle(side: int) -> F64:
     """Barycentric coordinates of the corners of side² equal parts of a triangle, shape (side², 3, 3)."""
     parts = []
     for i in range(side):

@@ -1,6 +1,6 @@
 """Emissive surfaces -> analytic lights.
 
-All static surfaces that emit become lights. A connected piece that is a flat rectangle is exactly a rectangle light,
+All static surfaces that emit become lights. A connected piece that is a flat rectangle is a rectangle light, exactly or
 with an image of its texture. Other pieces, and pieces of which there are too many, are approximated by few lights with
 the same power in all.
 """
@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.arrays import F64, Bools, Ints
-from app.load.emission import SurfaceEmission, corner_uvs, triangle_radiance
+from app.load.emission import SurfaceEmission, corner_uvs, is_dark, triangle_radiance
 from app.load.emission_images import with_image
-from app.load.emission_patches import EmissiveTriangles, divide_by_texture, divide_into_patches, make_patches
+from app.load.emission_patches import EmissiveTriangles, divide, divide_into_patches, divide_triangle, make_patches
 from app.load.emission_points import place_points
 from app.load.emissive_pieces import Pieces, find_pieces
 from app.load.exact_rectangles import find_rectangles
-from app.load.geometry import place
+from app.load.geometry import face_vectors, place
 from app.load.light_clusters import cluster_patches
 from app.load.light_fit import Receivers
 from app.load.light_proxies import ProxySplitter
@@ -26,6 +26,9 @@ from app.load.receivers import sample_receivers, surround
 from app.load.scene_builder import MAX_COORDINATE, SceneBuilder, vector
 from app.scene import EmissionPoints, Instance, Light, Material, Mesh, PointLight, RectLight
 
+MAX_IMAGES = 8      # of textured rectangles, each of which costs time in every frame; the others are approximated
+MAX_TEXTURED = 2**13  # parts of other textured triangles, roughly
+MAX_SIDE = 16         # of them, along the edge of a triangle
 FLAT_COSINE = 0.99  # between the normals of a piece whose light does not meet it again
 MIN_AREA = 1e-300
 
@@ -65,7 +68,7 @@ def find_emitters(builder: SceneBuilder) -> None:
     if emitters is None:
         return
     triangles, count = emitters.triangles, int(emitters.triangles.piece.max()) + 1
-    rectangles = find_rectangles(triangles)
+    rectangles = _brightest_images(triangles, emitters.textured, find_rectangles(triangles))
     whole = np.isin(np.arange(count), list(rectangles))
     small, patch = divide_into_patches(_divide_textured(builder, emitters, whole), whole)
     patches = make_patches(small, patch)
@@ -96,32 +99,55 @@ def find_emitters(builder: SceneBuilder) -> None:
 def _divide_textured(builder: SceneBuilder, emitters: _Emitters, whole: Bools) -> EmissiveTriangles:
     """The triangles, but parts of those that have a texture and are of no piece that is ``whole``, shape (pieces,)."""
     divided = emitters.textured & ~whole[emitters.triangles.piece]
+    side = int(np.clip(np.sqrt(MAX_TEXTURED / max(int(divided.sum()), 1)), 1, MAX_SIDE))
+    if side == 1:
+        return emitters.triangles
     parts = [emitters.triangles.select(np.flatnonzero(~divided))]
-    for mesh, rows in _by_mesh(builder, emitters, np.flatnonzero(divided)):
-        parts.append(divide_by_texture(emitters.triangles.select(rows), _uvs(mesh, emitters, rows),
-                                       emitters.emissions[mesh.material]))
+    radiances: dict[int, F64] = {}
+    for index in np.unique(emitters.instance[divided]).tolist():
+        number = builder.instances[index].mesh
+        mesh = builder.meshes[number]
+        if number not in radiances:
+            radiances[number] = _radiance_of_parts(mesh, emitters.emissions[mesh.material], side)
+        of_instance = divided & (emitters.instance == index)
+        for is_turned in (False, True):  # whose parts are in another order
+            rows = np.flatnonzero(of_instance & (emitters.turned == is_turned))
+            triangles = emitters.triangles.select(rows)
+            corners = triangles.corners[:, ::-1] if is_turned else triangles.corners
+            of_rows = divide(replace(triangles, corners=corners), radiances[number][emitters.index[rows]])
+            parts.append(replace(of_rows, corners=of_rows.corners[:, ::-1]) if is_turned else of_rows)
     return EmissiveTriangles.join(parts)
+
+
+def _radiance_of_parts(mesh: Mesh, emission: SurfaceEmission, side: int) -> F64:
+    """Of each triangle's side² equal parts, shape (T, side², 3); 0 of what gives next to nothing."""
+    uvs = np.einsum("pcs,utsi->utpci", divide_triangle(side), corner_uvs(mesh, np.arange(len(mesh.triangles))))
+    radiance = emission.mean(uvs.reshape(2, -1, 3, 2))
+    area = np.linalg.norm(face_vectors(mesh.positions.astype(np.float64), mesh.triangles), axis=1)
+    radiance[is_dark(radiance, np.repeat(area, side**2))] = 0
+    return radiance.reshape(-1, side**2, 3)
+
+
+def _brightest_images(triangles: EmissiveTriangles, textured: Bools,
+                      rectangles: dict[int, RectLight]) -> dict[int, RectLight]:
+    """The rectangles without those with a texture that are not among the ``MAX_IMAGES`` with the most power."""
+    count = int(triangles.piece.max()) + 1
+    power = np.bincount(triangles.piece, triangles.power.sum(axis=1), count)
+    has_texture = np.bincount(triangles.piece, textured, count) > 0
+    with_texture = sorted((number for number in rectangles if has_texture[number]), key=lambda number: -power[number])
+    left_out = set(with_texture[MAX_IMAGES:])
+    return {number: light for number, light in rectangles.items() if number not in left_out}
 
 
 def _with_image(builder: SceneBuilder, emitters: _Emitters, piece: int, light: RectLight) -> RectLight:
     """The light of a rectangular piece, with its image if it has a texture."""
     textured = np.flatnonzero((emitters.triangles.piece == piece) & emitters.textured)
-    for mesh, rows in _by_mesh(builder, emitters, textured):
-        light = with_image(light, emitters.triangles.corners[rows], _uvs(mesh, emitters, rows),
-                           emitters.emissions[mesh.material])
-    return light
-
-
-def _by_mesh(builder: SceneBuilder, emitters: _Emitters, rows: Ints) -> Iterator[tuple[Mesh, Ints]]:
-    """The mesh, and the rows, of those of the emissive triangles ``rows`` that are of one instance."""
-    for index in np.unique(emitters.instance[rows]):
-        yield builder.meshes[builder.instances[int(index)].mesh], rows[emitters.instance[rows] == index]
-
-
-def _uvs(mesh: Mesh, emitters: _Emitters, rows: Ints) -> F64:
-    """Texture coordinates at the corners of triangles of a mesh, in both sets; shape (2, N, 3, 2)."""
-    uvs = corner_uvs(mesh, emitters.index[rows])
-    return np.where(emitters.turned[rows, None, None], uvs[:, :, ::-1], uvs)
+    if len(textured) == 0:
+        return light
+    mesh = builder.meshes[builder.instances[int(emitters.instance[textured[0]])].mesh]
+    uvs = corner_uvs(mesh, emitters.index[textured])
+    uvs = np.where(emitters.turned[textured, None, None], uvs[:, :, ::-1], uvs)
+    return with_image(light, emitters.triangles.corners[textured], uvs, emitters.emissions[mesh.material])
 
 
 def _find_bent(triangles: EmissiveTriangles) -> Bools:

@@ -10,7 +10,8 @@ from app.scene import RectLight
 MIN_POWER_SHARE = 1 / 256   # of all pieces; weaker ones are not tested
 MAX_FLATNESS_ERROR = 1e-3   # of the size
 MAX_AREA_ERROR = 0.01
-MAX_DIRECTIONS = 256        # of a rectangle's edge that are tried
+MAX_DIRECTIONS = 256        # of a rectangle's edge that are tried, of the longest edges,
+SAME_DIRECTION = 1e-4       # and differ by about so much
 
 
 def find_rectangles(triangles: EmissiveTriangles) -> dict[int, RectLight]:
@@ -57,12 +58,18 @@ def _smallest_rectangle(points: F64, normal: F64) -> tuple[F64, F64, F64]:
     edges = (points.reshape(-1, 3, 3) - np.roll(points.reshape(-1, 3, 3), 1, axis=1)).reshape(-1, 3)
     edges -= np.outer(edges @ normal, normal)
     length = np.linalg.norm(edges, axis=1)
-    longest = np.argsort(-length, kind="stable")[:MAX_DIRECTIONS]
-    us = edges[longest] / length[longest, None]
+    order = np.argsort(-length, kind="stable")
+    us = edges[order] / np.maximum(length[order, None], 1e-300)
+    # A grid has many edges but few directions, of which opposite ones are the same.
+    facing = np.abs(us).argmax(axis=1)
+    rounded = np.round(us * np.sign(np.take_along_axis(us, facing[:, None], axis=1)) / SAME_DIRECTION)
+    us = us[np.sort(np.unique(rounded, axis=0, return_index=True)[1])[:MAX_DIRECTIONS]]
     vs = np.cross(normal, us)
-    along_u, along_v = points @ us.T, points @ vs.T
-    low = np.stack([along_u.min(axis=0), along_v.min(axis=0)])
-    high = np.stack([along_u.max(axis=0), along_v.max(axis=0)])
+    low, high = np.empty((2, len(us))), np.empty((2, len(us)))
+    for row, axes in enumerate((us, vs)):
+        for column, axis in enumerate(axes):
+            along = points @ axis
+            low[row, column], high[row, column] = along.min(), along.max()
     best = int(np.argmin(np.prod(high - low, axis=0)))
     (width, height), (mid_u, mid_v) = (high - low)[:, best], (high + low)[:, best] / 2
     return us[best] * width, vs[best] * height, us[best] * mid_u + vs[best] * mid_v

@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from app.arrays import F64
 from app.errors import SettingsError
 from app.load.emission import SurfaceEmission, triangle_radiance
 from app.load.free_space import FreeSpace
@@ -15,7 +16,7 @@ from app.load.geometry import RawMesh, face_vectors
 from app.load.scene_builder import SceneBuilder, vector
 from app.load.sidecar import Lighting
 from app.math3d import normalize
-from app.scene import Camera, DirectionalLight, Instance, Material, bounds_of, swept_bounds_of
+from app.scene import Camera, DirectionalLight, Material, bounds_of, swept_bounds_of
 
 STUDIO = "studio"       # name of the lighting
 # W/m² of a scene's own emission on its bounding box, below which it counts as unlit; the studio gives about 2.5.
@@ -84,7 +85,7 @@ def is_dark(builder: SceneBuilder, space: Callable[[], FreeSpace]) -> bool:
     What counts is its irradiance on the scene's bounding box, as if all of its light arrived there.
     """
     x, y, z = np.ptp(bounds_of(tuple(builder.meshes), tuple(builder.instances)), axis=0).tolist()
-    power, area = sum(_emitted_power(builder, i) for i in builder.instances), 2 * (x * y + y * z + z * x)
+    power, area = _emitted_power(builder), 2 * (x * y + y * z + z * x)
     return power <= MIN_ROOM_IRRADIANCE * area or (power <= MIN_OBJECT_IRRADIANCE * area and not space().is_room)
 
 
@@ -95,13 +96,18 @@ def describe(builder: SceneBuilder) -> str:
     return f"{cause}, so it is shown in a neutral studio (not with --no-studio, or studio=False)"
 
 
-def _emitted_power(builder: SceneBuilder, instance: Instance) -> float:
-    """Mean power over the channels that an instance's surface emits, W."""
-    mesh = builder.meshes[instance.mesh]
-    material = builder.materials[mesh.material]
-    if not material.emits:
-        return 0.0
-    world = mesh.positions @ instance.transform_at(0.0)[:3, :3].T
-    areas = np.linalg.norm(face_vectors(world, mesh.triangles), axis=1) / 2
-    power = math.pi * float(areas @ triangle_radiance(mesh, SurfaceEmission(material)).mean(axis=1))
-    return power * (2 if material.double_sided else 1)
+def _emitted_power(builder: SceneBuilder) -> float:
+    """Mean power over the channels that all surfaces emit, W."""
+    total = 0.0
+    radiances: dict[int, F64] = {}
+    for instance in builder.instances:
+        mesh = builder.meshes[instance.mesh]
+        material = builder.materials[mesh.material]
+        if not material.emits:
+            continue
+        if instance.mesh not in radiances:
+            radiances[instance.mesh] = triangle_radiance(mesh, SurfaceEmission(material)).mean(axis=1)
+        world = mesh.positions @ instance.transform_at(0.0)[:3, :3].T
+        areas = np.linalg.norm(face_vectors(world, mesh.triangles), axis=1) / 2
+        total += math.pi * float(areas @ radiances[instance.mesh]) * (2 if material.double_sided else 1)
+    return total

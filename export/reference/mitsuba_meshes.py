@@ -69,6 +69,9 @@ class MeshConverter:
             buffers["vertex_texcoords"] = _texcoords(uvs[corners], texture).astype(np.float32).ravel()
             if side and texture is not None:
                 self._note_difference(uvs, texture)
+            if side and material.emission_map is not None and material.albedo_map is not None and (
+                    material.alpha_cutoff is not None and not _lie_alike(material.emission_map, material.albedo_map)):
+                self.notices.append("the path tracer's light ignores a mask with other coordinates than the emission's")
         buffers.update()
         return converted
 
@@ -111,8 +114,15 @@ def _emission_texture(material: Material) -> Texture | None:
     alpha = linear_pixels(mask)[..., 3:] * np.float32(material.alpha)
     covered = alpha if material.alpha_cutoff is None else (alpha >= material.alpha_cutoff).astype(np.float32)
     texture = material.emission_map or replace(mask, pixels=np.ones((1, 1, 4), np.float32))
+    if not _lie_alike(texture, mask):
+        return texture
     size = np.maximum(covered.shape[:2], texture.pixels.shape[:2])
     return replace(texture, pixels=_enlarge(linear_pixels(texture), size) * _enlarge(covered, size))
+
+
+def _lie_alike(one: Texture, other: Texture) -> bool:
+    """Whether two textures have the same coordinates."""
+    return (one.uv_set, one.repeat) == (other.uv_set, other.repeat) and np.array_equal(one.transform, other.transform)
 
 
 def _enlarge(pixels: F32, size: Ints) -> F32:

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from app.errors import SceneError
 from app.renderer import Renderer
-from app.scene import Camera, EmissionImage, Material, RectLight, Scene
+from app.scene import Camera, EmissionImage, Material, RectLight
 from app.settings import Settings
 from app.specular_albedo import lobe_albedo
 from tests.gl.closed_forms import unit
@@ -129,9 +130,21 @@ def test_rays_know_which_part_of_an_image_is_hidden() -> None:
     assert np.abs(drawn_share - share).max() < 0.02
 
 
-def test_a_light_that_gets_an_image_is_drawn_anew() -> None:
-    light = pane()
-    plain: Scene = without_shadows(make_scene([floor(2.0)], [replace(light, image=None)], ABOVE))
-    textured = replace(plain, lights=(light,))
-    first, second = (draw(scene, SIZE, ("direct",), ABOVE)["direct"] for scene in (plain, textured))
-    assert np.abs(first - second).max() > 0.1 * first.max()
+def test_a_light_that_gets_another_image_is_drawn_anew() -> None:
+    """By the same renderer, as by one that knows nothing else; beside a light without an image."""
+    light, plain = pane(), RectLight((0.0, 1.5, 1.0), (0.3, 0, 0), (0, 0, -0.3), (0.2, 0.2, 0.2))
+    turned = replace(light, image=EmissionImage(np.ascontiguousarray(image().pixels[::-1, ::-1])))
+    first, second = (make_scene([floor(2.0)], [of_scene, plain], ABOVE) for of_scene in (light, turned))
+    with Renderer(first, Settings(SIZE, ("direct",), taa=False)) as renderer:
+        before = renderer.render(ABOVE)["direct"]
+        assert renderer.relight(second.lights)
+        after = renderer.render(ABOVE)["direct"]
+    fresh = draw(second, SIZE, ("direct",), ABOVE)["direct"]
+    assert np.abs(after - before).max() > 0.1 * fresh.max()
+    np.testing.assert_allclose(after, fresh, atol=0.05 * fresh.max())
+
+
+@pytest.mark.parametrize("pixels", [np.ones((128, 128, 3)), np.full((256, 256, 3), np.nan), -np.ones((256, 256, 3))])
+def test_images_that_shaders_can_not_read_are_refused(pixels: F64) -> None:
+    with pytest.raises(SceneError, match="bad pixels"):
+        EmissionImage(pixels.astype(np.float32))

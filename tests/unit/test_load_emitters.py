@@ -8,6 +8,7 @@ import trimesh
 
 from app.load import load_scene
 from app.load.emissive_pieces import find_pieces
+from app.load.emitters import MAX_IMAGES
 from app.load.light_tree import MAX_LIGHTS
 from app.scene import Mesh, PointLight, RectLight
 from tests.unit.load_helpers import TRIANGLE, Gltf, write_obj
@@ -231,6 +232,56 @@ def test_only_what_is_bright_of_an_atlas_is_a_light(tmp_path):
     (light,) = load_scene(gltf.save(tmp_path), studio=False).lights
     np.testing.assert_allclose(light.center, (3.5, 0.5, 0), atol=1e-6)
     np.testing.assert_allclose(light.radiance, 1, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("side", "lit"), [(1024, 2), (1024, 8), (64, 1), (2048, 16)])
+def test_a_small_bright_spot_keeps_its_power(side, lit, tmp_path):
+    rng = np.random.default_rng(side + lit)
+    pixels = np.zeros((side, side, 3), np.uint8)
+    row, column = rng.integers(side // 4, side // 2, 2)
+    pixels[row:row + lit, column:column + lit] = 255
+    scene = load_scene(screen(pixels).save(tmp_path), studio=False)
+    np.testing.assert_allclose(power_of(scene), np.pi * (lit / side)**2, rtol=0.1)
+
+
+def test_a_dim_part_that_is_large_keeps_its_power(tmp_path):
+    """A small bright square and a large one of a hundredth of its radiance, in one mesh."""
+    pixels = np.full((64, 64, 3), 25, np.uint8)  # encoded
+    pixels[:, 40:] = 255
+    gltf = screen(pixels)
+    corners = np.array([[x * size, y * size, z] for z, size in ((0, 10), (1, 0.1))
+                        for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], np.float32)
+    uvs = np.array([[low + x, y] for low in (0.1, 0.7) for x, y in ((0, 0.2), (0.2, 0.2), (0.2, 0.6), (0, 0.6))])
+    gltf.primitive["attributes"]["POSITION"] = gltf.array(corners)
+    gltf.primitive["attributes"]["TEXCOORD_0"] = gltf.array(uvs.astype(np.float32))
+    gltf.primitive["indices"] = gltf.array(np.array([0, 1, 2, 0, 2, 3, 4, 5, 6, 4, 6, 7], np.uint16))
+    dim = ((25 / 255 + 0.055) / 1.055)**2.4
+    scene = load_scene(gltf.save(tmp_path), studio=False)
+    np.testing.assert_allclose(power_of(scene), np.pi * (100 * dim + 0.01), rtol=0.01)
+
+
+def test_a_fine_grid_with_a_texture_is_one_light_with_its_image(tmp_path):
+    count = 40
+    y, x = (np.mgrid[:count + 1, :count + 1] / count).reshape(2, -1)
+    first = (np.arange(count)[:, None] * (count + 1) + np.arange(count)).ravel()
+    quads = np.stack([first, first + 1, first + count + 2, first + count + 1], axis=1)
+    gltf = screen(quarters())
+    gltf.primitive["attributes"]["POSITION"] = gltf.array(np.stack([x, y, 0 * x], axis=1).astype(np.float32))
+    gltf.primitive["attributes"]["TEXCOORD_0"] = gltf.array(np.stack([0.4 * x, 0.4 * y], axis=1).astype(np.float32))
+    gltf.primitive["indices"] = gltf.array(quads[:, [0, 1, 2, 0, 2, 3]].ravel().astype(np.uint16))
+    gltf.material(emissiveFactor=[1, 1, 1], emissiveTexture={"index": gltf.texture(
+        np.linspace(100, 255, 64).astype(np.uint8)[None, :, None].repeat(64, axis=0).repeat(3, axis=2))})
+    (light,) = load_scene(gltf.save(tmp_path), studio=False).lights
+    assert light.image is not None
+
+
+def test_only_the_brightest_screens_have_images(tmp_path):
+    gltf = screen(quarters())
+    gltf.json["nodes"] = [{"mesh": 0, "translation": [2 * i, 0, 0]} for i in range(MAX_IMAGES + 2)]
+    gltf.json["scenes"][0]["nodes"] = list(range(MAX_IMAGES + 2))
+    scene = load_scene(gltf.save(tmp_path), studio=False)
+    assert sum(isinstance(light, RectLight) and light.image is not None for light in scene.lights) == MAX_IMAGES
+    np.testing.assert_allclose(power_of(scene), np.pi * (MAX_IMAGES + 2) / 4, rtol=0.01)
 
 
 def test_what_is_cut_out_of_a_card_does_not_emit(tmp_path):
