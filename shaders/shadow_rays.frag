@@ -31,6 +31,7 @@ const int MAX_LESSONS = 8;      // samples that a guide learns by at once
 const float SHORTENED = 0.999;  // so that rays end before what touches the light
 const float PLANE_TOLERANCE = 0.01;  // of depth_scale, as in shadow_filter.frag
 const float MIN_COSINE = 0.9;        // between normals of triangles
+const vec2 SECOND_NUMBER = vec2(97.0, 31.0);  // of which and two random ones a third follows
 const float MIN_HIGHLIGHT = 0.1;     // of spheres, in the light that a white surface would reflect diffusely; else rays are not spent on it
 
 #ifdef GRID_SURFELS
@@ -286,12 +287,16 @@ LightSample sample_highlight(Receiver r, Lobe lobe, vec2 s, float diffuse)
 #endif
 
 #ifdef HAS_TRACED_RECT
-// The nearest rectangle that a reflected ray would meet; light is what is reflected of its radiance.
+// The nearest rectangle that a reflected ray would meet; light is what is reflected of its radiance. With images, which may be seen
+// through each other, it is any of those that the ray would meet, as often as it is part of the light of all.
 LightSample sample_mirrored(Receiver r, Lobe lobe, vec2 s)
 {
-    float nearest = 1e30;
-    bool meets_proxies = false;
+    float reach = 1e30;
     vec3 along = reflected(lobe.v, r.n, r.face, lobe.alpha, s), light = vec3(0.0);
+    bool meets_proxies = false;
+#ifdef HAS_LIGHT_IMAGES
+    float total = 0.0, pick = fract(dot(s, SECOND_NUMBER));
+#endif
     int i = RECTS_BEGIN;
     do {
         vec3 to_light = lights[i].position.xyz - r.p;
@@ -300,17 +305,21 @@ LightSample sample_mirrored(Receiver r, Lobe lobe, vec2 s)
         vec3 at = along * t - to_light;
         vec2 beyond = abs(vec2(dot(at, lights[i].frame_x.xyz), dot(at, lights[i].frame_y.xyz)))
             - vec2(lights[i].frame_x.w, lights[i].frame_y.w);
-        bool meets = t > 0.0 && t < nearest && rect_side(lights[i], to_light) != 0.0 && max(beyond.x, beyond.y) < 0.0;
-        nearest = meets ? t : nearest;
-        vec3 radiance = lights[i].color.rgb;
+        bool meets = t > 0.0 && rect_side(lights[i], to_light) != 0.0 && max(beyond.x, beyond.y) < 0.0;
 #ifdef HAS_LIGHT_IMAGES
-        meets_proxies = meets ? image_layer(lights[i]) >= 0.0 : meets_proxies;
-        radiance *= image_at(lights[i], along * t - to_light, RAY_LEVEL);
+        vec3 radiance = lights[i].color.rgb * image_at(lights[i], at, RAY_LEVEL);
+        bool takes = replaces(meets ? luminance(radiance) : 0.0, total, pick);
+        meets_proxies = takes ? image_layer(lights[i]) >= 0.0 : meets_proxies;
+        reach = takes ? t : reach;
+        light += meets ? radiance : vec3(0.0);
+#else
+        bool takes = meets && t < reach;
+        reach = takes ? t : reach;
+        light = takes ? lights[i].color.rgb : light;
 #endif
-        light = meets ? radiance : light;
     } while (++i < LIGHT_COUNT);
     light *= lobe.albedo * lobe.compensation * lobe.f0;
-    return LightSample(along * nearest, light, meets_proxies);
+    return LightSample(along * reach, light, meets_proxies);
 }
 #endif
 #endif

@@ -130,6 +130,25 @@ def test_rays_know_which_part_of_an_image_is_hidden() -> None:
     assert np.abs(drawn_share - share).max() < 0.02
 
 
+def test_highlights_of_cards_behind_each_other_are_those_of_the_front_one() -> None:
+    """As of flames on cards; a polished floor shows the surfaces of the lights."""
+    card = Material(albedo=(0.0,) * 3, emission=(1.0,) * 3, is_light_proxy=True)
+    polished = Material(albedo=(0.0,) * 3, roughness=0.2, specular=(0.5,) * 3)
+    camera = Camera((0.0, 1.2, 2.0), (0.0, 0.0, 0.0), fov_y_deg=50.0)
+    shown = []
+    for depths in ((1.0,), (1.0, 1.2)):
+        lights = [replace(pane(0.2), center=(0.0, 0.6, -z)) for z in depths]
+        cards = [quad((-0.7, 0.2, -z), (1.4, 0, 0), (0, 0.8, 0), card) for z in depths]
+        scene = make_scene([floor(2.0, material=polished), *cards], lights, camera)
+        with Renderer(scene, Settings((96, 72), ("specular",), taa=True)) as renderer:
+            for _ in range(24):
+                images = renderer.render(camera)
+        shown.append(images["specular"].mean(axis=(0, 1)))
+    print(f"CARDS behind each other: {(shown[1] / shown[0]).round(3)} of the light of one")
+    np.testing.assert_allclose(shown[1], shown[0], rtol=0.25)  # what is visible is known for luminance alone
+    assert shown[1].mean() == pytest.approx(shown[0].mean(), rel=0.1)
+
+
 def test_a_light_that_gets_another_image_is_drawn_anew() -> None:
     """By the same renderer, as by one that knows nothing else; beside a light without an image."""
     light, plain = pane(), RectLight((0.0, 1.5, 1.0), (0.3, 0, 0), (0, 0, -0.3), (0.2, 0.2, 0.2))
