@@ -1,6 +1,6 @@
 """The state of the viewer: one frozen value that messages replace, and its JSON."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 from app.scene import Camera, DirectionalLight, Light, PointLight, RectLight, SpotLight
@@ -85,7 +85,8 @@ def camera_to_json(camera: Camera) -> Json:
 
 def light_to_json(light: Light) -> Json:
     """Return a light in the format of the scene JSON."""
-    return {"type": LIGHT_TYPES[type(light)], **asdict(light)}
+    values = {field.name: getattr(light, field.name) for field in fields(light) if field.name != "image"}
+    return {"type": LIGHT_TYPES[type(light)], **values}
 
 
 def state_to_json(state: State) -> Json:

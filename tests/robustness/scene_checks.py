@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from app.scene import Scene
+from app.scene import EmissionImage, Scene
 
 NON_NEGATIVE = ("intensity", "irradiance", "radiance", "radius", "angular_radius_deg")
 
@@ -60,8 +60,11 @@ def _numbers(scene: Scene) -> Iterator[tuple[str, Any, float, float]]:
             yield "texture transform", texture.transform, -inf, inf
     for light in scene.lights:
         for field in fields(light):
-            low = 0.0 if field.name in NON_NEGATIVE else -inf
-            yield field.name, np.asarray(getattr(light, field.name), np.float64), low, inf
+            low, value = 0.0 if field.name in NON_NEGATIVE else -inf, getattr(light, field.name)
+            if isinstance(value, EmissionImage):
+                yield "image", value.pixels, 0, inf
+            elif value is not None:
+                yield field.name, np.asarray(value, np.float64), low, inf
     for path in scene.cameras.values():
         for camera in path.keys:
             yield "camera", np.array([*camera.eye, *camera.target, *camera.up, camera.fov_y_deg]), -inf, inf
