@@ -31,7 +31,7 @@ const int MAX_LESSONS = 8;      // samples that a guide learns by at once
 const float SHORTENED = 0.999;  // so that rays end before what touches the light
 const float PLANE_TOLERANCE = 0.01;  // of depth_scale, as in shadow_filter.frag
 const float MIN_COSINE = 0.9;        // between normals of triangles
-const vec2 SECOND_NUMBER = vec2(97.0, 31.0);  // of which and two random ones a third follows
+const vec2 PICK_WEIGHTS = vec2(97.0, 31.0);  // of two random numbers, whose sum without its whole part is a third one
 const float MIN_HIGHLIGHT = 0.1;     // of spheres, in the light that a white surface would reflect diffusely; else rays are not spent on it
 
 #ifdef GRID_SURFELS
@@ -295,7 +295,7 @@ LightSample sample_mirrored(Receiver r, Lobe lobe, vec2 s)
     vec3 along = reflected(lobe.v, r.n, r.face, lobe.alpha, s), light = vec3(0.0);
     bool meets_proxies = false;
 #ifdef HAS_LIGHT_IMAGES
-    float total = 0.0, pick = fract(dot(s, SECOND_NUMBER));
+    float total = 0.0, pick = fract(dot(s, PICK_WEIGHTS));
 #endif
     int i = RECTS_BEGIN;
     do {
