@@ -16,6 +16,8 @@ const float MAX_OFF = 2.0;          // pixels, between a ray's end and the point
 const float MIN_FACING = 0.05;      // cosine, of a surface to the eye
 const float MAX_LENGTH = 1e3;       // of depth_scale
 const float MAX_APPROACH = 0.98;    // of the depth, by which a ray may come towards the eye
+const float ALONE = 1.0;            // what directions are thought to differ by between pixels where the next ones are elsewhere
+const float LOBE_WIDTH = 0.5;       // of a lobe's slope, what one of its rays widens by in a unit of length
 
 uniform sampler2D reflection_gbuffer;
 uniform sampler2D normal;
@@ -49,6 +51,7 @@ uniform int refinements = 5; // halvings of the step that meets a surface; no co
 // Relative space; a: 1 + number of the pixel in the texel, at rest; negative on another surface, 0 for none.
 layout(location = WRITE_REFLECTION_ORIGIN) out vec4 out_origin;
 layout(location = WRITE_REFLECTION_RAY) out vec4 out_ray;  // unit vector; a: length, 0 for no ray, or (SHARP_)NOT_SHOWN
+layout(location = WRITE_REFLECTION_BEAM) out vec2 out_beam;  // width of a pixel's rays, scene units; its growth by unit of length
 
 // Depth of what the march has interpolated over the image.
 float marched_depth(float k)
@@ -97,6 +100,27 @@ int start_of_ray(ivec2 low)
         found = is_shiny(texelFetch(outer_specular_roughness, numbered_texel(low, ratio, number, size), 0));
     } while (!found && ++i < count);
     return number;
+}
+
+// By how much the mirrored ray of the next pixel, if it shows the surface at p with that normal, differs in direction; a: 1 if so.
+vec2 turn(ivec2 beside, vec3 p, vec3 n, float d)
+{
+    ivec2 pixel = clamp(beside, ivec2(0), textureSize(outer_depth, 0) - 1);
+    float e = texelFetch(outer_depth, pixel, 0).r;
+    vec3 q = surface_point(vec2(pixel) + 0.5, e), m = sanitize_normal(texelFetch(outer_normal, pixel, 0).xyz);
+    bool same = pixel == beside && is_surface(e) && dot(m, m) > 0.5 && abs(dot(n, q - p)) <= PLANE_TOLERANCE * depth_scale(d);
+    vec3 difference = reflect(normalize(along_view(q)), m) - reflect(normalize(along_view(p)), n);
+    return same ? vec2(length(difference), 1.0) : vec2(0.0);
+}
+
+// Width of the beam that a pixel's rays are at p, and its growth by the curvature there (ray cones: Akenine-Möller et al. 2019,
+// "Texture Level of Detail Strategies for Real-Time Ray Tracing") and by the lobe, of which one ray is one of many.
+vec2 beam(ivec2 pixel, vec3 p, vec3 n, float d, float alpha)
+{
+    vec2 across = turn(pixel + ivec2(1, 0), p, n, d) + turn(pixel - ivec2(1, 0), p, n, d);
+    vec2 along = turn(pixel + ivec2(0, 1), p, n, d) + turn(pixel - ivec2(0, 1), p, n, d);
+    float turned = (across.y > 0.0 ? across.x / across.y : ALONE) + (along.y > 0.0 ? along.x / along.y : ALONE);
+    return vec2(pixel_width(d), 0.5 * turned + LOBE_WIDTH * alpha);
 }
 
 // Length at which the ray from p along l meets what the screen shows, or NOT_SHOWN, also where a layer that is seen through may
@@ -182,6 +206,7 @@ void main()
 #ifdef FAST_PATH  // done where no ray starts
     out_origin = vec4(0.0, 0.0, 0.0, is_surface(surface.a) && is_shiny(at_centre) ? 1.0 : 0.0);
     out_ray = vec4(0.0);
+    out_beam = vec2(0.0);
     gl_FragDepth = reflects ? 0.0 : 1.0;
 #else
     vec2 mirrored = vec2(low.y, textureSize(reflection_gbuffer, 0).x - low.x);
@@ -194,5 +219,6 @@ void main()
     float t = march(origin, l, fract(u.x + u.y));
     bool is_sharp = image_sharpness(reflectance.a, d, ratio) > 0.0;
     out_ray = vec4(l, t == NOT_SHOWN && is_sharp ? SHARP_NOT_SHOWN : t);
+    out_beam = beam(full, p, n, d, reflectance.a * reflectance.a);
 #endif
 }

@@ -6,9 +6,12 @@
 #include "reflection.glsl"
 
 const float MIN_RATIO = 1e-4;        // of a ray's length to the depth where it starts
+const float MAX_WIDTH = 64.0;        // pixels, of a beam of which the image is averaged
+const vec2 TAPS[4] = vec2[](vec2(-0.125, -0.375), vec2(0.375, -0.125), vec2(0.125, 0.375), vec2(-0.375, 0.125));  // of the width
 
 uniform sampler2D reflection_origin;  // relative space; a: negative on another surface than the texel's
 uniform sampler2D reflection_ray;     // direction; a: length if the screen shows the end
+uniform sampler2D reflection_beam;    // width of a pixel's rays where they start, scene units; its growth by unit of length
 uniform sampler2D reflection_traced;  // radiance; a: length, negative where a ray passes glass or goes on, 0 for none
 uniform sampler2D normal;
 uniform sampler2D depth;
@@ -52,6 +55,22 @@ vec3 sent_by(ivec2 texel)
     return sum;
 }
 
+// The same of a beam that is so many pixels wide: the mean of what they show of the plane around ``end`` with that normal.
+vec3 sent_by_around(ivec2 texel, float width, vec3 end, vec3 n)
+{
+    vec4 sum = vec4(sent_by(texel), 1.0);
+    int i = 0;
+    while (width > 1.0 && i < 4) {
+        ivec2 tap = clamp(ivec2(floor(vec2(texel) + 0.5 + min(width, MAX_WIDTH) * TAPS[i])), ivec2(0), textureSize(depth, 0) - 1);
+        float d = texelFetch(depth, tap, 0).r;
+        bool counts = is_surface(d) && is_known(tap)
+            && abs(dot(n, surface_point(vec2(tap) + 0.5, d) - end)) <= PLANE_TOLERANCE * depth_scale(d);
+        sum += counts ? vec4(sent_by(tap), 1.0) : vec4(0.0);
+        ++i;
+    }
+    return sum.rgb / sum.a;
+}
+
 void main()
 {
     ivec2 low = ivec2(gl_FragCoord.xy);
@@ -76,7 +95,9 @@ void main()
     bool seen = inside && is_surface(d) && dot(n, ray.xyz) < 0.0
         && (is_shown || (traced.a > 0.0 && abs(away) <= PLANE_TOLERANCE * depth_scale(d)
             && !is_metallic(texelFetch(albedo, texel, 0).rgb, texelFetch(specular_roughness, texel, 0).rgb)));
-    vec3 light = seen ? sent_by(texel) : is_traced ? sanitize_radiance(traced.rgb) : vec3(0.0);
+    vec2 beam = texelFetch(reflection_beam, low, 0).xy;
+    float width = (beam.x + beam.y * t) / pixel_width(d);
+    vec3 light = seen ? sent_by_around(texel, width, end, n) : is_traced ? sanitize_radiance(traced.rgb) : vec3(0.0);
     bool counts = is_surface(here) && (seen ? is_known(texel) : is_traced && is_finite(dot(traced.rgb, vec3(1.0))));
     out_now = counts ? vec4(min(light, HALF_MAX), sign(origin.a) * clamp(t / here, MIN_RATIO, HALF_MAX)) : vec4(0.0);
 #endif

@@ -54,7 +54,8 @@ def declare_march(grid: Size, extent: float, has_history: bool, prefix: str = ""
     surfaces = "reflection_gbuffer", "normal", "depth", "albedo", "specular_roughness"
     starts = tuple(prefix + name for name in surfaces) if prefix else ()
     return Pass(prefix + "reflection_march", reads=(*surfaces, *starts), optional=("peel0_depth",),
-                writes={prefix + "reflection_origin": texels, prefix + "reflection_ray": texels},
+                writes={prefix + "reflection_origin": texels, prefix + "reflection_ray": texels,
+                        prefix + "reflection_beam": Tex("f4", 2, size=grid)},
                 make=make_fullscreen("reflection_march.frag", lambda frame: {
                     "ratio": ratio_to(grid, frame), "noise_phase": frame.noise_phase, "steps": MARCH_STEPS,
                     "ray_epsilon": RAY_EPSILON * extent, "at_rest": _is_at_rest(frame) and has_history,
@@ -68,7 +69,8 @@ def declare_gathering(grid: Size, has_history: bool, prefix: str = "") -> Iterat
     """The light at the rays' ends, gathered over frames if there is a history, and filtered."""
     light = Tex("f2", 4, size=grid)
     yield Pass(prefix + "reflection_resolve",
-               reads=(*(prefix + name for name in ("reflection_origin", "reflection_ray", "reflection_traced")),
+               reads=(*(prefix + name for name in ("reflection_origin", "reflection_ray", "reflection_beam",
+                                                   "reflection_traced")),
                       "normal", "depth", "direct", "albedo", "indirect", "specular_roughness"),
                optional=("occlusion", "emission"), writes={prefix + "reflection_now": light},
                make=make_fullscreen("reflection_resolve.frag", strip=prefix, fast_path=always))

@@ -15,7 +15,7 @@ from app.gl.context import Device
 from app.gl.direct_light import DirectLight, PointLobes
 from app.gl.environment_texture import environment_texture
 from app.gl.frame_state import Execute, FrameState, MotionKind
-from app.gl.fullscreen import read_defines
+from app.gl.fullscreen import ratio_to, read_defines
 from app.gl.lights import LightSet
 from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
@@ -35,6 +35,7 @@ NOT_SHOWN = -1.0      # for the length of a ray, as in reflection.glsl, where th
 MAX_UNIT_ERROR = 0.1  # of a direction's squared length
 # Ends of rays whose light is averaged:
 MAX_APART = 0.1       # of a ray's length, their distance
+MAX_TEXELS_APART = 2.0  # or of a texel's width there, where a curved mirror shows much in few texels
 MAX_SLOPE = 0.1       # of the line between them over the surface at one of them
 SAME_NORMAL = 0.95    # cosine of the angle between their normals
 MIN_OTHERS = 4        # around, by whose mean the light of one is limited
@@ -55,7 +56,7 @@ def declare(grid: tuple[int, int], surfels: TrackedSurfels, lights: LightSet, en
         As of ``reflection.declare_march``.
     """
     # The pass that writes ``surfel_light`` moves the surfels.
-    rays = prefix + "reflection_origin", prefix + "reflection_ray"
+    rays = tuple(prefix + name for name in ("reflection_origin", "reflection_ray", "reflection_beam"))
     return Pass(prefix + "reflection_rays", reads=(*rays, "surfel_light", *lights.shadow_maps),
                 optional=("surfel_indirect",), writes={prefix + "reflection_traced": Tex("f4", 4, size=grid),
                                                      prefix + "reflection_chance": Tex("f4", 1, size=(1, 1))},
@@ -85,16 +86,19 @@ def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: Trac
 
             def light_at(hits: Hits, along: F32, covers: Bools, ends: Ints) -> tuple[F32, F32, F32]:
                 light, highlights = direct.estimate(frame, resources, hits.position, hits.normal, shadow_rays,
-                                                    lambda traced: _averaged(traced, rows.take(ends), grid, hits),
+                                                    lambda traced: _averaged(traced, rows.take(ends), grid, hits,
+                                                                             texels.take(ends, axis=0)),
                                                     _lobes(surfels.caster, hits, along, covers) if has_lobes else None)
                 return light, highlights, lookup.interpolate(of_surfels, hits.position, hits.normal)
 
             shift = frame.view.eye - surfels.caster.origin
             origin = _read(resources, prefix + "reflection_origin").take(rows, axis=0)[:, :3] + shift
+            beams = _read(resources, prefix + "reflection_beam").take(rows, axis=0)
+            texels = max(ratio_to(grid, frame)) * beams
             seeds = frame.index if has_history else 0, int(2**32 * frame.noise_phase)
             u = np.random.default_rng(seeds).random((len(rows), 2), np.float32)
             put_rows(traced, rows, _trace(surfels.caster, light_at, environment, origin.astype(np.float32),
-                                          ray.take(rows, axis=0)[:, :3], u))
+                                          ray.take(rows, axis=0)[:, :3], beams, u))
         resources[prefix + "reflection_traced"].write(traced.tobytes())
 
     return execute
@@ -138,8 +142,9 @@ def _light_of(surfels: TrackedSurfels, bound: BoundPass, resources: Resources) -
 
 
 def _read(resources: Resources, name: str) -> F32:
-    """A texture's texels, shape (N, 4), bottom row first."""
-    return np.frombuffer(resources[name].read(), np.float32).reshape(-1, 4)
+    """A texture's texels, shape (N, components), bottom row first."""
+    texture = resources[name]
+    return np.frombuffer(texture.read(), np.float32).reshape(-1, texture.components)
 
 
 def _write_chance(bound: BoundPass, resources: Resources, prefix: str, chance: float) -> None:
@@ -164,7 +169,7 @@ def _choose(ray: F32, threshold: F32, budget: int) -> tuple[Ints, float]:
         return rows[np.abs(row_dots(direction, direction) - 1) < MAX_UNIT_ERROR], chance
 
 
-def _averaged(light: F32, rows: Ints, grid: tuple[int, int], hits: Hits) -> F32:
+def _averaged(light: F32, rows: Ints, grid: tuple[int, int], hits: Hits, beams: F32) -> F32:
     """The mean of light at each ray's end and at those of the texels around, if they are near and on a flat surface.
 
     Few shadow rays say little of many lights. What is reflected stays sharp, but for traced shadows.
@@ -175,9 +180,12 @@ def _averaged(light: F32, rows: Ints, grid: tuple[int, int], hits: Hits) -> F32:
         At ``hits``; those that are not the end of a ray keep theirs.
     rows : ndarray, int64, shape (N,)
         Texels of a ``grid`` of width and height that the rays start from whose ends are the first hits.
+    beams : ndarray, float32, shape (N, 2)
+        Of the whole texels, as ``Caster.cast_through`` has them.
     """
     ends = len(rows)
-    position, normal, reach = hits.position[:ends], hits.normal[:ends], MAX_APART * hits.distance[:ends]
+    position, normal, distance = hits.position[:ends], hits.normal[:ends], hits.distance[:ends]
+    reach = np.maximum(MAX_APART * distance, MAX_TEXELS_APART * (beams[:, 0] + beams[:, 1] * distance))
     index = np.full((grid[1] + 2, grid[0] + 2), -1, np.int64)
     y, x = np.divmod(rows, grid[0])
     index[y + 1, x + 1] = np.arange(ends)
@@ -210,7 +218,7 @@ def _lobes(caster: Caster, hits: Hits, along: F32, covers: Bools) -> PointLobes:
 
 
 def _trace(caster: Caster, light_at: Callable[[Hits, F32, Bools, Ints], tuple[F32, F32, F32]],
-           environment: Environment | None, origin: F32, direction: F32, u: F32) -> F32:
+           environment: Environment | None, origin: F32, direction: F32, beams: F32, u: F32) -> F32:
     """Radiance along rays and their lengths, to what is most seen, shape (N, 4).
 
     Lengths are negative where rays pass something or go on, so that what the screen shows at their end is not all.
@@ -220,14 +228,16 @@ def _trace(caster: Caster, light_at: Callable[[Hits, F32, Bools, Ints], tuple[F3
     light_at : callable
         Takes what is met, directions of the rays that met it, whether it covers what is behind, and which of the rays
         end at the first of it; gives direct irradiance / π there, highlights and indirect irradiance / π.
+    beams : ndarray, float32, shape (N, 2)
+        As ``Caster.cast_through`` has them.
     u : ndarray, float32, shape (N, 2)
         In [0, 1), that choose where rays go on.
     """
     finite: Bools = np.asarray(np.isfinite(origin).all(axis=1))
     count = len(origin)
-    met = caster.cast_through(np.where(finite[:, None], origin, 0), direction)
+    met = caster.cast_through(np.where(finite[:, None], origin, 0), direction, beams)
     ends = np.flatnonzero(finite & (met.hits.body[:count] >= 0))
-    onward = go_on(caster, met.hits.select(ends), direction.take(ends, axis=0), u.take(ends, axis=0))
+    onward = go_on(caster, met.hits.select(ends), *(values.take(ends, axis=0) for values in (direction, beams, u)))
     goes_on = ends.take(onward.end)
     hits = concatenate([met.hits, onward.hits])
     for_direct = hits.albedo.copy()

@@ -22,6 +22,7 @@ _REFLECTING_MAPS = "albedo_map", "metallic_roughness_map", "specular_map"
 _MAPS = "emission_map", *_REFLECTING_MAPS
 MIN_OPACITY = 1e-3  # of what rays meet, so that nothing divides by 0
 HASH_CELLS = 2**14  # of a triangle's edge, in which hits have the same random number
+MIN_FACING = 0.1  # cosine of a surface to a ray, below which the ray's width on it grows no further
 MAX_PASSED = 16  # surfaces with holes, culled backs and light proxies that a ray can pass
 
 
@@ -351,13 +352,22 @@ class Body:
         """Whether each triangle stands for an analytic light, shape (N,)."""
         return np.asarray(self.light_proxies.take(self.material.take(triangle)))
 
-    def interact(self, triangle: Ints, uv: F32, face: F32, directions: F32) -> SurfaceInteraction:
-        """Evaluate the surface at hits of ``cast``, none of them a miss."""
+    def interact(self, triangle: Ints, uv: F32, face: F32, directions: F32,
+                 width: F32 | None = None) -> SurfaceInteraction:
+        """Evaluate the surface at hits of ``cast``, none of them a miss.
+
+        Parameters
+        ----------
+        width : ndarray, float32, shape (N,), optional
+            Of the rays where they hit, over which textures are averaged, in the body's space; default that of
+            scattered rays.
+        """
+        wide = None if width is None else self._width_on(triangle, face, directions, width)
         normal = self._interpolate(self.normals, triangle, uv)
         length = row_lengths(normal)[:, None]
         normal = np.where(length > 1e-6, normal / np.maximum(length, 1e-30), face)
         normal = np.where(row_dots(normal, face)[:, None] < 0, -normal, normal)
-        base = self._base(triangle, uv)
+        base = self._base(triangle, uv, wide)
         albedo, emission = base.color, np.zeros_like(base.color)
         passing, refracted = np.zeros((2, len(triangle)), np.float32)
         for index, rows in self._by_material(np.flatnonzero(self._emits_or_transmits[base.material]), triangle):
@@ -367,7 +377,8 @@ class Body:
                 passing[rows] = shares.mean(axis=1)
             if m.emits:
                 emits = m.double_sided | self._is_front(triangle[rows], directions[rows])[:, None]
-                texels = self._textured(m.emission_map, [self._interpolate(uvs, *at) for uvs in self.uvs])
+                texels = self._textured(m.emission_map, [self._interpolate(uvs, *at) for uvs in self.uvs],
+                                        width=None if wide is None else [w.take(rows) for w in wide])
                 emission[rows] = np.where(emits, np.array(m.emission, np.float32) * texels, 0.0)
         shiny = np.flatnonzero(self._has_specular.take(base.material))
         of_shiny = base.select(shiny)
@@ -391,8 +402,21 @@ class Body:
         f0[rows], roughness[rows], face[rows] = base.f0, base.roughness, unit_rows(self._face(triangle.take(rows)))
         return Lobes(f0, roughness, face)
 
-    def _base(self, triangle: Ints, uv: F32) -> _Base:
-        """What the core material model says of surfaces at hits."""
+    def _width_on(self, triangle: Ints, face: F32, directions: F32, width: F32) -> list[F32]:
+        """Mean width of the ellipses in which rays of ``width`` meet triangles, in mesh coordinates, of each uv set."""
+        cosine = np.abs(row_dots(face, directions)) / np.maximum(row_lengths(directions), 1e-30)
+        area = row_lengths(self._face(triangle))
+        corners = self.triangles.take(triangle, axis=0).T
+        widths = []
+        for uvs in self.uvs:
+            a, b, c = (uvs.take(corner, axis=0) for corner in corners)
+            (x0, y0), (x1, y1) = (b - a).T, (c - a).T
+            density = np.sqrt(np.abs(x0 * y1 - x1 * y0) / np.maximum(area * np.maximum(cosine, MIN_FACING), 1e-30))
+            widths.append((width * density).astype(np.float32))
+        return widths
+
+    def _base(self, triangle: Ints, uv: F32, width: list[F32] | None = None) -> _Base:
+        """What the core material model says of surfaces at hits, averaged over widths in each uv set."""
         material = self.material[triangle]
         color = self._albedo.take(material, axis=0)
         if self.colors is not None:
@@ -404,12 +428,13 @@ class Body:
         for index, rows in self._by_material(mapped, triangle):
             m = self.materials[index]
             at = [uvs.take(rows, axis=0) for uvs in everywhere]
+            wide = None if width is None else [w.take(rows) for w in width]
             if m.albedo_map is not None:
-                color[rows] *= self._textured(m.albedo_map, at, m.alpha_cutoff is not None)
+                color[rows] *= self._textured(m.albedo_map, at, m.alpha_cutoff is not None, wide)
             if m.specular_map is not None:
-                dielectric[rows] *= self._textured(m.specular_map, at)
+                dielectric[rows] *= self._textured(m.specular_map, at, width=wide)
             if m.metallic_roughness_map is not None:
-                maps = self._textured(m.metallic_roughness_map, at)
+                maps = self._textured(m.metallic_roughness_map, at, width=wide)
                 roughness[rows] *= maps[:, 1:2]
                 metallic[rows] *= maps[:, 2:]
         return _Base(material, color, dielectric, roughness, metallic)
@@ -429,11 +454,13 @@ class Body:
         interpolated: F32 = (1 - u - v) * a + u * b + v * c
         return interpolated
 
-    def _textured(self, texture: Texture | None, uvs: Sequence[F32], alpha_tested: bool = False) -> F32:
-        """A texture at the coordinates of each uv set, shape (N, 3); 1 without one."""
+    def _textured(self, texture: Texture | None, uvs: Sequence[F32], alpha_tested: bool = False,
+                  width: Sequence[F32] | None = None) -> F32:
+        """A texture at the coordinates of each uv set, averaged over widths in each, shape (N, 3); 1 without one."""
         if texture is None:
             return np.ones((len(uvs[0]), 3), np.float32)
-        return self._textures.sample(texture, uvs[texture.uv_set], alpha_tested)
+        return self._textures.sample(texture, uvs[texture.uv_set], alpha_tested,
+                                     None if width is None else width[texture.uv_set])
 
     def _by_material(self, rows: Ints, triangle: Ints) -> Iterable[tuple[int, Ints]]:
         """Pairs of a material's index and those of ``rows`` whose triangle has it."""

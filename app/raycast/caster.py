@@ -253,7 +253,7 @@ class Caster:
         """
         return self._cast(origins, directions, range(len(self.bodies)) if bodies is None else bodies, t_max, None)
 
-    def cast_through(self, origins: F32, directions: F32) -> SeenHits:
+    def cast_through(self, origins: F32, directions: F32, beams: F32 | None = None) -> SeenHits:
         """Find the nearest surface along rays that nothing passes, and one of those before it that some light passes.
 
         That one is chosen as often as it is seen, and stands for all of the ray.
@@ -261,10 +261,13 @@ class Caster:
         Parameters
         ----------
         origins, directions : ndarray, float32, shape (N, 3)
-            In local space.
+            In local space; directions are unit vectors.
+        beams : ndarray, float32, shape (N, 2), optional
+            Width of each ray at its origin, and what it grows by in a unit of length: over these, textures are averaged
+            where it ends; default that of scattered rays.
         """
         found: list[_Passed] = []
-        ends = self._cast(origins, directions, range(len(self.bodies)), None, found)
+        ends = self._cast(origins, directions, range(len(self.bodies)), None, found, beams)
         found.append(_Passed(ends.select(np.zeros(0, np.int64)), np.zeros(0, np.int64), np.zeros((0, 3), np.float32)))
         hits = concatenate([p.hits for p in found])
         ray, passing = np.concatenate([p.ray for p in found]), np.concatenate([p.passing for p in found])
@@ -279,7 +282,7 @@ class Caster:
                         np.concatenate([np.ones((len(origins), 1), np.float32), covering.take(chosen, axis=0)]))
 
     def _cast(self, origins: F32, directions: F32, bodies: Iterable[int], t_max: F32 | None,
-              passed: list[_Passed] | None) -> Hits:
+              passed: list[_Passed] | None, beams: F32 | None = None) -> Hits:
         """``cast``, which adds what is passed in part, and the share that is, instead of choosing rays that pass."""
         count = len(origins)
         position, normal, albedo, emission = np.zeros((4, count, 3), np.float32)
@@ -287,7 +290,7 @@ class Caster:
         hits = Hits(position, normal, albedo, emission, distance, np.full(count, -1, np.int64),
                     np.zeros(count, np.bool_), np.full(count, -1, np.int64), np.zeros((count, 2), np.float32))
         for index in bodies:
-            self._cast_at(index, origins, directions, hits, passed)
+            self._cast_at(index, origins, directions, hits, passed, beams)
         hits.distance[hits.body < 0] = np.inf
         return hits
 
@@ -364,7 +367,8 @@ class Caster:
         """How far rays go on behind what they pass, shape (N,), in lengths of their directions."""
         return np.asarray(self.ray_epsilon / np.maximum(row_lengths(directions), 1e-30), np.float32)
 
-    def _cast_at(self, index: int, origins: F32, directions: F32, hits: Hits, passed: list[_Passed] | None) -> None:
+    def _cast_at(self, index: int, origins: F32, directions: F32, hits: Hits, passed: list[_Passed] | None,
+                 beams: F32 | None) -> None:
         """Update ``hits`` where body ``index`` is nearer than its distance."""
         body, matrix = self.bodies[index], self.matrices[index]
         inverse = affine_inverse(matrix)
@@ -391,7 +395,10 @@ class Caster:
             is_seen = ~goes_on if share is None else (share < 1).any(axis=1)
             seen = np.flatnonzero((triangle >= 0) & is_seen)
             to, at, bary, away = rows.take(seen), triangle.take(seen), uv.take(seen, axis=0), from_start + distance
-            surface = body.interact(at, bary, face.take(seen, axis=0), along.take(seen, axis=0))
+            width = None
+            if beams is not None:
+                width = (beams[to, 0] + beams[to, 1] * away.take(seen)) * row_lengths(along.take(seen, axis=0))
+            surface = body.interact(at, bary, face.take(seen, axis=0), along.take(seen, axis=0), width)
             normal = transform_normals(surface.normal, matrix) if index != STATIC else surface.normal
             position = origins.take(to, axis=0) + directions.take(to, axis=0) * away.take(seen)[:, None]
             behind = np.float32(1) if tint is None else tint.take(seen, axis=0)

@@ -18,6 +18,7 @@ from app.specular_albedo import MEAN_COSINE, MIN_ALPHA, specular_albedo
 MIN_MIRRORED, FULL_MIRRORED = 0.05, 0.15  # specular albedo, between which more and more of it goes on
 SHARP_ROUGHNESS, BROAD_ROUGHNESS = 0.1, 0.3  # perceptual, between which less and less of it does,
 SHARP_HIGHLIGHT, BROAD_HIGHLIGHT = 0.05, 0.15  # and of light of lamps
+LOBE_WIDTH = 0.5  # of the squared roughness, what a ray that goes on widens by in a unit of length: it is one of many
 TRIM = 0.98  # of the lobe, as in shaders/include/visible_normals.glsl
 MIN_COSINE = 1e-3
 
@@ -49,15 +50,15 @@ class OnwardRays:
     left_for_direct: F32
 
 
-def go_on(caster: Caster, ends: Hits, direction: F32, u: F32) -> OnwardRays:
+def go_on(caster: Caster, ends: Hits, direction: F32, beams: F32, u: F32) -> OnwardRays:
     """Let rays go on from where they end.
 
     Parameters
     ----------
     ends : Hits
         Of N rays, none of them the sky.
-    direction, u : ndarray, float32, shapes (N, 3) and (N, 2)
-        Of the rays, of unit length; numbers in [0, 1) that choose where they go on.
+    direction, beams, u : ndarray, float32, shapes (N, 3), (N, 2) and (N, 2)
+        Of the rays, of unit length; as of ``Caster.cast_through``; numbers in [0, 1) that choose where they go on.
     """
     lobes = caster.lobes(ends, BROAD_ROUGHNESS)
     cosine = np.maximum(-row_dots(direction, ends.normal), np.float32(MIN_COSINE))[:, None]
@@ -68,7 +69,9 @@ def go_on(caster: Caster, ends: Hits, direction: F32, u: F32) -> OnwardRays:
     share, f0, roughness = share.take(rows, axis=0), lobes.f0.take(rows, axis=0), lobes.roughness.take(rows, axis=0)
     normal, face = ends.normal.take(rows, axis=0), lobes.face.take(rows, axis=0)
     onward = reflected(-direction.take(rows, axis=0), normal, face, roughness, u.take(rows, axis=0))
-    met = caster.cast_through(ends.position.take(rows, axis=0) + caster.ray_epsilon * face, onward)
+    width, growth = beams.take(rows, axis=0).T
+    further = np.stack([width + growth * ends.distance.take(rows), growth + LOBE_WIDTH * roughness[:, 0]**2], axis=1)
+    met = caster.cast_through(ends.position.take(rows, axis=0) + caster.ray_epsilon * face, onward, further)
     at_mean = specular_albedo(f0, roughness, np.full_like(roughness, MEAN_COSINE))
     mirrored = share * mirrored.take(rows, axis=0)
     sharp = sharpness(roughness)

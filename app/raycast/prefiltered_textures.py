@@ -1,16 +1,18 @@
-"""Textures for scattered rays: blurred colour, sharp alpha."""
+"""Textures for rays: colour as blurred as the cone that a ray stands for, sharp alpha."""
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.arrays import F32, Bytes
+from app.arrays import F32, F64, Bytes, Ints
 from app.io.image import srgb_decode
 from app.network.channels import HALF_MAX
 from app.scene import Texture
 
-MAX_SIDE = 64  # texels; one of many rays stands for a cone, which resolves no finer detail
+MAX_SIDE = 64  # texels, for scattered rays: one of many stands for a cone, which resolves no finer detail
+MAX_SHARP_SIDE = 512  # texels, for rays that have a width
 
 
 def sample_nearest(texture: Texture, uv: F32) -> F32:
@@ -24,34 +26,95 @@ class PrefilteredTextures:
 
     def __init__(self) -> None:
         self._copies: dict[tuple[int, bool, bool], F32] = {}
+        self._pyramids: dict[tuple[int, bool, bool], _Pyramid] = {}
 
-    def sample(self, texture: Texture, uv: F32, alpha_tested: bool = False) -> F32:
+    def sample(self, texture: Texture, uv: F32, alpha_tested: bool = False, width: F32 | None = None) -> F32:
         """Linear colour, shape (N, 3), at mesh coordinates ``uv``, shape (N, 2).
 
         When ``alpha_tested``, texels count by their alpha, so that cut-out ones do not bleed into the mean.
+
+        Parameters
+        ----------
+        width : ndarray, float32, shape (N,), optional
+            Of what is averaged, in mesh coordinates; default that of scattered rays.
         """
-        color: F32 = _nearest(self.copy_of(texture, alpha_tested), texture, uv)
-        return color
+        if width is None:
+            color: F32 = _nearest(self.copy_of(texture, alpha_tested), texture, uv)
+            return color
+        key = _key(texture, alpha_tested)
+        if key not in self._pyramids:
+            self._pyramids[key] = _Pyramid(_blur(texture, alpha_tested, MAX_SHARP_SIDE))
+        return self._pyramids[key].sample(texture, uv, width)
 
     def copy_of(self, texture: Texture, alpha_tested: bool = False) -> F32:
-        """The texels that ``sample`` takes, shape (h, w, 3), top row first."""
-        key = id(texture.pixels), alpha_tested, texture.is_color  # the scene keeps the pixels, so the id stays theirs
+        """The texels of scattered rays, shape (h, w, 3), top row first."""
+        key = _key(texture, alpha_tested)
         if key not in self._copies:
-            self._copies[key] = _blur(texture, alpha_tested)
+            weighted = _blur(texture, alpha_tested, MAX_SIDE)
+            self._copies[key] = (weighted[..., :3] / weighted[..., 3:]).astype(np.float32)
         return self._copies[key]
 
 
-def _blur(texture: Texture, alpha_tested: bool) -> F32:
-    """Linear means over blocks, at most ``MAX_SIDE`` a side; weighted by alpha when ``alpha_tested``."""
+class _Pyramid:
+    """A mip pyramid, sampled with bilinear weights in the level whose texels are about as wide as a ray.
+
+    Parameters
+    ----------
+    finest : ndarray, float64, shape (h, w, 4)
+        Linear colour times its weight, and that weight; top row first.
+    """
+
+    def __init__(self, finest: F64) -> None:
+        levels = [finest]
+        while max(levels[-1].shape[:2]) > 1:
+            levels.append(_block_sums(levels[-1], tuple((side + 1) // 2 for side in levels[-1].shape[:2])))
+        self._sizes = np.array([level.shape[:2] for level in levels])
+        self._starts = np.cumsum([0, *(height * width for height, width in self._sizes[:-1])])
+        self._texels = np.concatenate([(level[..., :3] / level[..., 3:]).reshape(-1, 3).astype(np.float16)
+                                       for level in levels])
+
+    def sample(self, texture: Texture, uv: F32, width: F32) -> F32:
+        """Linear colour, shape (N, 3), at mesh coordinates of shape (N, 2), averaged over widths of shape (N,)."""
+        finest = math.sqrt(abs(np.linalg.det(np.asarray(texture.transform)[:2, :2])) * self._sizes[0].prod())
+        level = np.rint(np.log2((width * finest).clip(1, self._sizes[0].max()))).astype(np.int64)
+        level = level.clip(max=len(self._sizes) - 1)
+        size, start = self._sizes.take(level, axis=0), self._starts.take(level)
+        at = _transformed(texture, uv)
+        rows = _neighbours(1 - at[:, 1], size[:, 0], texture.repeat[1])
+        columns = _neighbours(at[:, 0], size[:, 1], texture.repeat[0])
+        color = np.zeros((len(uv), 3), np.float32)
+        for row, of_row in rows:
+            for column, of_column in columns:
+                texels = self._texels.take(start + row * size[:, 1] + column, axis=0)
+                color += (of_row * of_column).astype(np.float32)[:, None] * texels
+        return color
+
+
+def _key(texture: Texture, alpha_tested: bool) -> tuple[int, bool, bool]:
+    return id(texture.pixels), alpha_tested, texture.is_color  # the scene keeps the pixels, so the id stays theirs
+
+
+def _blur(texture: Texture, alpha_tested: bool, max_side: int) -> F64:
+    """Weighted linear colour over blocks, at most ``max_side`` a side, and the weights, shape (h, w, 4).
+
+    These are alphas when ``alpha_tested``.
+    """
     pixels = texture.pixels
-    linear = _linear(pixels[..., :3], texture.is_color)
-    weight = np.nan_to_num(pixels[..., 3:].astype(np.float64)).clip(1e-6, 255) if alpha_tested else np.ones((1, 1, 1))
-    weighted = np.concatenate([linear * weight, np.broadcast_to(weight, (*linear.shape[:2], 1))], axis=-1)
-    for axis in (0, 1):
-        edges = np.linspace(0, weighted.shape[axis], min(MAX_SIDE, weighted.shape[axis]) + 1).astype(int)
-        weighted = np.add.reduceat(weighted, edges[:-1], axis=axis)
-    mean: F32 = (weighted[..., :3] / weighted[..., 3:]).astype(np.float32)
-    return mean
+    color, weight = _linear(pixels[..., :3], texture.is_color), np.ones((*pixels.shape[:2], 1), np.float32)
+    if alpha_tested:
+        weight = np.nan_to_num(pixels[..., 3:].astype(np.float32)).clip(1e-6, 255)
+        color = color * weight
+    height, width = pixels.shape[:2]
+    size = min(max_side, height), min(max_side, width)
+    return np.concatenate([_block_sums(values, size) for values in (color, weight)], axis=-1)
+
+
+def _block_sums(values: NDArray[Any], size: tuple[int, ...]) -> F64:
+    """Sums over ``size`` blocks of rows and columns that share them evenly."""
+    for axis, count in enumerate(size):
+        edges = np.linspace(0, values.shape[axis], count + 1).astype(int)
+        values = np.add.reduceat(values, edges[:-1], axis=axis, dtype=np.float64)
+    return values
 
 
 def _linear(color: Bytes | F32, is_color: bool) -> F32:
@@ -62,8 +125,7 @@ def _linear(color: Bytes | F32, is_color: bool) -> F32:
 
 
 def _nearest(pixels: NDArray[Any], texture: Texture, uv: F32) -> NDArray[Any]:
-    transform = np.asarray(texture.transform, np.float64)
-    at = uv @ transform[:2, :2].T + transform[:2, 2]
+    at = _transformed(texture, uv)
     height, width = pixels.shape[:2]
     index = []
     for value, size, repeat in ((1 - at[:, 1], height, texture.repeat[1]), (at[:, 0], width, texture.repeat[0])):
@@ -71,3 +133,18 @@ def _nearest(pixels: NDArray[Any], texture: Texture, uv: F32) -> NDArray[Any]:
         index.append(np.clip((value * size).astype(np.int64), 0, size - 1))
     texels: NDArray[Any] = pixels.reshape(-1, pixels.shape[2]).take(index[0] * width + index[1], axis=0)
     return texels
+
+
+def _neighbours(value: F64, size: Ints, repeat: bool) -> list[tuple[Ints, F64]]:
+    """The two texels around coordinates in [0, 1] of rows of ``size``, and their bilinear weights, shape (N,)."""
+    at = np.asarray((value - np.floor(value) if repeat else value.clip(0, 1)) * size - 0.5, np.float64)
+    low = np.floor(at)
+    share = at - low
+    both = (low.astype(np.int64), 1 - share), (low.astype(np.int64) + 1, share)
+    return [(texel % size if repeat else texel.clip(0, size - 1), weight) for texel, weight in both]
+
+
+def _transformed(texture: Texture, uv: F32) -> F64:
+    """Texture coordinates at mesh coordinates, shape (N, 2)."""
+    transform = np.asarray(texture.transform, np.float64)
+    return np.asarray(uv @ transform[:2, :2].T + transform[:2, 2])

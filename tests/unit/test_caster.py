@@ -401,6 +401,23 @@ def test_what_a_ray_passes_counts_as_much_as_it_is_seen() -> None:
     np.testing.assert_allclose((seen.hits.distance[-1], *seen.share[-1]), (0.5, 0.25, 0.25, 0.25), rtol=1e-3)
 
 
+def test_textures_are_averaged_over_a_ray_s_width() -> None:
+    """On a wall of edge 2 with 64 stripes, and on one that is scaled by 4."""
+    stripes = Texture(np.tile(np.where(np.arange(64) % 2, 1.0, 0.0)[None, :, None], (64, 1, 4)).astype(np.float32))
+    material = Material(albedo=(1.0, 1.0, 1.0), albedo_map=stripes, emission=(1.0, 1.0, 1.0), emission_map=stripes)
+    for scale, motion in ((1.0, None), (4.0, Motion(np.array([0.0]), np.diag((4.0, 4.0, 4.0, 1.0))[None]))):
+        caster = Caster(make_scene([wall(material, motion=motion)]))
+        x = np.linspace(-0.9, 0.9, 100) * scale
+        origins = (np.stack([x, 0 * x, 0 * x + 2], axis=1) - caster.origin).astype(np.float32)
+        towards = np.tile(np.float32((0, 0, -1)), (100, 1))
+        for beam, striped in (((0.0, 0.0), True), ((scale / 32, 0.0), True), ((scale / 8, 0.0), False),
+                              ((0.0, scale / 16), False)):
+            hits = caster.cast_through(origins, towards, np.tile(np.float32(beam), (100, 1))).hits
+            assert (hits.albedo[:, 0].std() > 0.25) if striped else (hits.albedo[:, 0].std() < 0.01), (scale, beam)
+            np.testing.assert_allclose(hits.emission, hits.albedo, atol=1e-3)
+            np.testing.assert_allclose(hits.albedo.mean(), 0.5, atol=0.06)
+
+
 def test_a_ray_that_starts_on_a_light_proxy_gets_past_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Beside a masked surface, where rays go on step by step; without steps of a least length it would never end."""
     masked = Material(albedo_map=texture([[(1.0,) * 3]]), alpha_cutoff=0.5)

@@ -27,7 +27,7 @@ def onward(floor: Material, towards: tuple[float, float, float], wall: Material 
     caster = Caster(scene)
     direction = unit_rows(np.array([towards], np.float32)).astype(np.float32)
     ends = caster.cast(np.array([start - caster.origin], np.float32), direction)
-    return go_on(caster, ends, direction, np.zeros((1, 2), np.float32))
+    return go_on(caster, ends, direction, *np.zeros((2, 1, 2), np.float32))
 
 
 def albedo(material: Material, cosine: float) -> np.ndarray:

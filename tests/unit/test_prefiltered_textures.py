@@ -38,6 +38,37 @@ def test_blocks_of_any_size_are_means(size: tuple[int, int]) -> None:
     assert np.abs(color - uv[:, 0]).max() <= 1 / width + 0.5 / min(MAX_SIDE, width)
 
 
+@pytest.mark.parametrize("alpha_tested", [False, True])
+def test_colour_is_averaged_over_a_width(alpha_tested: bool) -> None:
+    """Of a chequer of texels: single ones, then blends of less and less contrast, and the mean, which stays."""
+    pixels = np.ones((64, 128, 4), F32)
+    pixels[..., :3] = np.where(np.add.outer(np.arange(64), np.arange(128)) % 2, 1.0, 0.0)[..., None]
+    uv = (np.indices((64, 128)).reshape(2, -1).T[:, ::-1] + 0.5) / (128, 64)
+    contrast = []
+    for width in (0.0, 1 / 90, 2 / 90, 1 / 4, 9.0):  # texels are 1 / 90 wide on the mean of both sides
+        texture = Texture(pixels, np.diag([0.5, 1.0, 1.0]))
+        color = PrefilteredTextures().sample(texture, uv * (2, 1), alpha_tested, np.full(len(uv), width * 2**0.5, F32))
+        np.testing.assert_allclose(color.mean(axis=0), 0.5, atol=1e-3)
+        contrast.append(float(color.std()))
+    np.testing.assert_allclose(contrast, [0.5, 0.5, 0.0, 0.0, 0.0], atol=1e-3)
+
+
+def test_the_mean_over_the_largest_width_is_that_of_the_texture() -> None:
+    pixels = image(100, 70)
+    color = PrefilteredTextures().sample(Texture(pixels), everywhere(3), width=np.full(9, 1e6, F32))
+    np.testing.assert_allclose(color, np.tile(pixels[..., :3].mean(axis=(0, 1)), (9, 1)), rtol=2e-3)
+
+
+def test_texels_beside_an_edge_are_those_of_the_wrap_mode() -> None:
+    """At a texture's edge colour is half that of the other side, if it repeats."""
+    pixels = np.zeros((1, 4, 4), F32)
+    pixels[..., 0] = [[1, 2, 3, 5]]
+    uv, width = np.array([[0.0, 0.5], [1.0, 0.5], [0.5, 0.5]]), np.zeros(3, F32)
+    for repeat, expected in ((True, [3, 3, 2.5]), (False, [1, 5, 2.5])):
+        color = PrefilteredTextures().sample(Texture(pixels, repeat=(repeat, repeat)), uv, width=width)
+        np.testing.assert_allclose(color[:, 0], expected, rtol=1e-3)
+
+
 def test_8_bit_texels_are_averaged_in_linear_space() -> None:
     pixels = np.zeros((128, 128, 4), np.uint8)
     pixels[::2, :, :3] = 255
