@@ -17,6 +17,7 @@ const float MIN_FACING = 0.05;      // cosine, of a surface to the eye
 const float MAX_LENGTH = 1e3;       // of depth_scale
 const float MAX_APPROACH = 0.98;    // of the depth, by which a ray may come towards the eye
 const float ALONE = 1.0;            // what directions are thought to differ by between pixels where the next ones are elsewhere
+const float SMOOTH = 0.05, CURVED = 0.1;  // radians, that directions turn by between pixels, from which rays stay where they are
 const float LOBE_WIDTH = 0.5;       // of a lobe's slope, what one of its rays widens by in a unit of length
 
 uniform sampler2D reflection_gbuffer;
@@ -42,6 +43,8 @@ uniform sampler2D peel0_depth;  // of the nearest layer of what is seen through
 #endif
 uniform vec2 ratio;          // full-resolution texels per low-resolution texel
 uniform vec2 noise_offset;   // of the two noise patterns in this frame
+uniform vec2 shift;          // pixels, from what a pixel shows to where its ray starts
+uniform float scatter;       // of the lobe of sharp images, how much of it rays cover
 uniform vec2 inside;         // where in a texel its ray starts, in [0, 1), so that frames cover it
 uniform bool at_rest;        // whether rays also start at other surfaces than the one at a texel's centre
 uniform float ray_epsilon;   // by which rays start off their surface at most, scene units
@@ -51,7 +54,7 @@ uniform int refinements = 5; // halvings of the step that meets a surface; no co
 // Relative space; a: 1 + number of the pixel in the texel, at rest; negative on another surface, 0 for none.
 layout(location = WRITE_REFLECTION_ORIGIN) out vec4 out_origin;
 layout(location = WRITE_REFLECTION_RAY) out vec4 out_ray;  // unit vector; a: length, 0 for no ray, or (SHARP_)NOT_SHOWN
-layout(location = WRITE_REFLECTION_BEAM) out vec2 out_beam;  // width of a pixel's rays, scene units; its growth by unit of length
+layout(location = WRITE_REFLECTION_BEAM) out vec2 out_beam;  // width of a pixel's rays, scene units; its growth by unit length
 
 // Depth of what the march has interpolated over the image.
 float marched_depth(float k)
@@ -102,25 +105,31 @@ int start_of_ray(ivec2 low)
     return number;
 }
 
-// By how much the mirrored ray of the next pixel, if it shows the surface at p with that normal, differs in direction; a: 1 if so.
-vec2 turn(ivec2 beside, vec3 p, vec3 n, float d)
+// How the mirrored ray of a pixel differs in direction from that of the surface at p with that normal; a: 1 if it shows this too.
+vec4 turn(ivec2 beside, vec3 p, vec3 n, float d)
 {
     ivec2 pixel = clamp(beside, ivec2(0), textureSize(outer_depth, 0) - 1);
     float e = texelFetch(outer_depth, pixel, 0).r;
     vec3 q = surface_point(vec2(pixel) + 0.5, e), m = sanitize_normal(texelFetch(outer_normal, pixel, 0).xyz);
     bool same = pixel == beside && is_surface(e) && dot(m, m) > 0.5 && abs(dot(n, q - p)) <= PLANE_TOLERANCE * depth_scale(d);
     vec3 difference = reflect(normalize(along_view(q)), m) - reflect(normalize(along_view(p)), n);
-    return same ? vec2(length(difference), 1.0) : vec2(0.0);
+    return same ? vec4(difference, 1.0) : vec4(0.0);
 }
 
-// Width of the beam that a pixel's rays are at p, and its growth by the curvature there (ray cones: Akenine-Möller et al. 2019,
-// "Texture Level of Detail Strategies for Real-Time Ray Tracing") and by the lobe, of which one ray is one of many.
-vec2 beam(ivec2 pixel, vec3 p, vec3 n, float d, float alpha)
+// How mirrored rays turn from pixel to pixel along an axis of the image; a: by how much on the mean, which bumps don't cancel.
+vec4 turned(ivec2 pixel, ivec2 axis, vec3 p, vec3 n, float d)
 {
-    vec2 across = turn(pixel + ivec2(1, 0), p, n, d) + turn(pixel - ivec2(1, 0), p, n, d);
-    vec2 along = turn(pixel + ivec2(0, 1), p, n, d) + turn(pixel - ivec2(0, 1), p, n, d);
-    float turned = (across.y > 0.0 ? across.x / across.y : ALONE) + (along.y > 0.0 ? along.x / along.y : ALONE);
-    return vec2(pixel_width(d), 0.5 * turned + LOBE_WIDTH * alpha);
+    vec4 after = turn(pixel + axis, p, n, d), before = turn(pixel - axis, p, n, d);
+    float count = max(after.a + before.a, 1.0), sum = length(after.xyz) + length(before.xyz);
+    return vec4(after.xyz - before.xyz, after.a + before.a > 0.0 ? sum : ALONE) / count;
+}
+
+// Where the plane of the surface at p is seen elsewhere in the pixel.
+vec3 beside(ivec2 pixel, vec3 p, vec3 face, float d)
+{
+    vec3 q = surface_point(vec2(pixel) + 0.5 + shift, d), along = normalize(along_view(q));
+    float cosine = dot(face, along);
+    return abs(cosine) > MIN_FACING ? q + along * dot(face, p - q) / cosine : p;
 }
 
 // Length at which the ray from p along l meets what the screen shows, or NOT_SHOWN, also where a layer that is seen through may
@@ -212,13 +221,19 @@ void main()
     vec2 mirrored = vec2(low.y, textureSize(reflection_gbuffer, 0).x - low.x);
     vec2 u = fract(vec2(texel_noise(vec2(low)), texel_noise(mirrored)) + noise_offset);
     vec3 v = -normalize(along_view(p));
-    vec3 l = reflected(v, n, face, reflectance.a * reflectance.a, u);
+    float alpha = reflectance.a * reflectance.a, sharpness = image_sharpness(reflectance.a, d, ratio);
+    vec3 l = reflected(v, n, face, alpha, vec2(u.x * mix(1.0, scatter, sharpness), u.y));
+    vec4 across = turned(full, ivec2(1, 0), p, n, d), upwards = turned(full, ivec2(0, 1), p, n, d);
+    float turns = 0.5 * (across.a + upwards.a), smoothness = 1.0 - smoothstep(SMOOTH, CURVED, turns);
+    p += smoothness * (beside(full, p, face, d) - p);
+    l = normalize(l + smoothness * (across.xyz * shift.x + upwards.xyz * shift.y));
     // Half a pixel, within limits, off the surface and towards the eye, where nothing is in the way, also in a corner.
     vec3 origin = p + (face + v) * clamp(0.5 * pixel_width(d), MIN_EPSILON * ray_epsilon, ray_epsilon);
     out_origin = vec4(origin, float(1 + number) * (same ? 1.0 : -1.0));
     float t = march(origin, l, fract(u.x + u.y));
-    bool is_sharp = image_sharpness(reflectance.a, d, ratio) > 0.0;
-    out_ray = vec4(l, t == NOT_SHOWN && is_sharp ? SHARP_NOT_SHOWN : t);
-    out_beam = beam(full, p, n, d, reflectance.a * reflectance.a);
+    out_ray = vec4(l, t == NOT_SHOWN && sharpness > 0.0 ? SHARP_NOT_SHOWN : t);
+    // Ray cones (Akenine-Möller et al. 2019, "Texture Level of Detail Strategies for Real-Time Ray Tracing"), and a share of the
+    // lobe, of which one ray is one of many.
+    out_beam = vec2(pixel_width(d), turns + LOBE_WIDTH * alpha);
 #endif
 }

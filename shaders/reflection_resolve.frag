@@ -7,11 +7,11 @@
 
 const float MIN_RATIO = 1e-4;        // of a ray's length to the depth where it starts
 const float MAX_WIDTH = 64.0;        // pixels, of a beam of which the image is averaged
-const vec2 TAPS[4] = vec2[](vec2(-0.125, -0.375), vec2(0.375, -0.125), vec2(0.125, 0.375), vec2(-0.375, 0.125));  // of the width
+const float TAP_OFFSET = 0.3;        // of that width, of two taps beside the middle, along one diagonal or the other
 
 uniform sampler2D reflection_origin;  // relative space; a: negative on another surface than the texel's
 uniform sampler2D reflection_ray;     // direction; a: length if the screen shows the end
-uniform sampler2D reflection_beam;    // width of a pixel's rays where they start, scene units; its growth by unit of length
+uniform sampler2D reflection_beam;    // width of a pixel's rays where they start, scene units; its growth by unit length
 uniform sampler2D reflection_traced;  // radiance; a: length, negative where a ray passes glass or goes on, 0 for none
 uniform sampler2D normal;
 uniform sampler2D depth;
@@ -59,13 +59,14 @@ vec3 sent_by(ivec2 texel)
 vec3 sent_by_around(ivec2 texel, float width, vec3 end, vec3 n)
 {
     vec4 sum = vec4(sent_by(texel), 1.0);
-    int i = 0;
-    while (width > 1.0 && i < 4) {
-        ivec2 tap = clamp(ivec2(floor(vec2(texel) + 0.5 + min(width, MAX_WIDTH) * TAPS[i])), ivec2(0), textureSize(depth, 0) - 1);
-        float d = texelFetch(depth, tap, 0).r;
-        bool counts = is_surface(d) && is_known(tap)
-            && abs(dot(n, surface_point(vec2(tap) + 0.5, d) - end)) <= PLANE_TOLERANCE * depth_scale(d);
+    vec2 offset = TAP_OFFSET * min(width, MAX_WIDTH) * vec2(1.0, (int(gl_FragCoord.x) + int(gl_FragCoord.y)) % 2 * 2 - 1);
+    int i = width > 1.0 ? 0 : 2;
+    while (i < 2) {
+        ivec2 tap = clamp(ivec2(floor(vec2(texel) + 0.5 + offset)), ivec2(0), textureSize(depth, 0) - 1);
+        float d = texelFetch(depth, tap, 0).r, height = dot(n, surface_point(vec2(tap) + 0.5, d) - end);
+        bool counts = is_surface(d) && is_known(tap) && abs(height) <= PLANE_TOLERANCE * depth_scale(d);
         sum += counts ? vec4(sent_by(tap), 1.0) : vec4(0.0);
+        offset = -offset;
         ++i;
     }
     return sum.rgb / sum.a;

@@ -60,7 +60,7 @@ def declare_march(grid: Size, extent: float, has_history: bool, prefix: str = ""
                     "ratio": ratio_to(grid, frame), "noise_phase": frame.noise_phase, "steps": MARCH_STEPS,
                     "ray_epsilon": RAY_EPSILON * extent, "at_rest": _is_at_rest(frame) and has_history,
                     "noise_offset": tuple(step * frame.index % 1.0 for step in R2) if has_history else (0.0, 0.0),
-                    "inside": _inside(grid, frame) if has_history else (0.5, 0.5)},
+                    **_start_uniforms(grid, frame, has_history)},
                     {"STARTS_AT_OUTER": 1} if prefix else {}, strip=prefix, samplers={name: name for name in starts},
                     fast_path=always))
 
@@ -187,15 +187,24 @@ def _has_history(frame: FrameState) -> bool:
     return frame.history_valid and not frame.relit
 
 
-def _inside(grid: Size, frame: FrameState) -> tuple[float, float]:
-    """Where in its texel each ray starts, in [0, 1); as many frames as a texel has pixels cover all of them.
+def _start_uniforms(grid: Size, frame: FrameState, has_history: bool) -> dict[str, object]:
+    """Where in its texel each ray starts, in [0, 1), and how far from what its pixel shows, in pixels.
 
-    Each round begins elsewhere, so that a pixel does not always meet the same jitter.
+    As many frames as a texel has pixels cover all of them; each round begins with another one, so that a pixel does not
+    always meet the same jitter. In motion and in the first round at rest, rays start in the middle of their pixels and,
+    of sharp images, go along the middle of their lobe: few samples would make edges ragged.
     """
+    if not has_history:
+        return {"inside": (0.5, 0.5), "shift": (0.0, 0.0), "scatter": 1.0}
     sides = tuple(math.ceil(ratio) for ratio in ratio_to(grid, frame))
     cells = _spread_cells(*sides)
-    x, y = cells[(frame.index + frame.index // len(cells)) % len(cells)]
-    return (x + 0.5) / sides[0], (y + 0.5) / sides[1]
+    number = min(frame.index, frame.still - 1) if _is_at_rest(frame) else frame.index
+    turn = number // len(cells)
+    x, y = cells[(number + turn) % len(cells)]
+    scatters = _is_at_rest(frame) and turn > 0
+    to_middle = tuple(0.5 * side * offset for side, offset in zip(frame.size, frame.jitter, strict=True))
+    return {"inside": ((x + 0.5) / sides[0], (y + 0.5) / sides[1]), "scatter": float(scatters),
+            "shift": (0.0, 0.0) if scatters else to_middle}
 
 
 @lru_cache(maxsize=4)

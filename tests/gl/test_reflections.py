@@ -162,6 +162,20 @@ def test_frames_with_more_reflections_count_more_in_a_still(small_ember: Path, m
     assert weighted < 0.9 * equal
 
 
+@pytest.mark.parametrize("roughness", [0.0, 0.03])
+def test_edges_in_a_mirror_are_straight_once_each_pixel_has_a_ray(roughness: float, small_ember: Path,
+                                                                  monkeypatch: pytest.MonkeyPatch) -> None:
+    """The upright border between a red and a blue wall is in each row at the same place, in pixels."""
+    size = (192, 144)
+    coarsen(monkeypatch, size)
+    beside = replace(CAMERA, eye=(0.013, 1.0, 0.5), target=(0.013, 1.0, -1.0))
+    seen = draw(room(replace(MIRROR, roughness=roughness)), small_ember, (beside,) * 17, size)[-1]["reflection"]
+    red, blue = seen[60:84, 80:112, 0], seen[60:84, 80:112, 2]
+    border = (red / (red + blue)).sum(axis=1)
+    print(f"BORDER off by {border.std():.3f} pixels")
+    assert border.std() < 0.12
+
+
 def test_bumps_in_a_mirror_are_averaged(small_ember: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each pixel shows one of many; those beside it show others."""
     coarsen(monkeypatch)
