@@ -16,7 +16,8 @@ const float MAX_OFF = 2.0;          // pixels, between a ray's end and the point
 const float MIN_FACING = 0.05;      // cosine, of a surface to the eye
 const float MAX_LENGTH = 1e3;       // of depth_scale
 const float MAX_APPROACH = 0.98;    // of the depth, by which a ray may come towards the eye
-const float ALONE = 1.0;            // what directions are thought to differ by between pixels where the next ones are elsewhere
+const float ALONE = 1.0;            // what directions are thought to differ by between pixels where all around are elsewhere
+const float UNKNOWN = -1.0;         // the same along an axis of the image where both are
 const float SMOOTH = 0.05, CURVED = 0.1;  // radians, that directions turn by between pixels, from which rays stay where they are
 const float LOBE_WIDTH = 0.5;       // of a lobe's slope, what one of its rays widens by in a unit of length
 
@@ -116,12 +117,13 @@ vec4 turn(ivec2 beside, vec3 p, vec3 n, float d)
     return same ? vec4(difference, 1.0) : vec4(0.0);
 }
 
-// How mirrored rays turn from pixel to pixel along an axis of the image; a: by how much on the mean, which bumps don't cancel.
+// How mirrored rays turn from pixel to pixel along an axis of the image; a: by how much on the mean, which bumps don't cancel,
+// or UNKNOWN.
 vec4 turned(ivec2 pixel, ivec2 axis, vec3 p, vec3 n, float d)
 {
     vec4 after = turn(pixel + axis, p, n, d), before = turn(pixel - axis, p, n, d);
     float count = max(after.a + before.a, 1.0), sum = length(after.xyz) + length(before.xyz);
-    return vec4(after.xyz - before.xyz, after.a + before.a > 0.0 ? sum : ALONE) / count;
+    return vec4(after.xyz - before.xyz, after.a + before.a > 0.0 ? sum : UNKNOWN) / count;
 }
 
 // Where the plane of the surface at p is seen elsewhere in the pixel.
@@ -224,9 +226,12 @@ void main()
     float alpha = reflectance.a * reflectance.a, sharpness = image_sharpness(reflectance.a, d, ratio);
     vec3 l = reflected(v, n, face, alpha, vec2(u.x * mix(1.0, scatter, sharpness), u.y));
     vec4 across = turned(full, ivec2(1, 0), p, n, d), upwards = turned(full, ivec2(0, 1), p, n, d);
-    float turns = 0.5 * (across.a + upwards.a), smoothness = 1.0 - smoothstep(SMOOTH, CURVED, turns);
+    bool is_known = min(across.a, upwards.a) >= 0.0;
+    float most = max(across.a, upwards.a), turns = is_known ? 0.5 * (across.a + upwards.a) : most >= 0.0 ? most : ALONE;
+    float smoothness = is_known && dot(face, v) > MIN_FACING ? 1.0 - smoothstep(SMOOTH, CURVED, turns) : 0.0;
     p += smoothness * (beside(full, p, face, d) - p);
-    l = normalize(l + smoothness * (across.xyz * shift.x + upwards.xyz * shift.y));
+    l += smoothness * (across.xyz * shift.x + upwards.xyz * shift.y);
+    l = normalize(l - 2.0 * min(dot(l, face), 0.0) * face);
     // Half a pixel, within limits, off the surface and towards the eye, where nothing is in the way, also in a corner.
     vec3 origin = p + (face + v) * clamp(0.5 * pixel_width(d), MIN_EPSILON * ray_epsilon, ray_epsilon);
     out_origin = vec4(origin, float(1 + number) * (same ? 1.0 : -1.0));

@@ -64,7 +64,8 @@ vec3 sent_by_around(ivec2 texel, float width, vec3 end, vec3 n)
     while (i < 2) {
         ivec2 tap = clamp(ivec2(floor(vec2(texel) + 0.5 + offset)), ivec2(0), textureSize(depth, 0) - 1);
         float d = texelFetch(depth, tap, 0).r, height = dot(n, surface_point(vec2(tap) + 0.5, d) - end);
-        bool counts = is_surface(d) && is_known(tap) && abs(height) <= PLANE_TOLERANCE * depth_scale(d);
+        bool counts = is_surface(d) && is_known(tap) && abs(height) <= PLANE_TOLERANCE * depth_scale(d)
+            && !is_metallic(texelFetch(albedo, tap, 0).rgb, texelFetch(specular_roughness, tap, 0).rgb);
         sum += counts ? vec4(sent_by(tap), 1.0) : vec4(0.0);
         offset = -offset;
         ++i;

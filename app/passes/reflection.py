@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from app.gl.context import Device
-from app.gl.frame_state import Execute, FrameState, MotionKind
+from app.gl.frame_state import REFRESH_FRAMES, Execute, FrameState, MotionKind
 from app.gl.fullscreen import always, make_fullscreen, ratio_to, reduced_grid
 from app.graph import BoundPass, Pass, Resource, Tex
 from app.math3d import R2, affine_matrix
@@ -198,7 +198,8 @@ def _start_uniforms(grid: Size, frame: FrameState, has_history: bool) -> dict[st
         return {"inside": (0.5, 0.5), "shift": (0.0, 0.0), "scatter": 1.0}
     sides = tuple(math.ceil(ratio) for ratio in ratio_to(grid, frame))
     cells = _spread_cells(*sides)
-    number = min(frame.index, frame.still - 1) if _is_at_rest(frame) else frame.index
+    at_rest = min(frame.index, frame.still - 1, frame.unchanged - REFRESH_FRAMES)  # frames for which nothing has moved
+    number = at_rest if _is_at_rest(frame) else frame.index
     turn = number // len(cells)
     x, y = cells[(number + turn) % len(cells)]
     scatters = _is_at_rest(frame) and turn > 0

@@ -87,14 +87,14 @@ def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: Trac
             def light_at(hits: Hits, along: F32, covers: Bools, ends: Ints) -> tuple[F32, F32, F32]:
                 light, highlights = direct.estimate(frame, resources, hits.position, hits.normal, shadow_rays,
                                                     lambda traced: _averaged(traced, rows.take(ends), grid, hits,
-                                                                             texels.take(ends, axis=0)),
+                                                                             texel_beams.take(ends, axis=0)),
                                                     _lobes(surfels.caster, hits, along, covers) if has_lobes else None)
                 return light, highlights, lookup.interpolate(of_surfels, hits.position, hits.normal)
 
             shift = frame.view.eye - surfels.caster.origin
             origin = _read(resources, prefix + "reflection_origin").take(rows, axis=0)[:, :3] + shift
             beams = _read(resources, prefix + "reflection_beam").take(rows, axis=0)
-            texels = max(ratio_to(grid, frame)) * beams
+            texel_beams = max(ratio_to(grid, frame)) * beams
             seeds = frame.index if has_history else 0, int(2**32 * frame.noise_phase)
             u = np.random.default_rng(seeds).random((len(rows), 2), np.float32)
             put_rows(traced, rows, _trace(surfels.caster, light_at, environment, origin.astype(np.float32),

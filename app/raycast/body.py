@@ -353,21 +353,19 @@ class Body:
         return np.asarray(self.light_proxies.take(self.material.take(triangle)))
 
     def interact(self, triangle: Ints, uv: F32, face: F32, directions: F32,
-                 width: F32 | None = None) -> SurfaceInteraction:
+                 widths: Sequence[F32] | None = None) -> SurfaceInteraction:
         """Evaluate the surface at hits of ``cast``, none of them a miss.
 
         Parameters
         ----------
-        width : ndarray, float32, shape (N,), optional
-            Of the rays where they hit, over which textures are averaged, in the body's space; default that of
-            scattered rays.
+        widths : sequence of ndarray, optional
+            As of ``mesh_widths``, over which textures are averaged; default those of scattered rays.
         """
-        wide = None if width is None else self._width_on(triangle, face, directions, width)
         normal = self._interpolate(self.normals, triangle, uv)
         length = row_lengths(normal)[:, None]
         normal = np.where(length > 1e-6, normal / np.maximum(length, 1e-30), face)
         normal = np.where(row_dots(normal, face)[:, None] < 0, -normal, normal)
-        base = self._base(triangle, uv, wide)
+        base = self._base(triangle, uv, widths)
         albedo, emission = base.color, np.zeros_like(base.color)
         passing, refracted = np.zeros((2, len(triangle)), np.float32)
         for index, rows in self._by_material(np.flatnonzero(self._emits_or_transmits[base.material]), triangle):
@@ -378,7 +376,7 @@ class Body:
             if m.emits:
                 emits = m.double_sided | self._is_front(triangle[rows], directions[rows])[:, None]
                 texels = self._textured(m.emission_map, [self._interpolate(uvs, *at) for uvs in self.uvs],
-                                        width=None if wide is None else [w.take(rows) for w in wide])
+                                        width=_select(widths, rows))
                 emission[rows] = np.where(emits, np.array(m.emission, np.float32) * texels, 0.0)
         shiny = np.flatnonzero(self._has_specular.take(base.material))
         of_shiny = base.select(shiny)
@@ -393,29 +391,41 @@ class Body:
             albedo, emission = albedo / met, emission / met
         return SurfaceInteraction(normal.astype(np.float32), np.clip(albedo, 0.0, 1.0), np.maximum(emission, 0.0))
 
-    def lobes(self, triangle: Ints, uv: F32, max_roughness: float) -> Lobes:
-        """The specular lobes at hits as for ``Caster.lobes``, with face normals in the body's space on any side."""
+    def lobes(self, triangle: Ints, uv: F32, max_roughness: float, widths: Sequence[F32] | None = None) -> Lobes:
+        """The specular lobes at hits as for ``Caster.lobes``, with face normals in the body's space on any side.
+
+        ``widths`` are as for ``interact``.
+        """
         f0, face = np.zeros((2, len(triangle), 3), np.float32)
         roughness = np.ones((len(triangle), 1), np.float32)
         rows = np.flatnonzero(self._min_roughness.take(self.material.take(triangle)) < max_roughness)
-        base = self._base(triangle.take(rows), uv.take(rows, axis=0))
+        base = self._base(triangle.take(rows), uv.take(rows, axis=0), _select(widths, rows))
         f0[rows], roughness[rows], face[rows] = base.f0, base.roughness, unit_rows(self._face(triangle.take(rows)))
         return Lobes(f0, roughness, face)
 
-    def _width_on(self, triangle: Ints, face: F32, directions: F32, width: F32) -> list[F32]:
-        """Mean width of the ellipses in which rays of ``width`` meet triangles, in mesh coordinates, of each uv set."""
-        cosine = np.abs(row_dots(face, directions)) / np.maximum(row_lengths(directions), 1e-30)
-        area = row_lengths(self._face(triangle))
-        corners = self.triangles.take(triangle, axis=0).T
-        widths = []
-        for uvs in self.uvs:
-            a, b, c = (uvs.take(corner, axis=0) for corner in corners)
-            (x0, y0), (x1, y1) = (b - a).T, (c - a).T
-            density = np.sqrt(np.abs(x0 * y1 - x1 * y0) / np.maximum(area * np.maximum(cosine, MIN_FACING), 1e-30))
-            widths.append((width * density).astype(np.float32))
-        return widths
+    def mesh_widths(self, triangle: Ints, directions: F32, width: F32, linear: F64) -> list[F32]:
+        """Widths of rays where they meet triangles, along both mesh coordinates of each uv set, each of shape (N, 2).
 
-    def _base(self, triangle: Ints, uv: F32, width: list[F32] | None = None) -> _Base:
+        Obliquely met, they are means of an ellipse's.
+
+        Parameters
+        ----------
+        directions, width : ndarray, float32, shapes (N, 3) and (N,)
+            Of unit length, and across these, in the space that the matrix ``linear`` of shape (3, 3) leads to.
+        """
+        def edges(values: F32) -> tuple[F64, F64]:
+            a, b, c = (values.take(corner, axis=0).astype(np.float64) for corner in self.triangles[triangle].T)
+            return b - a, c - a
+
+        first, second = (edge @ linear.T for edge in edges(self.positions))
+        normal = np.cross(first, second)
+        area = np.maximum(row_lengths(normal), 1e-60)
+        across = width / np.sqrt(np.maximum(np.abs(row_dots(normal, directions)) / area, MIN_FACING)) / area
+        return [np.stack([across * row_lengths(along * second - further * first)
+                          for along, further in zip(*(edge.T[..., None] for edge in edges(uvs)), strict=True)],
+                         axis=1).astype(np.float32) for uvs in self.uvs]
+
+    def _base(self, triangle: Ints, uv: F32, widths: Sequence[F32] | None = None) -> _Base:
         """What the core material model says of surfaces at hits, averaged over widths in each uv set."""
         material = self.material[triangle]
         color = self._albedo.take(material, axis=0)
@@ -428,7 +438,7 @@ class Body:
         for index, rows in self._by_material(mapped, triangle):
             m = self.materials[index]
             at = [uvs.take(rows, axis=0) for uvs in everywhere]
-            wide = None if width is None else [w.take(rows) for w in width]
+            wide = _select(widths, rows)
             if m.albedo_map is not None:
                 color[rows] *= self._textured(m.albedo_map, at, m.alpha_cutoff is not None, wide)
             if m.specular_map is not None:
@@ -473,6 +483,10 @@ class Body:
 def _passes_by_chance(chance: F32, uv: F32) -> Bools:
     """Whether what passes as often as ``chance`` says does so, by a hash of the hit (Wyman and McGuire 2017)."""
     return np.asarray(~(1 - chance > hash_uv(uv)))
+
+
+def _select(widths: Sequence[F32] | None, rows: Ints) -> list[F32] | None:
+    return None if widths is None else [values.take(rows, axis=0) for values in widths]
 
 
 def _columns(rows: Sequence[Sequence[float]], count: int) -> F32:

@@ -209,16 +209,26 @@ class Caster:
                 instance[rows] = np.asarray(members)[body.part[hits.triangle[rows]]]
         return instance
 
-    def lobes(self, hits: Hits, max_roughness: float) -> Lobes:
+    def lobes(self, hits: Hits, max_roughness: float, directions: F32 | None = None,
+              beams: F32 | None = None) -> Lobes:
         """The specular lobes at N hits, with face normals in local space on the side of the hits' normals.
 
         Materials that are nowhere as smooth as ``max_roughness`` have none.
+
+        Parameters
+        ----------
+        directions, beams : ndarray, optional
+            Of the rays that met them, as for ``cast_through``; both or none.
         """
         f0, face = np.zeros((2, len(hits.body), 3), np.float32)
         roughness = np.ones((len(hits.body), 1), np.float32)
         for index, body in enumerate(self.bodies):
             rows = np.flatnonzero(hits.body == index)
-            found = body.lobes(hits.triangle.take(rows), hits.uv.take(rows, axis=0), max_roughness)
+            triangle = hits.triangle.take(rows)
+            widths = None if beams is None or directions is None else body.mesh_widths(
+                triangle, directions.take(rows, axis=0),
+                width_at(beams.take(rows, axis=0), hits.distance.take(rows)), self.matrices[index][:3, :3])
+            found = body.lobes(triangle, hits.uv.take(rows, axis=0), max_roughness, widths)
             f0[rows], roughness[rows] = found.f0, found.roughness
             face[rows] = found.face if index == STATIC else transform_normals(found.face, self.matrices[index])
         return Lobes(f0, roughness, np.where(row_dots(face, hits.normal)[:, None] < 0, -face, face))
@@ -395,10 +405,9 @@ class Caster:
             is_seen = ~goes_on if share is None else (share < 1).any(axis=1)
             seen = np.flatnonzero((triangle >= 0) & is_seen)
             to, at, bary, away = rows.take(seen), triangle.take(seen), uv.take(seen, axis=0), from_start + distance
-            width = None
-            if beams is not None:
-                width = (beams[to, 0] + beams[to, 1] * away.take(seen)) * row_lengths(along.take(seen, axis=0))
-            surface = body.interact(at, bary, face.take(seen, axis=0), along.take(seen, axis=0), width)
+            widths = None if beams is None else body.mesh_widths(
+                at, directions.take(to, axis=0), width_at(beams.take(to, axis=0), away.take(seen)), matrix[:3, :3])
+            surface = body.interact(at, bary, face.take(seen, axis=0), along.take(seen, axis=0), widths)
             normal = transform_normals(surface.normal, matrix) if index != STATIC else surface.normal
             position = origins.take(to, axis=0) + directions.take(to, axis=0) * away.take(seen)[:, None]
             behind = np.float32(1) if tint is None else tint.take(seen, axis=0)
@@ -482,6 +491,11 @@ class AttachedPoints:
                 position[rows] = position[rows] @ matrix[:3, :3].T + matrix[:3, 3]
                 normal[rows] = transform_normals(normal[rows], matrix)
         return position, normal
+
+
+def width_at(beams: F32, distance: F32) -> F32:
+    """Of rays at a distance from where they start, shape (N,); beams are those of ``Caster.cast_through``."""
+    return np.asarray(beams[:, 0] + beams[:, 1] * distance, np.float32)
 
 
 def _turn(position: F32, normal: F32, axes: F32) -> tuple[F32, F32]:

@@ -11,14 +11,14 @@ import numpy as np
 
 from app.arrays import F32, Ints
 from app.math3d import row_dots, unit_rows
-from app.raycast.caster import Caster, Hits
+from app.raycast.caster import Caster, Hits, width_at
 from app.specular_albedo import MEAN_COSINE, MIN_ALPHA, specular_albedo
 
 # As in shaders/include/ray_share.glsl:
 MIN_MIRRORED, FULL_MIRRORED = 0.05, 0.15  # specular albedo, between which more and more of it goes on
 SHARP_ROUGHNESS, BROAD_ROUGHNESS = 0.1, 0.3  # perceptual, between which less and less of it does,
 SHARP_HIGHLIGHT, BROAD_HIGHLIGHT = 0.05, 0.15  # and of light of lamps
-LOBE_WIDTH = 0.5  # of the squared roughness, what a ray that goes on widens by in a unit of length: it is one of many
+LOBE_WIDTH = 0.5  # of the squared roughness, growth of a ray that is one of many, as in reflection_march.frag
 TRIM = 0.98  # of the lobe, as in shaders/include/visible_normals.glsl
 MIN_COSINE = 1e-3
 
@@ -60,7 +60,7 @@ def go_on(caster: Caster, ends: Hits, direction: F32, beams: F32, u: F32) -> Onw
     direction, beams, u : ndarray, float32, shapes (N, 3), (N, 2) and (N, 2)
         Of the rays, of unit length; as of ``Caster.cast_through``; numbers in [0, 1) that choose where they go on.
     """
-    lobes = caster.lobes(ends, BROAD_ROUGHNESS)
+    lobes = caster.lobes(ends, BROAD_ROUGHNESS, direction, beams)
     cosine = np.maximum(-row_dots(direction, ends.normal), np.float32(MIN_COSINE))[:, None]
     mirrored = specular_albedo(lobes.f0, lobes.roughness, cosine)
     share = (_smoothstep(MIN_MIRRORED, FULL_MIRRORED, mirrored.max(axis=1, keepdims=True))
@@ -69,14 +69,14 @@ def go_on(caster: Caster, ends: Hits, direction: F32, beams: F32, u: F32) -> Onw
     share, f0, roughness = share.take(rows, axis=0), lobes.f0.take(rows, axis=0), lobes.roughness.take(rows, axis=0)
     normal, face = ends.normal.take(rows, axis=0), lobes.face.take(rows, axis=0)
     onward = reflected(-direction.take(rows, axis=0), normal, face, roughness, u.take(rows, axis=0))
-    width, growth = beams.take(rows, axis=0).T
-    further = np.stack([width + growth * ends.distance.take(rows), growth + LOBE_WIDTH * roughness[:, 0]**2], axis=1)
+    width = width_at(beams.take(rows, axis=0), ends.distance.take(rows))
+    further = np.stack([width, beams.take(rows, axis=0)[:, 1] + LOBE_WIDTH * roughness[:, 0]**2], axis=1)
     met = caster.cast_through(ends.position.take(rows, axis=0) + caster.ray_epsilon * face, onward, further)
     at_mean = specular_albedo(f0, roughness, np.full_like(roughness, MEAN_COSINE))
     mirrored = share * mirrored.take(rows, axis=0)
     sharp = sharpness(roughness)
     albedo, ray = ends.albedo.take(rows, axis=0), met.ray
-    left, for_direct = (np.minimum(albedo - part * share * at_mean, 1 - part * mirrored) for part in (1, sharp))
+    left, for_direct = (np.minimum(albedo - part * share * at_mean, 1 - part * mirrored).clip(0) for part in (1, sharp))
     emission = met.hits.traced_emission + sharp.take(ray, axis=0) * met.hits.emission_of(light_proxies=True)
     return OnwardRays(replace(met.hits, emission=emission), mirrored.take(ray, axis=0) * met.share, rows.take(ray),
                       onward.take(ray, axis=0), left.take(ray, axis=0), for_direct.take(ray, axis=0))

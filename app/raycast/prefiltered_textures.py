@@ -1,12 +1,11 @@
 """Textures for rays: colour as blurred as the cone that a ray stands for, sharp alpha."""
 
-import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.arrays import F32, F64, Bytes, Ints
+from app.arrays import F32, F64, Bools, Bytes, Ints
 from app.io.image import srgb_decode
 from app.network.channels import HALF_MAX
 from app.scene import Texture
@@ -35,15 +34,16 @@ class PrefilteredTextures:
 
         Parameters
         ----------
-        width : ndarray, float32, shape (N,), optional
-            Of what is averaged, in mesh coordinates; default that of scattered rays.
+        width : ndarray, float32, shape (N, 2), optional
+            Of what is averaged, along both mesh coordinates; default that of scattered rays.
         """
         if width is None:
             color: F32 = _nearest(self.copy_of(texture, alpha_tested), texture, uv)
             return color
         key = _key(texture, alpha_tested)
         if key not in self._pyramids:
-            self._pyramids[key] = _Pyramid(_blur(texture, alpha_tested, MAX_SHARP_SIDE))
+            dtype = np.float16 if texture.pixels.dtype == np.uint8 else np.float32
+            self._pyramids[key] = _Pyramid(_blur(texture, alpha_tested, MAX_SHARP_SIDE), dtype)
         return self._pyramids[key].sample(texture, uv, width)
 
     def copy_of(self, texture: Texture, alpha_tested: bool = False) -> F32:
@@ -62,26 +62,30 @@ class _Pyramid:
     ----------
     finest : ndarray, float64, shape (h, w, 4)
         Linear colour times its weight, and that weight; top row first.
+    dtype : type
+        Of the texels.
     """
 
-    def __init__(self, finest: F64) -> None:
+    def __init__(self, finest: F64, dtype: type) -> None:
         levels = [finest]
         while max(levels[-1].shape[:2]) > 1:
             levels.append(_block_sums(levels[-1], tuple((side + 1) // 2 for side in levels[-1].shape[:2])))
         self._sizes = np.array([level.shape[:2] for level in levels])
         self._starts = np.cumsum([0, *(height * width for height, width in self._sizes[:-1])])
-        self._texels = np.concatenate([(level[..., :3] / level[..., 3:]).reshape(-1, 3).astype(np.float16)
+        self._texels = np.concatenate([(level[..., :3] / level[..., 3:]).reshape(-1, 3).astype(dtype)
                                        for level in levels])
 
     def sample(self, texture: Texture, uv: F32, width: F32) -> F32:
-        """Linear colour, shape (N, 3), at mesh coordinates of shape (N, 2), averaged over widths of shape (N,)."""
-        finest = math.sqrt(abs(np.linalg.det(np.asarray(texture.transform)[:2, :2])) * self._sizes[0].prod())
-        level = np.rint(np.log2((width * finest).clip(1, self._sizes[0].max()))).astype(np.int64)
-        level = level.clip(max=len(self._sizes) - 1)
+        """Linear colour, shape (N, 3), at mesh coordinates and averaged over widths along both, shape (N, 2)."""
+        turned = np.square(np.asarray(texture.transform, np.float64)[:2, :2])
+        across = np.sqrt(np.square(np.nan_to_num(width.astype(np.float64))) @ turned.T) * self._sizes[0, ::-1]
+        texels = across.max(axis=1)  # of the finest level
+        level = np.rint(np.log2(texels.clip(1, self._sizes[0].max()))).astype(np.int64).clip(max=len(self._sizes) - 1)
+        is_nearest = (texels < 1) & (texture.magnified == "nearest")
         size, start = self._sizes.take(level, axis=0), self._starts.take(level)
         at = _transformed(texture, uv)
-        rows = _neighbours(1 - at[:, 1], size[:, 0], texture.repeat[1])
-        columns = _neighbours(at[:, 0], size[:, 1], texture.repeat[0])
+        rows = _neighbours(1 - at[:, 1], size[:, 0], texture.repeat[1], is_nearest)
+        columns = _neighbours(at[:, 0], size[:, 1], texture.repeat[0], is_nearest)
         color = np.zeros((len(uv), 3), np.float32)
         for row, of_row in rows:
             for column, of_column in columns:
@@ -135,11 +139,14 @@ def _nearest(pixels: NDArray[Any], texture: Texture, uv: F32) -> NDArray[Any]:
     return texels
 
 
-def _neighbours(value: F64, size: Ints, repeat: bool) -> list[tuple[Ints, F64]]:
-    """The two texels around coordinates in [0, 1] of rows of ``size``, and their bilinear weights, shape (N,)."""
+def _neighbours(value: F64, size: Ints, repeat: bool, is_nearest: Bools) -> list[tuple[Ints, F64]]:
+    """The two texels around coordinates in [0, 1] of rows of ``size``, and their weights, shape (N,).
+
+    These are bilinear, or 1 for the nearest one where ``is_nearest``.
+    """
     at = np.asarray((value - np.floor(value) if repeat else value.clip(0, 1)) * size - 0.5, np.float64)
     low = np.floor(at)
-    share = at - low
+    share = np.where(is_nearest, at - low >= 0.5, at - low)
     both = (low.astype(np.int64), 1 - share), (low.astype(np.int64) + 1, share)
     return [(texel % size if repeat else texel.clip(0, size - 1), weight) for texel, weight in both]
 

@@ -300,6 +300,22 @@ def test_a_polished_ball_shows_the_mean_of_a_fine_pattern(rays: str, small_ember
     assert noise[0] < noise[1] + 0.02
 
 
+@pytest.mark.parametrize("pixels", [20, 1])
+def test_a_flat_mirror_of_any_width_shows_stripes(pixels: float, small_ember: Path,
+                                                  monkeypatch: pytest.MonkeyPatch) -> None:
+    """A thin one too, whose pixels have others of it above and below alone."""
+    size = (192, 144)
+    coarsen(monkeypatch, size)
+    stripes = np.where(np.arange(64)[:, None, None] // 4 % 2, 1.0, 0.05) * np.ones((64, 4, 4))
+    half = 0.9 * np.tan(np.radians(25)) * 4 / 3 * pixels / size[0]
+    striped = replace(WHITE, albedo_map=Texture(stripes.astype(np.float32)))
+    scene = room(DARK, quad((-half, 0.5, -0.4), (2 * half, 0, 0), (0, 1, 0), MIRROR),
+                 quad((1, 0, 0.99), (-2, 0, 0), (0, 2, 0), striped))
+    seen = draw(scene, small_ember, (CAMERA,) * 33, size)[-1]["reflection"][50:94, 94:98].max(axis=(1, 2))
+    print(f"STRIPES {pixels} {seen.std() / seen.mean():.3f}")
+    assert seen.std() > 0.45 * seen.mean()
+
+
 def test_a_metal_rod_shows_a_small_bright_spot_from_the_first_frames_on(small_ember: Path,
                                                                         monkeypatch: pytest.MonkeyPatch) -> None:
     """Which few rays meet: those that do not must not count more than those that do."""

@@ -402,11 +402,13 @@ def test_what_a_ray_passes_counts_as_much_as_it_is_seen() -> None:
 
 
 def test_textures_are_averaged_over_a_ray_s_width() -> None:
-    """On a wall of edge 2 with 64 stripes, and on one that is scaled by 4."""
+    """On a wall of edge 2 with 64 stripes, and on others that are scaled, mirrored, or scaled along the ray."""
     stripes = Texture(np.tile(np.where(np.arange(64) % 2, 1.0, 0.0)[None, :, None], (64, 1, 4)).astype(np.float32))
     material = Material(albedo=(1.0, 1.0, 1.0), albedo_map=stripes, emission=(1.0, 1.0, 1.0), emission_map=stripes)
-    for scale, motion in ((1.0, None), (4.0, Motion(np.array([0.0]), np.diag((4.0, 4.0, 4.0, 1.0))[None]))):
-        caster = Caster(make_scene([wall(material, motion=motion)]))
+    for scale, along in ((1.0, 1.0), (4.0, 4.0), (-1.0, 1.0), (1.0, 0.02), (1.0, 50.0)):
+        motion = Motion(np.array([0.0]), np.diag((scale, abs(scale), along, 1.0))[None])
+        scale = abs(scale)
+        caster = Caster(make_scene([wall(material, motion=None if scale == along == 1.0 else motion)]))
         x = np.linspace(-0.9, 0.9, 100) * scale
         origins = (np.stack([x, 0 * x, 0 * x + 2], axis=1) - caster.origin).astype(np.float32)
         towards = np.tile(np.float32((0, 0, -1)), (100, 1))

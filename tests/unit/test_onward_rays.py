@@ -10,7 +10,7 @@ import pytest
 from app.math3d import row_dots, unit_rows
 from app.raycast.caster import Caster
 from app.raycast.onward_rays import OnwardRays, go_on, reflected
-from app.scene import Material, PointLight, Transmission
+from app.scene import Material, PointLight, Texture, Transmission
 from app.specular_albedo import MEAN_COSINE, specular_albedo
 from tests.gl.scenes import make_scene, quad
 
@@ -49,6 +49,23 @@ def test_a_mirror_sends_rays_on_by_the_law_of_reflection() -> None:
                                                  ((1.0, -0.5, 0.0), True)])
 def test_rays_go_on_from_stone_at_grazing_angles_only(towards: tuple[float, float, float], goes_on: bool) -> None:
     assert len(onward(STONE, towards).end) == goes_on
+
+
+def test_what_textured_metal_mirrors_is_no_more_than_its_albedo() -> None:
+    """Of a chequer, whether a ray is as narrow as its squares or shows their mean; what is left is never negative."""
+    squares = np.where(np.add.outer(np.arange(64), np.arange(64))[..., None] % 2, 1.0, 0.1) * np.ones(4)
+    metal = Material(albedo=(1.0,) * 3, albedo_map=Texture(squares.astype(np.float32)), metallic=1.0, roughness=0.05)
+    caster = Caster(make_scene([quad((-1, -1, z), (2, 0, 0), (0, 2, 0), metal) for z in (0, 4)]))
+    x, y = np.random.default_rng(0).uniform(-0.9, 0.9, (2, 500))
+    origins = (np.stack([x, y, 0 * x + 2], axis=1) - caster.origin).astype(np.float32)
+    towards = np.tile(np.float32((0, 0, -1)), (500, 1))
+    for width, spread in ((0.0, 0.1), (1 / 4, 0.0)):
+        beams = np.tile(np.float32((width, 0)), (500, 1))
+        ends = caster.cast_through(origins, towards, beams).hits.select(np.arange(500))
+        rays = go_on(caster, ends, towards, beams, np.zeros((500, 2), np.float32))
+        assert (rays.share.std(axis=0) > spread).all() if spread else rays.share.std() < 0.01
+        assert 0 <= rays.left.min() <= rays.left.max() < 0.1
+        assert rays.left_for_direct.min() >= 0
 
 
 def test_no_rays_go_on_from_rough_metal() -> None:

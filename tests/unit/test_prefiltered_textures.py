@@ -45,9 +45,10 @@ def test_colour_is_averaged_over_a_width(alpha_tested: bool) -> None:
     pixels[..., :3] = np.where(np.add.outer(np.arange(64), np.arange(128)) % 2, 1.0, 0.0)[..., None]
     uv = (np.indices((64, 128)).reshape(2, -1).T[:, ::-1] + 0.5) / (128, 64)
     contrast = []
-    for width in (0.0, 1 / 90, 2 / 90, 1 / 4, 9.0):  # texels are 1 / 90 wide on the mean of both sides
+    for texels in (0.0, 1.0, 2.0, 16.0, 1e3):
         texture = Texture(pixels, np.diag([0.5, 1.0, 1.0]))
-        color = PrefilteredTextures().sample(texture, uv * (2, 1), alpha_tested, np.full(len(uv), width * 2**0.5, F32))
+        width = np.tile(F32([2 * texels / 128, texels / 64]), (len(uv), 1))
+        color = PrefilteredTextures().sample(texture, uv * (2, 1), alpha_tested, width)
         np.testing.assert_allclose(color.mean(axis=0), 0.5, atol=1e-3)
         contrast.append(float(color.std()))
     np.testing.assert_allclose(contrast, [0.5, 0.5, 0.0, 0.0, 0.0], atol=1e-3)
@@ -55,15 +56,42 @@ def test_colour_is_averaged_over_a_width(alpha_tested: bool) -> None:
 
 def test_the_mean_over_the_largest_width_is_that_of_the_texture() -> None:
     pixels = image(100, 70)
-    color = PrefilteredTextures().sample(Texture(pixels), everywhere(3), width=np.full(9, 1e6, F32))
+    color = PrefilteredTextures().sample(Texture(pixels), everywhere(3), width=np.full((9, 2), 1e6, F32))
     np.testing.assert_allclose(color, np.tile(pixels[..., :3].mean(axis=(0, 1)), (9, 1)), rtol=2e-3)
+
+
+@pytest.mark.parametrize("side", [64, 512])
+def test_stripes_of_a_narrow_texture_are_averaged(side: int) -> None:
+    """Of one row of texels, by widths of a few texels along it, also turned by the texture's transform."""
+    pixels = np.ones((1, side, 4), F32)
+    pixels[..., :3] = (np.arange(side) % 2)[None, :, None]
+    uv = np.random.default_rng(0).random((500, 2))
+    turned = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    for transform, axis in ((np.eye(3), 0), (turned, 1)):
+        for width in (np.full((500, 2), 4 / side, F32), np.eye(2, dtype=F32)[[axis] * 500] * 4 / side):
+            color = PrefilteredTextures().sample(Texture(pixels, transform), uv, width=width.astype(F32))
+            np.testing.assert_allclose(color, 0.5, atol=1e-3)
+
+
+def test_magnified_texels_stay_squares_if_the_texture_says_so() -> None:
+    pixels = np.zeros((1, 4, 4), F32)
+    pixels[..., 0] = [[1, 2, 3, 5]]
+    uv = np.array([[0.24, 0.5], [0.26, 0.5], [0.74, 0.5]])
+    color = PrefilteredTextures().sample(Texture(pixels, magnified="nearest"), uv, width=np.full((3, 2), 0.01, F32))
+    assert color[:, 0].tolist() == [1, 2, 3]
+
+
+def test_dim_light_of_float_texels_is_kept() -> None:
+    texture = Texture(np.full((4, 4, 4), 1e-8, F32))
+    color = PrefilteredTextures().sample(texture, everywhere(2), width=np.zeros((4, 2), F32))
+    np.testing.assert_allclose(color, 1e-8, rtol=1e-4)
 
 
 def test_texels_beside_an_edge_are_those_of_the_wrap_mode() -> None:
     """At a texture's edge colour is half that of the other side, if it repeats."""
     pixels = np.zeros((1, 4, 4), F32)
     pixels[..., 0] = [[1, 2, 3, 5]]
-    uv, width = np.array([[0.0, 0.5], [1.0, 0.5], [0.5, 0.5]]), np.zeros(3, F32)
+    uv, width = np.array([[0.0, 0.5], [1.0, 0.5], [0.5, 0.5]]), np.zeros((3, 2), F32)
     for repeat, expected in ((True, [3, 3, 2.5]), (False, [1, 5, 2.5])):
         color = PrefilteredTextures().sample(Texture(pixels, repeat=(repeat, repeat)), uv, width=width)
         np.testing.assert_allclose(color[:, 0], expected, rtol=1e-3)
