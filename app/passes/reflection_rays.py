@@ -21,7 +21,7 @@ from app.gl.pool import Resources
 from app.graph import BoundPass, Pass, Tex
 from app.math3d import GOLDEN_RATIO, R2, put_rows, row_dots
 from app.passes.surfel_buffer import SurfelBuffer
-from app.raycast.caster import Caster, Hits, concatenate
+from app.raycast.caster import Caster, Hits, concatenate, width_at
 from app.raycast.onward_rays import go_on, of_highlights, sharpness
 from app.scene import Environment
 from app.surfels.tracked import TrackedSurfels
@@ -185,7 +185,7 @@ def _averaged(light: F32, rows: Ints, grid: tuple[int, int], hits: Hits, beams: 
     """
     ends = len(rows)
     position, normal, distance = hits.position[:ends], hits.normal[:ends], hits.distance[:ends]
-    reach = np.maximum(MAX_APART * distance, MAX_TEXELS_APART * (beams[:, 0] + beams[:, 1] * distance))
+    reach = np.maximum(MAX_APART * distance, MAX_TEXELS_APART * width_at(beams, distance))
     index = np.full((grid[1] + 2, grid[0] + 2), -1, np.int64)
     y, x = np.divmod(rows, grid[0])
     index[y + 1, x + 1] = np.arange(ends)
