@@ -12,7 +12,7 @@ const float TAP_OFFSET = 0.3;        // of that width, of two taps beside the mi
 uniform sampler2D reflection_origin;  // relative space; a: negative on another surface than the texel's
 uniform sampler2D reflection_ray;     // direction; a: length if the screen shows the end
 uniform sampler2D reflection_beam;    // width of a pixel's rays where they start, scene units; its growth by unit length
-uniform sampler2D reflection_traced;  // radiance; a: length, negative where a ray passes glass or goes on, 0 for none
+uniform sampler2D reflection_traced;  // radiance; a: length, negative where a ray passes glass or goes on, 0 for none; comes first
 uniform sampler2D normal;
 uniform sampler2D depth;
 uniform sampler2D direct;
@@ -84,7 +84,7 @@ void main()
     vec4 traced = texelFetch(reflection_traced, low, 0);
     vec4 origin = texelFetch(reflection_origin, low, 0);
     float here = -(mat3(view_from_relative) * origin.xyz).z;
-    bool is_shown = ray.a > 0.0 && is_finite(ray.a), is_traced = !is_shown && traced.a != 0.0 && is_finite(traced.a);
+    bool is_traced = traced.a != 0.0 && is_finite(traced.a), is_shown = !is_traced && ray.a > 0.0 && is_finite(ray.a);
     float t = is_shown ? ray.a : is_traced ? abs(traced.a) : 0.0;
     vec3 end = origin.xyz + t * ray.xyz;
     vec3 view = mat3(view_from_relative) * end;

@@ -1,4 +1,4 @@
-// Where reflected rays end that the screen does not show, as app/passes/reflection_rays.py traces them on the CPU, and the
+// Where reflected rays end that the screen does not show, or not without something before it, as app/passes/reflection_rays.py traces them on the CPU, and the
 // environment along those that end nowhere; from glossy surfaces they go on, as in app/raycast/onward_rays.py. Light at their
 // ends is drawn between this and reflection_light.comp.
 layout(local_size_x = 8, local_size_y = 8) in;
@@ -9,13 +9,14 @@ layout(local_size_x = 8, local_size_y = 8) in;
 #include "visible_normals.glsl"
 #include "ray_share.glsl"
 
+const float SEEN_SHARE = 0.98;     // of the length of a ray whose end the screen shows, which must be free
 const float MAX_UNIT_ERROR = 0.1;  // of a direction's squared length
 
 layout(rgba32f, binding = 4) writeonly uniform image2D end_lobe;  // F0; roughness
 layout(rgba32f, binding = 5) writeonly uniform image2D end_view;  // back along the ray; a: share of the lobe's highlights
 
 uniform sampler2D reflection_origin;  // relative space
-uniform sampler2D reflection_ray;     // direction; a: negative if the screen does not show the end
+uniform sampler2D reflection_ray;     // direction; a: length, negative if the screen does not show the end
 #ifdef HAS_ENVIRONMENT
 uniform sampler2D environment;        // top row straight up
 uniform float rotation;               // counter-clockwise about +y seen from above, in full circles
@@ -53,6 +54,12 @@ void store_lobe(ivec2 texel, Surface s, vec3 along)
     imageStore(end_view, texel, vec4(-along, blurred));
 }
 
+// Whether a ray's end that the screen shows is hidden from where it starts, by what its march has stepped over.
+bool is_hidden(vec3 origin, vec4 ray)
+{
+    return ray.a > 0.0 && is_finite(ray.a) && is_occluded(origin, SEEN_SHARE * ray.a * ray.xyz, true);
+}
+
 // Stores ends of first rays in the lower half of the images, and those of rays that go on in the upper half.
 void main()
 {
@@ -64,7 +71,8 @@ void main()
     vec3 more_direct = vec3(0.0);
     vec3 onward = vec3(0.0);
     float distance = 0.0;  // where no ray was traced; negative where one goes on
-    if (ray.a < 0.0 && abs(dot(ray.xyz, ray.xyz) - 1.0) < MAX_UNIT_ERROR && is_finite(dot(origin, vec3(1.0)))) {
+    bool is_unit = abs(dot(ray.xyz, ray.xyz) - 1.0) < MAX_UNIT_ERROR && is_finite(dot(origin, vec3(1.0)));
+    if (is_unit && (ray.a < 0.0 || is_hidden(origin, ray))) {
         distance = trace(origin, ray.xyz, 0.0, end);
         float n_v = -dot(ray.xyz, end.normal), share = onward_share(end.f0, end.roughness, n_v);
         if (share > 0.0) {

@@ -21,7 +21,7 @@ uniform sampler2D shadow_unshadowed;  // rgb: mean irradiance of all samples, a:
 uniform sampler2D lowres_gbuffer;
 #ifdef SPECULAR_RAYS
 uniform sampler2D shadow_specular;    // r: mean luminance of the rectangles that specular rays reach, g: of all of them,
-                                      // a: number of these rays
+                                      // b: its mean square, a: number of these rays
 #endif
 uniform vec2 ratio;   // full-resolution texels per low-resolution texel
 uniform int spacing;  // texels
@@ -93,11 +93,18 @@ Texel texel_at(ivec2 low)
 }
 
 #ifdef SPECULAR_RAYS
+// Variance of the share of specular light. Rays of much light count for more than others, so that the share is that of fewer.
+float specular_variance(vec4 specular, float share)
+{
+    float equal_rays = specular.a * min(specular.g * specular.g / max(specular.b, 1e-30), 1.0);
+    return variance_of(share, share, equal_rays);
+}
+
 bool is_alike_specular(Texel here, Texel t)
 {
     vec2 seen = vec2(here.specular.r, t.specular.r) / max(vec2(here.specular.g, t.specular.g), 1e-30);
     return is_finite(dot(t.specular, vec4(1.0))) && (here.specular.a <= 0.0 || agree(
-        seen.x, seen.y, variance_of(seen.x, seen.x, here.specular.a) + variance_of(seen.y, seen.y, t.specular.a)));
+        seen.x, seen.y, specular_variance(here.specular, seen.x) + specular_variance(t.specular, seen.y)));
 }
 #endif
 

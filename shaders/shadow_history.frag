@@ -9,7 +9,7 @@ uniform sampler2D shadow_unshadowed_prev;   // a: mean square of the visible sha
 uniform float max_samples;  // of history
 #ifdef HAS_SHADOW_SPECULAR_NOW
 uniform sampler2D shadow_specular_now;    // r: mean luminance of the rectangles that specular rays reach, g: of all of them,
-                                          // a: number of these rays
+                                          // b: its mean square, a: number of these rays
 uniform sampler2D shadow_specular_prev;
 uniform float max_specular_samples;     // of history, which follows surfaces and not what they mirror
 #endif

@@ -78,7 +78,7 @@ uniform float sky_distance;  // length of a ray towards the environment, scene u
 layout(location = 0) out vec4 out_visible;     // rgb: mean irradiance of the samples that reach their light, a: samples
 layout(location = 1) out vec4 out_unshadowed;  // rgb: mean irradiance of all samples, a: mean square of the visible share of one
 #ifdef SPECULAR_RAYS
-layout(location = 2) out vec4 out_specular;    // r: mean luminance of the rectangles that specular rays reach, g: of all, a: rays
+layout(location = 2) out vec4 out_specular;    // r: mean luminance of the rectangles that specular rays reach, g: of all, b: its mean square, a: rays
 #endif
 #ifdef WRITE_LESSONS
 // The sky's luminance for the first sample as its bits, and for each sample: whether it is one of diffuse light, 1 plus the part
@@ -441,7 +441,7 @@ void main()
     ivec2 texel = ivec2(gl_FragCoord.xy);
 #ifdef RAYS_HERE
     vec4 visible = vec4(0.0), unshadowed = vec4(0.0);
-    float first_sky = 0.0, specular_rays = 0.0, square = 0.0;
+    float first_sky = 0.0, specular_rays = 0.0, specular_square = 0.0, square = 0.0;
     uint lessons[MAX_LESSONS];
     for (int i = 0; i < MAX_LESSONS; ++i) lessons[i] = 0u;
     for (sample_index = first_sample; sample_index < first_sample + sample_count; ++sample_index) {
@@ -452,6 +452,7 @@ void main()
         unshadowed += ray.light + vec4(ray.known.rgb, 0.0);
         square += brightness * brightness * seen;
         specular_rays += ray.light.a > 0.0 ? 1.0 : 0.0;
+        specular_square += ray.light.a * ray.light.a;
         first_sky = sample_index == first_sample ? ray.known.a : first_sky;
         uint part = seen > 0.0 && kind >= 3.0 ? uint(kind) - 2u : 0u;
         lessons[min(sample_index - first_sample, MAX_LESSONS - 1)] = (ray.light.a == 0.0 ? 1u << 31u : 0u) | part << 16u
@@ -462,7 +463,7 @@ void main()
     out_visible = vec4(visible.rgb * inverse, samples);
     out_unshadowed = vec4(unshadowed.rgb * inverse, min(square * inverse / mean / mean, MAX_SQUARE));
 #ifdef SPECULAR_RAYS
-    out_specular = vec4(vec2(visible.a, unshadowed.a) / max(specular_rays, 1.0), 0.0, specular_rays);
+    out_specular = vec4(vec3(visible.a, unshadowed.a, specular_square) / max(specular_rays, 1.0), specular_rays);
 #endif
 #ifdef WRITE_LESSONS
     out_lessons_0 = uvec4(floatBitsToUint(first_sky), lessons[0], lessons[1], lessons[2]);

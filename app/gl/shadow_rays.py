@@ -96,10 +96,10 @@ class ShadowRays:
             of them sees. Guided rays say little of what is hidden, so they only correct irradiance that is known.
         specular : ndarray, float32, shape (h, w, 4)
             With ``SPECULAR_RAYS`` only: mean luminance of the highlights whose rays reach their light, and of all that
-            rays are traced for; 0; how many they are.
+            rays are traced for; the mean square of that; how many they are.
         """
         visible, unshadowed = np.zeros((2, self._size[0] * self._size[1], 4), np.float32)
-        specular_rays, square = np.zeros((2, len(visible)), np.float32)
+        specular_rays, specular_square, square = np.zeros((3, len(visible)), np.float32)
         shift = (frame.view.eye - self._scene.origin).astype(np.float32)
         set_frame(self.program, frame, self._scene)
         for guide in (self._sky_guide, self._light_guide):
@@ -118,6 +118,7 @@ class ShadowRays:
             square += np.square(luminance * seen[:, 3])
             if self._has_specular:
                 specular_rays += light[:, 3] > 0
+                specular_square += np.square(light[:, 3])
             if self._is_guided:
                 known = self._read(3)
                 unshadowed[:, :3] += known[:, :3]
@@ -126,8 +127,8 @@ class ShadowRays:
         mean = np.maximum(means[1][:, :3] @ TO_LUMINANCE, LUMINANCE_FLOOR)[:, 0]
         means[1][:, 3] = np.minimum(square / np.maximum(means[1][:, 3], 1) / mean, MAX_SQUARE * mean) / mean
         if self._has_specular:
-            none = np.zeros_like(specular_rays)
-            means.append(_mean(np.stack([visible[:, 3], unshadowed[:, 3], none, none], axis=1), specular_rays))
+            totals = visible[:, 3], unshadowed[:, 3], specular_square, specular_rays
+            means.append(_mean(np.stack(totals, axis=1), specular_rays))
         return tuple(mean.reshape(self._size[1], self._size[0], 4) for mean in means)
 
     @property

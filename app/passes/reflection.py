@@ -129,7 +129,7 @@ def surfaces_read(has_rays: bool, has_detail: bool, has_clearcoat: bool) -> tupl
     """What ``reflected_light.glsl`` reads, beside indirect light; details only of what is traced."""
     return ("normal", "specular_roughness", *(("clearcoat",) if has_clearcoat else ()),
             *(("depth", "reflection_gbuffer", "reflection_filtered") if has_rays else ()),
-            *(("reflection_detail",) if has_rays and has_detail else ()))
+            *(("reflection_detail", "reflection_distance") if has_rays and has_detail else ()))
 
 
 def make_with_reflections(fragment: str, grid: Size, follows_images: bool, defines: Mapping[str, object] | None = None,

@@ -32,6 +32,7 @@ MIN_SHARP_RAYS = 2**13  # of a frame, of sharp images, which no neighbours repla
 SHADOW_RAYS_AT_REST = 4  # at their ends, since mirrors are shown pixel by pixel then, and nothing averages their noise
 LIT_AT_ONCE = 64, 64   # ends of rays that direct light is drawn at together, as a grid
 NOT_SHOWN = -1.0      # for the length of a ray, as in reflection.glsl, where those of sharp images have less
+SEEN_SHARE = 0.98     # of the length of a ray whose end the screen shows, which must be free
 MAX_UNIT_ERROR = 0.1  # of a direction's squared length
 # Ends of rays whose light is averaged:
 MAX_APART = 0.1       # of a ray's length, their distance
@@ -79,6 +80,10 @@ def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: Trac
         shadow_rays = SHADOW_RAYS_AT_REST if continues and frame.motion is MotionKind.NONE else 1
         rows, chance = _choose(ray, (dither + GOLDEN_RATIO * frame.index) % 1.0, budget)
         _write_chance(bound, resources, prefix, chance)
+        shift = frame.view.eye - surfels.caster.origin
+        local = _read(resources, prefix + "reflection_origin")[:, :3] + shift.astype(np.float32)
+        hidden = _hidden(surfels.caster, local, ray)
+        rows = np.concatenate([rows, hidden])
         traced = np.zeros_like(ray)
         if len(rows):
             lookup = surfels.lookup
@@ -91,13 +96,12 @@ def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: Trac
                                                     _lobes(surfels.caster, hits, along, covers) if has_lobes else None)
                 return light, highlights, lookup.interpolate(of_surfels, hits.position, hits.normal)
 
-            shift = frame.view.eye - surfels.caster.origin
-            origin = _read(resources, prefix + "reflection_origin").take(rows, axis=0)[:, :3] + shift
+            origin = local.take(rows, axis=0)
             beams = _read(resources, prefix + "reflection_beam").take(rows, axis=0)
             texel_beams = max(ratio_to(grid, frame)) * beams
             seeds = frame.index if has_history else 0, int(2**32 * frame.noise_phase)
             u = np.random.default_rng(seeds).random((len(rows), 2), np.float32)
-            put_rows(traced, rows, _trace(surfels.caster, light_at, environment, origin.astype(np.float32),
+            put_rows(traced, rows, _trace(surfels.caster, light_at, environment, origin,
                                           ray.take(rows, axis=0)[:, :3], beams, u))
         resources[prefix + "reflection_traced"].write(traced.tobytes())
 
@@ -167,6 +171,20 @@ def _choose(ray: F32, threshold: F32, budget: int) -> tuple[Ints, float]:
     with np.errstate(invalid="ignore", over="ignore"):
         direction = ray.take(rows, axis=0)[:, :3]
         return rows[np.abs(row_dots(direction, direction) - 1) < MAX_UNIT_ERROR], chance
+
+
+def _hidden(caster: Caster, origin: F32, ray: F32) -> Ints:
+    """Rays whose end the screen shows although something is before it, which their march has stepped over.
+
+    Parameters
+    ----------
+    origin : ndarray, float32, shape (N, 3)
+        In local space.
+    """
+    with np.errstate(invalid="ignore"):
+        rows = np.flatnonzero((ray[:, 3] > 0) & np.isfinite(ray[:, 3]))
+    start, along = origin.take(rows, axis=0), ray.take(rows, axis=0)
+    return rows[caster.is_occluded(start, along[:, :3] * (SEEN_SHARE * along[:, 3:]), True)]
 
 
 def _averaged(light: F32, rows: Ints, grid: tuple[int, int], hits: Hits, beams: F32) -> F32:

@@ -572,6 +572,32 @@ def test_gaps_between_metal_boxes_are_not_as_wide_as_texels(small_ember: Path, m
     assert wrong < 0.015
 
 
+@pytest.mark.parametrize("rays", ["cpu", "gpu"])
+def test_a_mirror_shows_a_board_that_the_eye_sees_edge_on(rays: str, small_ember: Path,
+                                                          monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not the wall behind it, which the picture shows where the marched ray ends after a step over the board."""
+    size = (192, 144)
+    coarsen(monkeypatch, size)
+    camera = Camera((-0.8, 1.0, 0.9), (0.6, 1.0, -1.0), fov_y_deg=50.0)
+    angle, middle = np.radians(36), np.array([0.65, 0.0, -0.75])
+    along, normal = np.array([[np.sin(angle), 0, -np.cos(angle)], [np.cos(angle), 0, np.sin(angle)]])
+    board = quad(middle - 0.15 * along, 0.3 * along, (0, 2, 0), BLUE)
+    scene = room(WHITE, quad((0.97, 0, 1), (0, 0, -2), (0, 2, 0), MIRROR), board)
+    settings = Settings(size=size, outputs=("reflection", "position"), rays=rays, provider="cpu")
+    with Renderer(scene, settings, small_ember) as renderer:
+        images = [renderer.render(camera) for _ in range(24)][-1]
+    position = images["position"][..., :3]
+    mirrored = (position - camera.eye) * (-1, 1, 1)
+    distance = (middle - position) @ normal / (mirrored @ normal)
+    end = position + distance[..., None] * mirrored
+    on_board = ((np.abs(position[..., 0] - 0.97) < 1e-3) & (distance > 0) & (np.abs((end - middle) @ along) < 0.13)
+                & (end[..., 1] > 0.1) & (end[..., 1] < 1.9))
+    red, blue = images["reflection"][on_board][:, [0, 2]].T
+    print(f"BOARD {on_board.sum()} pixels, {np.mean(red > 0.3 * blue):.3f} show the wall")
+    assert on_board.sum() > 1000
+    assert np.mean(red > 0.3 * blue) < 0.01
+
+
 @pytest.mark.parametrize("is_turned", [False, True])
 @pytest.mark.parametrize("moves", ["the camera", "an object"])
 def test_a_mirror_stays_sharp_in_motion(moves: str, is_turned: bool, small_ember: Path,

@@ -182,6 +182,24 @@ def test_highlights_settle_soon_after_the_camera_stops() -> None:
     assert is_open.mean() == pytest.approx(1.0, abs=0.05)
 
 
+def test_highlights_of_a_faint_pane_beside_a_bright_hidden_lamp_are_hardly_noisy() -> None:
+    """Few rays of a broad lobe meet the lamp, and those that do bring most of the light."""
+    floor_material = Material(albedo=(0.0,) * 3, roughness=0.5, specular=(0.04,) * 3)
+    pane = RectLight((0.0, 1.2, -2.0), (2.0, 0, 0), (0, 2.0, 0), WHITE)
+    lamp = RectLight((0.4, 1.2, -1.9), (0.3, 0, 0), (0, 0.3, 0), (60.0,) * 3)
+    board = quad((-1.2, 0.9, -1.6), (2.2, 0, 0), (0, 1.3, 0))
+    camera = half_covered_pane()[1]
+    scene = make_scene([floor(3.0, material=floor_material), board], [pane, lamp], camera)
+    with Renderer(scene, Settings(SIZE, ("specular", "position"), taa=True)) as renderer:
+        images = [renderer.render(camera) for _ in range(192)]
+    still, settled = (images[n - 1]["specular"][..., 1].astype(np.float64) for n in (16, 192))
+    x, y, z = np.moveaxis(images[0]["position"], -1, 0)[:3]
+    inside = (np.abs(y) < 1e-4) & (np.abs(x) < 0.8) & (z > -1.0) & (z < 0.0)
+    noise = float(np.sqrt(np.mean((still / np.maximum(settled, 1e-9) - 1)[inside]**2)))
+    print(f"BESIDE a hidden lamp: noise {noise:.3f}")
+    assert noise < 0.15
+
+
 @pytest.mark.parametrize("roughness", [0.1, 0.3, 0.5])
 def test_specular_rays_leave_diffuse_shadows_as_they_are(roughness: float) -> None:
     """They take the place of some rays, which must not be those towards one part of the light."""
