@@ -70,9 +70,9 @@ def place_camera(space: FreeSpace) -> tuple[Camera, str]:
 
 
 def place_lamp(space: FreeSpace, camera: Camera) -> tuple[PointLight, str]:
-    """A lamp for a room as seen by ``camera``, and a notice that describes it."""
+    """A lamp for a room as seen by ``camera``, and where it is in words."""
     lamp = _place_ceiling_lamp(space, camera)
-    return lamp, f"the scene has no light, so a lamp hangs below the ceiling, at {_format(lamp.position)}"
+    return lamp, f"a lamp hangs below the ceiling, at {_format(lamp.position)}"
 
 
 def _frame_object(space: FreeSpace) -> Camera:

@@ -28,6 +28,7 @@ _MAX_OBJECTS = 64  # names; a file with more is one object
 _CREASE_DEG = 40.0  # between triangles, from which on edges are sharp where the file gives neither normals nor groups
 _FLAT_GROUPS = "", "off", "null"  # smoothing groups that are none; 0 is written without its zeros here
 _MAX_QUOTED = 60  # characters of a line
+_MAX_NAMED = 4  # materials that a notice names
 _VERTEX_KEYS = frozenset(("v", "vt", "vn"))
 
 
@@ -50,11 +51,12 @@ def read_obj(path: Path, builder: SceneBuilder) -> None:
     bare = [part for part in parts if part.raw.normals is None]
     smooth = iter(with_creases([part.raw for part in bare], [part.groups for part in bare],
                                math.radians(_CREASE_DEG)))
+    _notice_undefined({part.material for part in parts if part.material} - set(materials), builder)
     indices: dict[str, int] = {}
     for part in parts:
         if part.material not in indices:
             indices[part.material] = len(builder.materials)
-            builder.materials.append(materials.get(part.material) or _default_material(part.material, builder))
+            builder.materials.append(materials.get(part.material) or _default_material(part.material))
         raw = next(smooth) if part.raw.normals is None else part.raw
         mesh = builder.add_mesh(part.name, raw, indices[part.material])
         if mesh is not None:
@@ -176,11 +178,16 @@ def _absolute_corner(corner: str, counts: dict[str, int]) -> str:
                     for i, count in zip(corner.split("/"), counts.values(), strict=False))
 
 
-def _default_material(name: str, builder: SceneBuilder) -> Material:
-    if not name:
-        return Material(double_sided=False)
-    builder.notice(f"material {name!r} is not defined, so the default material is used")
-    return Material(name=name, double_sided=False)
+def _notice_undefined(names: set[str], builder: SceneBuilder) -> None:
+    named = ", ".join(map(repr, sorted(names)[:_MAX_NAMED])) + ", …" * (len(names) > _MAX_NAMED)
+    if len(names) == 1:
+        builder.notice(f"material {named} is not defined, so the default material is used")
+    elif names:
+        builder.notice(f"{len(names)} materials are not defined, so the default material is used: {named}")
+
+
+def _default_material(name: str) -> Material:
+    return Material(name=name, double_sided=False) if name else Material(double_sided=False)
 
 
 def _triangulate(geometry: dict[str, Any]) -> RawMesh:

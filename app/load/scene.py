@@ -23,13 +23,17 @@ from app.load.obj import read_obj
 from app.load.ply import read_ply
 from app.load.scene_builder import MAX_COORDINATE, SceneBuilder
 from app.load.sidecar import Lighting, Sidecar, read_sidecar
-from app.load.studio import STUDIO, add_ground, describe, is_dark, studio_lighting
+from app.load.studio import STUDIO, add_ground, is_dark, studio_lighting, why_dark
 from app.load.suns import describe_sun, extract_suns
+from app.math3d import affine_matrix
 from app.scene import Camera, CameraPath, Scene, bounds_of
 
 READERS: dict[str, Callable[[Path, SceneBuilder], None]] = {
     ".obj": read_obj, ".gltf": read_gltf, ".glb": read_gltf, ".ply": read_ply,
 }
+
+FREE_AXES = ".obj", ".ply"  # files that may have z up
+Z_TO_Y_UP = affine_matrix(np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), np.zeros(3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +112,8 @@ def read_scene(path: Path, *, scene_json: str | Path | None = None, variant: str
     """Read a scene file and its scene JSON, with cameras and motions, but without any lighting of the scene JSON."""
     builder = _read(path, variant, animation)
     sidecar = _read_sidecar(path, scene_json)
+    if sidecar.has_z_up:
+        _turn_up(builder, path, sidecar)
     builder.cameras = sidecar.cameras | builder.cameras | sidecar.cameras
     _add_motions(builder, sidecar)
     return builder, sidecar
@@ -256,11 +262,11 @@ def _light_the_dark(builder: SceneBuilder, path: Path, sidecar: Sidecar, camera:
                     ) -> tuple[Sidecar, str | None]:
     """Light what has no light, as seen by ``camera``: a room by a lamp, an object by the studio."""
     if space.is_room:
-        lamp, notice = place_lamp(space, camera)
+        lamp, place = place_lamp(space, camera)
         builder.lights.append(lamp)
-        builder.notice(notice)
+        builder.notice(f"{why_dark(builder)}, so {place}")
         return sidecar, None
-    builder.notice(describe(builder))
+    builder.notice(f"{why_dark(builder)}, so it is shown in a neutral studio (not with --no-studio, or studio=False)")
     return apply_lighting(builder, path, sidecar, STUDIO, camera)
 
 
@@ -300,6 +306,14 @@ def _extract_suns(builder: SceneBuilder) -> None:
         builder.lights += suns
         for sun in suns:
             builder.notice(describe_sun(sun))
+
+
+def _turn_up(builder: SceneBuilder, path: Path, sidecar: Sidecar) -> None:
+    """Turn what a file with z up holds, so that y is up."""
+    if path.suffix.lower() not in FREE_AXES:
+        raise SceneError(f"{path.name} has y up, as all glTF files", at(sidecar.path or path, "up_axis"),
+                         f"expected up_axis with {' and '.join(FREE_AXES)} files only")
+    builder.instances = [replace(instance, transform=Z_TO_Y_UP @ instance.transform) for instance in builder.instances]
 
 
 def _add_motions(builder: SceneBuilder, sidecar: Sidecar) -> None:

@@ -27,12 +27,13 @@ class Lighting:
 
 @dataclass(frozen=True)
 class Sidecar:
-    """The content of a scene JSON; empty if there is none."""
+    """The content of a scene JSON; empty if there is none. ``has_z_up`` says so of the scene file."""
 
     path: Path | None = None
     cameras: dict[str, CameraPath] = field(default_factory=dict)
     lightings: dict[str, Lighting] = field(default_factory=dict)
     objects: dict[str, tuple[MotionKey, ...]] = field(default_factory=dict)
+    has_z_up: bool = False
     default_camera: str | None = None
     default_lighting: str | None = None
 
@@ -52,6 +53,7 @@ def read_sidecar(path: Path) -> Sidecar:
         cameras={n: _camera_path(c, path, "cameras", n) for n, c in content.get("cameras", {}).items()},
         lightings={n: _lighting(spec, path, n) for n, spec in content.get("lightings", {}).items()},
         objects={n: _motion_keys(spec["keys"], path, n) for n, spec in content.get("objects", {}).items()},
+        has_z_up=content.get("up_axis") == "z",
         default_camera=default.get("camera"),
         default_lighting=default.get("lighting"),
     )

@@ -89,11 +89,10 @@ def is_dark(builder: SceneBuilder, space: Callable[[], FreeSpace]) -> bool:
     return power <= MIN_ROOM_IRRADIANCE * area or (power <= MIN_OBJECT_IRRADIANCE * area and not space().is_room)
 
 
-def describe(builder: SceneBuilder) -> str:
-    """A notice why the studio lights a scene."""
+def why_dark(builder: SceneBuilder) -> str:
+    """Why a scene is lit that is dark, for a notice."""
     emits = any(m.emits for m in builder.materials)
-    cause = "the scene's emission lights next to nothing" if emits else "the scene has no light"
-    return f"{cause}, so it is shown in a neutral studio (not with --no-studio, or studio=False)"
+    return "the scene's emission lights next to nothing" if emits else "the scene has no light"
 
 
 def _emitted_power(builder: SceneBuilder) -> float:

@@ -17,7 +17,8 @@ VIEW_NAME = "view"  # of the camera and the lighting
 def write_scene_json(path: Path, state: State, loaded: LoadedScene) -> None:
     """Write atomically a scene JSON whose default camera and lighting are those of ``state``.
 
-    It keeps the motions and the environment of the scene's own JSON; the environment's image is named by its full path.
+    It keeps the up axis, the motions and the environment of the scene's own JSON; the environment's image is named by
+    its full path.
     """
     lighting: Json = {"lights": [light_to_json(light) for light in state.lights]}
     own = loaded.lighting
@@ -29,7 +30,8 @@ def write_scene_json(path: Path, state: State, loaded: LoadedScene) -> None:
                VIEW_NAME: camera_to_json(state.camera)}
     moved = {name: {"keys": [{"time": 0, "translate": offset}]} for name, offset in state.object_offsets}
     content = {"cameras": cameras, "lightings": {VIEW_NAME: lighting}, "objects": {**_read_motions(loaded), **moved},
-               "default": {"camera": VIEW_NAME, "lighting": VIEW_NAME}}
+               "default": {"camera": VIEW_NAME, "lighting": VIEW_NAME},
+               **({"up_axis": "z"} if loaded.sidecar.has_z_up else {})}
     write_text(path, json.dumps(content, indent=1) + "\n")
 
 

@@ -174,6 +174,13 @@ def test_undefined_material_gets_the_default_and_a_notice(tmp_path):
     assert any("ghost" in n for n in scene.notices)
 
 
+def test_one_notice_counts_the_materials_that_are_not_defined(tmp_path):
+    faces = "".join(f"usemtl m{i}\nf 1 2 3 4\n" for i in range(6))
+    scene = load_scene(write_obj(tmp_path, QUAD + "usemtl a\nf 1 2 3 4\n" + faces, "newmtl a\nKd 1 1 1\n"))
+    notices = [notice for notice in scene.notices if "defined" in notice]
+    assert notices == ["6 materials are not defined, so the default material is used: 'm0', 'm1', 'm2', 'm3', …"]
+
+
 def test_objects_and_materials_stay_apart(tmp_path):
     obj = QUAD + "o one\nusemtl a\nf 1 2 3\nusemtl b\nf 1 3 4\no two\nf 1 2 4\n"
     scene = load_scene(write_obj(tmp_path, obj, "newmtl a\nKd 1 0 0\nnewmtl b\nKd 0 1 0\n"))

@@ -17,7 +17,7 @@ from app.load import load_camera, load_scene
 from app.load.sidecar import parse_camera
 from app.scene import DirectionalLight, PointLight, RectLight, SpotLight
 from app.view.state import camera_to_json
-from tests.unit.load_helpers import QUAD, world, write_obj
+from tests.unit.load_helpers import QUAD, Gltf, world, write_obj
 
 EYE = {"eye": [0, 0, 5], "target": [0, 0, 0]}
 LENS = {"fx": 500.0, "fy": 400.0, "cx": 320.0, "cy": 240.0, "width": 640.0, "height": 400.0}
@@ -43,6 +43,22 @@ def test_schema_is_a_valid_schema():
 
     schema = json.loads(resources.files("app.data").joinpath(SCHEMA).read_text("utf-8"))
     jsonschema.Draft202012Validator.check_schema(schema)
+
+
+def test_a_file_with_z_up_is_turned_before_its_objects_move(load):
+    scene = load({"up_axis": "z", "objects": {"quad": {"keys": [{"time": 0}, {"time": 1, "translate": [0, 3, 0]}]}}})
+    np.testing.assert_allclose(scene.bounds, [[0, 0, -1], [1, 0, 0]], atol=1e-7)
+    instance = scene.instances[0]
+    assert (world(scene, instance) == [0.0, 0.0, -1.0]).all(axis=-1).any()  # the corner at (0, 1, 0)
+    moved = instance.transform_at(1.0) @ np.linalg.inv(instance.transform_at(0.0))
+    np.testing.assert_allclose(moved, [[1, 0, 0, 0], [0, 1, 0, 3], [0, 0, 1, 0], [0, 0, 0, 1]], atol=1e-12)
+
+
+def test_gltf_files_have_y_up(tmp_path):
+    path = Gltf().save(tmp_path)
+    path.with_suffix(".json").write_text('{"up_axis": "z"}')
+    with pytest.raises(SceneError, match=r"up_axis: scene\.gltf has y up"):
+        load_scene(path)
 
 
 def test_every_light(load):

@@ -78,6 +78,14 @@ def test_a_moved_object_is_saved_where_the_viewer_shows_it(loaded: LoadedScene, 
     assert edited.time > before
 
 
+def test_a_file_with_z_up_stays_turned(tmp_path: Path) -> None:
+    (tmp_path / "z.json").write_text('{"up_axis": "z"}')
+    loaded = load_for_editing(BOX, scene_json=tmp_path / "z.json")
+    saved = save_and_load(state_of(loaded), loaded, tmp_path)
+    assert np.array_equal(saved.scene.bounds, loaded.scene.bounds)
+    assert not np.allclose(saved.scene.bounds, load_for_editing(BOX).scene.bounds)
+
+
 def test_an_environment_finds_its_image_from_another_folder(tmp_path: Path) -> None:
     write_exr(tmp_path / "sky.exr", {"": np.full((4, 8, 3), 0.5, np.float32)})
     content = {"cameras": {"main": {"eye": [0, 1, 4], "target": [0, 1, 0]}}, "lightings": {"sky": {
