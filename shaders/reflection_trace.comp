@@ -1,6 +1,6 @@
-// Where reflected rays end that the screen does not show, or not without something before it, as app/passes/reflection_rays.py traces them on the CPU, and the
-// environment along those that end nowhere; from glossy surfaces they go on, as in app/raycast/onward_rays.py. Light at their
-// ends is drawn between this and reflection_light.comp.
+// Where reflected rays end that the screen does not show, or not without something before it, as app/passes/reflection_rays.py
+// traces them on the CPU, and the environment along those that end nowhere; from glossy surfaces they go on, as in
+// app/raycast/onward_rays.py. Light at their ends is drawn between this and reflection_light.comp.
 layout(local_size_x = 8, local_size_y = 8) in;
 
 #include "numbers.glsl"
@@ -9,7 +9,9 @@ layout(local_size_x = 8, local_size_y = 8) in;
 #include "visible_normals.glsl"
 #include "ray_share.glsl"
 
-const float SEEN_SHARE = 0.98;     // of the length of a ray whose end the screen shows, which must be free
+// Shares of the length of a ray whose end the screen shows, between which it must be free: facets beside its ends are not where
+// their smooth normals say.
+const float FREE_FROM = 0.02, FREE_TO = 0.98;
 const float MAX_UNIT_ERROR = 0.1;  // of a direction's squared length
 
 layout(rgba32f, binding = 4) writeonly uniform image2D end_lobe;  // F0; roughness
@@ -57,7 +59,9 @@ void store_lobe(ivec2 texel, Surface s, vec3 along)
 // Whether a ray's end that the screen shows is hidden from where it starts, by what its march has stepped over.
 bool is_hidden(vec3 origin, vec4 ray)
 {
-    return ray.a > 0.0 && is_finite(ray.a) && is_occluded(origin, SEEN_SHARE * ray.a * ray.xyz, true);
+    bool is_shown = ray.a > 0.0 && is_finite(ray.a);
+    Hit hit = nearest_hit(origin + FREE_FROM * ray.a * ray.xyz, ray.xyz);
+    return is_shown && hit.body >= 0 && hit.distance < (FREE_TO - FREE_FROM) * ray.a;
 }
 
 // Stores ends of first rays in the lower half of the images, and those of rays that go on in the upper half.

@@ -78,7 +78,8 @@ uniform float sky_distance;  // length of a ray towards the environment, scene u
 layout(location = 0) out vec4 out_visible;     // rgb: mean irradiance of the samples that reach their light, a: samples
 layout(location = 1) out vec4 out_unshadowed;  // rgb: mean irradiance of all samples, a: mean square of the visible share of one
 #ifdef SPECULAR_RAYS
-layout(location = 2) out vec4 out_specular;    // r: mean luminance of the rectangles that specular rays reach, g: of all, b: its mean square, a: rays
+// r: mean luminance of the rectangles that specular rays reach, g: of all of them, b: its mean square, a: number of these rays
+layout(location = 2) out vec4 out_specular;
 #endif
 #ifdef WRITE_LESSONS
 // The sky's luminance for the first sample as its bits, and for each sample: whether it is one of diffuse light, 1 plus the part

@@ -1,4 +1,4 @@
-"""What reflected rays meet where the screen does not show it: lit surfaces, or the environment.
+"""What reflected rays meet where the screen does not show it, or not all of it: lit surfaces, or the environment.
 
 Direct light at the rays' ends is drawn as in the picture; indirect light is that of the world surfels around.
 """
@@ -32,7 +32,9 @@ MIN_SHARP_RAYS = 2**13  # of a frame, of sharp images, which no neighbours repla
 SHADOW_RAYS_AT_REST = 4  # at their ends, since mirrors are shown pixel by pixel then, and nothing averages their noise
 LIT_AT_ONCE = 64, 64   # ends of rays that direct light is drawn at together, as a grid
 NOT_SHOWN = -1.0      # for the length of a ray, as in reflection.glsl, where those of sharp images have less
-SEEN_SHARE = 0.98     # of the length of a ray whose end the screen shows, which must be free
+# Shares of the length of a ray whose end the screen shows, between which it must be free, as in reflection_trace.comp:
+# facets beside its ends are not where their smooth normals say.
+FREE_FROM, FREE_TO = 0.02, 0.98
 MAX_UNIT_ERROR = 0.1  # of a direction's squared length
 # Ends of rays whose light is averaged:
 MAX_APART = 0.1       # of a ray's length, their distance
@@ -168,23 +170,30 @@ def _choose(ray: F32, threshold: F32, budget: int) -> tuple[Ints, float]:
     chance_of_sharp = min(max(budget, MIN_SHARP_RAYS) / max(sharp, 1), 1.0)
     chance = min(budget / max(len(rows) - sharp, 1), 1.0)
     rows = rows[threshold.take(rows) < np.where(is_sharp, chance_of_sharp, chance)]
-    with np.errstate(invalid="ignore", over="ignore"):
-        direction = ray.take(rows, axis=0)[:, :3]
-        return rows[np.abs(row_dots(direction, direction) - 1) < MAX_UNIT_ERROR], chance
+    return rows[_has_direction(ray, rows)], chance
 
 
 def _hidden(caster: Caster, origin: F32, ray: F32) -> Ints:
-    """Rays whose end the screen shows although something is before it, which their march has stepped over.
+    """Rays whose end the screen shows although something is seen before it, which their march has stepped over.
 
     Parameters
     ----------
     origin : ndarray, float32, shape (N, 3)
         In local space.
     """
-    with np.errstate(invalid="ignore"):
-        rows = np.flatnonzero((ray[:, 3] > 0) & np.isfinite(ray[:, 3]))
+    rows = np.flatnonzero((ray[:, 3] > 0) & np.isfinite(ray[:, 3]) & np.isfinite(origin).all(axis=1))
+    rows = rows[_has_direction(ray, rows)]
     start, along = origin.take(rows, axis=0), ray.take(rows, axis=0)
-    return rows[caster.is_occluded(start, along[:, :3] * (SEEN_SHARE * along[:, 3:]), True)]
+    met = caster.cast_through(start + FREE_FROM * along[:, 3:] * along[:, :3], along[:, :3])
+    hides = met.hits.distance < (FREE_TO - FREE_FROM) * along[met.ray, 3]
+    return rows[np.unique(met.ray[hides])]
+
+
+def _has_direction(ray: F32, rows: Ints) -> Bools:
+    """Which of some rays have a direction of unit length."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        direction = ray.take(rows, axis=0)[:, :3]
+        return np.asarray(np.abs(row_dots(direction, direction) - 1) < MAX_UNIT_ERROR)
 
 
 def _averaged(light: F32, rows: Ints, grid: tuple[int, int], hits: Hits, beams: F32) -> F32:

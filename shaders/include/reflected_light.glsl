@@ -32,8 +32,8 @@ const float MIN_LOBE = 5e-3;          // radians
 const float ROUGHNESS_OF_ONE = 0.05;  // at which one sample of a pixel's own counts as much as all light that is averaged
 const float FEW = 2.0, ENOUGH = 9.0;  // samples that averaged light counts as, between which those of pixels lose their weight
 const float MIN_BLUR = 0.4;           // of ROUGHNESS_OF_ONE, from which pixels along count too
-const float NOISELESS = 0.05, NOISY = 0.15;  // roughness, between which samples get noisy,
-const float NOISELESS_SPREAD = 0.15, NOISY_SPREAD = 0.6;  // and spread of a lobe in texels of the grid
+const float NOISELESS = 0.05, NOISY = 0.15;  // roughness, between which samples get noisy
+const float NARROW_SPREAD = 0.15, WIDE_SPREAD = 0.6;  // texels of the grid that a lobe spreads over, between which they do too
 const float NOISY_SAMPLES = 12.0;     // of noisy ones, that averaged light counts as at least
 const float UNKNOWN = 0.5;            // samples, up to which a pixel has no light but that of the grid
 const float UNSAMPLED = 0.1;          // samples that averaged light counts as, at least, in pixels without one
@@ -125,8 +125,9 @@ vec3 detailed(ivec2 texel, vec3 n, float d, float roughness, vec4 averaged)
     // Bumps count as noise: a pixel's own ray sees one of many.
     float bumps = bumpiness(texel, n), bumpy = smoothstep(EVEN, BUMPY, bumps);
     float own = max(texelFetch(reflection_detail, texel, 0).a, 0.0);
-    float reach = texelFetch(reflection_distance, min(ivec2(gl_FragCoord.xy / ratio), textureSize(reflection_distance, 0) - 1), 0).r;
-    float spreads = smoothstep(NOISELESS_SPREAD, NOISY_SPREAD, lobe_texels(reach, roughness, d, ratio)) * flatness * flatness;
+    ivec2 low = min(ivec2(gl_FragCoord.xy / ratio), textureSize(reflection_distance, 0) - 1);
+    float spread_there = lobe_texels(texelFetch(reflection_distance, low, 0).r, roughness, d, ratio);
+    float spreads = smoothstep(NARROW_SPREAD, WIDE_SPREAD, spread_there) * flatness * flatness;
     known += NOISY_SAMPLES * max(max(smoothstep(NOISELESS, NOISY, roughness), spreads), bumpy) * averaged.a;
     known = max(known, own < 1.0 ? UNSAMPLED * averaged.a : 0.0);
     known = max(known, 1e-6);

@@ -11,7 +11,7 @@ const float NOT_SHOWN = -1.0, SHARP_NOT_SHOWN = -2.0;
 const float SHARP = 0.1, BLURRED = 0.25, NARROW = 1.5, WIDE = 3.0;
 const float FAR_REACH = 1e4;           // reach of what is far away
 // Spread of lobes in texels of a grid, of which single rays show points, and noise.
-const float SHARP_SPREAD = 0.25, SCATTERED = 1.0;
+const float SHARP_SPREAD = 0.25, NOISY_SPREAD = 1.0;
 
 // Whether a surface reflects mostly by its specular lobe, so that the light it sends to the eye says little about others.
 bool is_metallic(vec3 albedo, vec3 f0)
@@ -39,5 +39,5 @@ float image_blur(float reach, float roughness, float depth, vec2 ratio)
 // From 1 for a mirror to 0 where single rays of the lobe are noise in an image of the pixels' resolution, however far they go.
 float image_sharpness(float roughness, float depth, vec2 ratio)
 {
-    return 1.0 - smoothstep(SHARP_SPREAD, SCATTERED, lobe_texels(FAR_REACH, roughness, depth, ratio));
+    return 1.0 - smoothstep(SHARP_SPREAD, NOISY_SPREAD, lobe_texels(FAR_REACH, roughness, depth, ratio));
 }

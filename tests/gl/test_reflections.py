@@ -316,6 +316,21 @@ def test_a_flat_mirror_of_any_width_shows_stripes(pixels: float, small_ember: Pa
     assert seen.std() > 0.45 * seen.mean()
 
 
+def test_satin_metal_shows_what_is_far_away_with_little_grain_in_a_short_still(small_ember: Path,
+                                                                               monkeypatch: pytest.MonkeyPatch) -> None:
+    """Seen from so near that single rays of its lobe are several pixels apart."""
+    size = (192, 144)
+    coarsen(monkeypatch, size)
+    strips = [quad((0.95 - 0.1 * i, 0.0, 0.9), (-0.05, 0, 0), (0, 2, 0), BLACK) for i in range(19)]
+    scene, camera = room(replace(MIRROR, roughness=0.06), *strips), replace(CAMERA, fov_y_deg=7.0)
+    images = [image["reflection"].mean(axis=-1) for image in draw(scene, small_ember, (camera,) * 160, size)]
+    still, settled = images[15], images[159]
+    grain = float(np.sqrt(((still - settled)**2).mean()) / settled.mean())
+    print(f"SATIN grain {grain:.3f}, contrast {still.std() / settled.std():.3f}")
+    assert grain < 0.13
+    assert still.std() == pytest.approx(settled.std(), rel=0.1)
+
+
 def test_a_metal_rod_shows_a_small_bright_spot_from_the_first_frames_on(small_ember: Path,
                                                                         monkeypatch: pytest.MonkeyPatch) -> None:
     """Which few rays meet: those that do not must not count more than those that do."""
@@ -572,8 +587,10 @@ def test_gaps_between_metal_boxes_are_not_as_wide_as_texels(small_ember: Path, m
     assert wrong < 0.015
 
 
-@pytest.mark.parametrize("rays", ["cpu", "gpu"])
-def test_a_mirror_shows_a_board_that_the_eye_sees_edge_on(rays: str, small_ember: Path,
+@pytest.mark.parametrize(("rays", "board", "left"), [
+    ("cpu", BLUE, 0.0), ("gpu", BLUE, 0.0), ("cpu", replace(BLUE, is_blended=True, alpha=0.5), 0.5),
+    ("cpu", Material("black", albedo=(0.0, 0.0, 0.0), is_back_culled=True), 0.0)])
+def test_a_mirror_shows_a_board_that_the_eye_sees_edge_on(rays: str, board: Material, left: float, small_ember: Path,
                                                           monkeypatch: pytest.MonkeyPatch) -> None:
     """Not the wall behind it, which the picture shows where the marched ray ends after a step over the board."""
     size = (192, 144)
@@ -581,21 +598,46 @@ def test_a_mirror_shows_a_board_that_the_eye_sees_edge_on(rays: str, small_ember
     camera = Camera((-0.8, 1.0, 0.9), (0.6, 1.0, -1.0), fov_y_deg=50.0)
     angle, middle = np.radians(36), np.array([0.65, 0.0, -0.75])
     along, normal = np.array([[np.sin(angle), 0, -np.cos(angle)], [np.cos(angle), 0, np.sin(angle)]])
-    board = quad(middle - 0.15 * along, 0.3 * along, (0, 2, 0), BLUE)
-    scene = room(WHITE, quad((0.97, 0, 1), (0, 0, -2), (0, 2, 0), MIRROR), board)
+    mirror = quad((0.97, 0, 1), (0, 0, -2), (0, 2, 0), MIRROR)
     settings = Settings(size=size, outputs=("reflection", "position"), rays=rays, provider="cpu")
-    with Renderer(scene, settings, small_ember) as renderer:
-        images = [renderer.render(camera) for _ in range(24)][-1]
+    seen = []
+    for boards in ([], [quad(middle - 0.15 * along, 0.3 * along, (0, 2, 0), board)]):
+        with Renderer(room(WHITE, mirror, *boards), settings, small_ember) as renderer:
+            images = [renderer.render(camera) for _ in range(24)][-1]
+        seen.append(images["reflection"][..., 0])
     position = images["position"][..., :3]
     mirrored = (position - camera.eye) * (-1, 1, 1)
     distance = (middle - position) @ normal / (mirrored @ normal)
     end = position + distance[..., None] * mirrored
     on_board = ((np.abs(position[..., 0] - 0.97) < 1e-3) & (distance > 0) & (np.abs((end - middle) @ along) < 0.13)
                 & (end[..., 1] > 0.1) & (end[..., 1] < 1.9))
-    red, blue = images["reflection"][on_board][:, [0, 2]].T
-    print(f"BOARD {on_board.sum()} pixels, {np.mean(red > 0.3 * blue):.3f} show the wall")
+    share = float(seen[1][on_board].mean() / seen[0][on_board].mean())
+    print(f"BOARD {on_board.sum()} pixels show {share:.3f} of the wall")
     assert on_board.sum() > 1000
-    assert np.mean(red > 0.3 * blue) < 0.01
+    assert share == pytest.approx(left, abs=0.08)
+
+
+def test_facets_of_smooth_shaded_metal_hide_nothing(small_ember: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rays from a low-poly bowl that its next facet blocks at once would be dark dots."""
+    size = (192, 144)
+    coarsen(monkeypatch, size)
+    ball = sphere((0.0, 1.0, -0.6), 0.8, 10, replace(MIRROR, roughness=0.05))
+    half = ball.triangles[ball.triangles.mean(axis=1)[:, 2] < -0.7][:, ::-1]
+    scene = room(WHITE, replace(ball, triangles=half))
+    bowl = scene.meshes[-1]
+    inwards = np.array([0.0, 1.0, -0.6]) - bowl.positions
+    smooth = replace(bowl, normals=(inwards / np.linalg.norm(inwards, axis=1, keepdims=True)).astype(np.float32))
+    scene = replace(scene, meshes=(*scene.meshes[:-1], smooth))
+    camera = Camera((0.2, 1.2, 0.95), (0.0, 1.0, -1.0), fov_y_deg=60.0)
+
+    def seen() -> Image:
+        return draw(scene, small_ember, (camera,) * 24, size)[-1]["reflection"].mean(axis=-1)
+
+    shown = seen()
+    monkeypatch.setattr(reflection_rays, "_hidden", lambda *_: np.zeros(0, np.int64))
+    darker = int((shown < 0.95 * seen()).sum())
+    print(f"BOWL {darker} pixels are darker")
+    assert darker < 30
 
 
 @pytest.mark.parametrize("is_turned", [False, True])
