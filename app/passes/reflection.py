@@ -118,18 +118,21 @@ def declare_detail(grid: Size, follows_images: bool, prefix: str = "") -> Pass:
         moving = following(device, bound) if follows_images else lambda frame, resources: None
         return lambda frame, resources: (at_rest if _is_at_rest(frame) else moving)(frame, resources)
 
-    reads = "reflection_now", "reflection_origin", "reflection_filtered", "reflection_detail@prev"
+    reads = ("reflection_now", "reflection_origin", "reflection_filtered", "normal", "specular_roughness",
+             "reflection_detail@prev", "reflection_detail_albedo@prev")
     followed = ("reflection_distance", "reflection_distance@prev", "reflection_gbuffer@prev",
-                "motion", "normal", "depth", "specular_roughness") if follows_images else ()
+                "motion", "depth") if follows_images else ()
     return Pass(prefix + "reflection_detail", reads=tuple(prefix + r for r in (*reads, *followed)),
-                writes={prefix + "reflection_detail": Tex("f2", 4)}, make=make)
+                writes={prefix + "reflection_detail": Tex("f2", 4), prefix + "reflection_detail_albedo": Tex("f2", 1)},
+                make=make)
 
 
 def surfaces_read(has_rays: bool, has_detail: bool, has_clearcoat: bool) -> tuple[str, ...]:
     """What ``reflected_light.glsl`` reads, beside indirect light; details only of what is traced."""
     return ("normal", "specular_roughness", *(("clearcoat",) if has_clearcoat else ()),
             *(("depth", "reflection_gbuffer", "reflection_filtered") if has_rays else ()),
-            *(("reflection_detail", "reflection_distance") if has_rays and has_detail else ()))
+            *(("reflection_detail", "reflection_detail_albedo", "reflection_distance")
+              if has_rays and has_detail else ()))
 
 
 def make_with_reflections(fragment: str, grid: Size, follows_images: bool, defines: Mapping[str, object] | None = None,

@@ -24,9 +24,11 @@ const float SPREAD_FACING = 0.75;  // cosine that the unknown normal of spread l
 const float EVEN = 1e-4, BUMPY = 1e-2;  // bumpiness, between which samples get noisy
 
 uniform sampler2D reflection_detail;  // radiance; a: number of samples
+uniform sampler2D reflection_detail_albedo;  // mean luminance of the samples' specular albedos, at rest
 uniform sampler2D reflection_distance;  // length of the rays / depth
 #endif
 #ifdef AT_REST
+const float MAX_RISE = 1.5;           // times that, up to which a surface may reflect more than those that samples are of
 const float EDGE = 0.3;               // radians, that the turn to another surface counts as
 const float MIN_LOBE = 5e-3;          // radians
 const float ROUGHNESS_OF_ONE = 0.05;  // at which one sample of a pixel's own counts as much as all light that is averaged
@@ -117,7 +119,7 @@ vec2 straightest(ivec2 texel)
 
 // With the light of rays from the pixel and those around, which counts the more, the smoother the surface is, and the more it
 // bends. How much they count must not depend on what they have found: rare rays of much light would count less than the others.
-vec3 detailed(ivec2 texel, vec3 n, float d, float roughness, vec4 averaged)
+vec3 detailed(ivec2 texel, vec3 n, float d, float roughness, float albedo, vec4 averaged)
 {
     float blur = roughness / ROUGHNESS_OF_ONE, bent = bend(texel, n), bends = 0.5 * bent / max(roughness * roughness, MIN_LOBE);
     float flatness = 1.0 / (1.0 + bends * bends), known = averaged.a * blur * blur * flatness * flatness;
@@ -153,7 +155,10 @@ vec3 detailed(ivec2 texel, vec3 n, float d, float roughness, vec4 averaged)
         float weight = detail.a * needed * exp(-falloff - rougher * rougher);
         bool counts = detail.a > UNKNOWN && is_finite(dot(detail, vec4(1.0))) && is_finite(weight)
             && at == texel + offset && dot(turned, turned) < 2.0 - 2.0 * SAME_NORMAL && abs(away) <= PLANE_TOLERANCE * depth_scale(d);
-        sum += counts ? vec4(clamp(detail.rgb, 0.0, HALF_MAX), 1.0) * weight : vec4(0.0);
+        // Samples of a face seen from the front say little of what one seen at a slant reflects in the same pixel.
+        float rise = albedo / max(texelFetch(reflection_detail_albedo, at, 0).r, 1e-6);
+        vec3 light = clamp(detail.rgb, 0.0, HALF_MAX) * (rise > MAX_RISE ? MAX_RISE / rise : 1.0);
+        sum += counts ? vec4(light, 1.0) * weight : vec4(0.0);
     }
     return sum.rgb / sum.a;
 }
@@ -165,13 +170,15 @@ vec3 reflected_light(ivec2 texel, vec3 arriving)
 {
     vec3 n = sanitize_normal(texelFetch(normal, texel, 0).xyz);
     vec4 reflectance = texelFetch(specular_roughness, texel, 0);  // 0 where nothing is seen
-    vec3 light = arriving;
+    vec3 light = arriving, v = -normalize(along_view(surface_ray(gl_FragCoord.xy)));
+    float n_v = dot(n, v);
+    vec3 reflected = specular_albedo(sanitize_albedo(reflectance.rgb), reflectance.a, n_v);
 #ifdef HAS_REFLECTION_FILTERED
     float share = ray_share(reflectance.a);
     float d = texelFetch(depth, texel, 0).r;
     vec4 averaged = upsampled(n, d, share > 0.0 ? 4 : 1, light);
 #ifdef AT_REST
-    averaged.rgb = detailed(texel, n, d, reflectance.a, averaged);
+    averaged.rgb = detailed(texel, n, d, reflectance.a, luminance(reflected), averaged);
 #endif
 #ifdef FOLLOWS_IMAGES
     vec4 detail = texelFetch(reflection_detail, texel, 0);
@@ -181,11 +188,9 @@ vec3 reflected_light(ivec2 texel, vec3 arriving)
 #endif
     light = mix(light, averaged.rgb, share);
 #endif
-    vec3 v = -normalize(along_view(surface_ray(gl_FragCoord.xy)));
-    float n_v = dot(n, v);
 #ifdef HAS_CLEARCOAT
     vec4 coat = texelFetch(clearcoat, texel, 0);
     light *= below_clearcoat(sanitize_albedo(coat.zzz).x, dot(octahedral_decode(coat.xy), v));
 #endif
-    return sanitize_radiance(specular_albedo(sanitize_albedo(reflectance.rgb), reflectance.a, n_v) * light);
+    return sanitize_radiance(reflected * light);
 }

@@ -617,6 +617,21 @@ def test_a_mirror_shows_a_board_that_the_eye_sees_edge_on(rays: str, board: Mate
     assert share == pytest.approx(left, abs=0.08)
 
 
+def test_a_polished_shelf_has_no_bright_dashes_along_its_underside(small_ember: Path,
+                                                                   monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its front shows a bright wall; the underside, less than a pixel of it, a dark one at a grazing angle."""
+    size = (192, 144)
+    coarsen(monkeypatch, size)
+    polished = Material("polished", albedo=(0.02,) * 3, specular=(0.04,) * 3, roughness=0.08)
+    shelf = box((-0.8, 1.1, -0.7), (1.6, 0.08, 0.3), polished)
+    camera = Camera((0.0, 1.08, 0.5), (0.0, 1.08, -1.0), fov_y_deg=40.0)
+    image = draw(room(DARK, shelf), small_ember, (camera,) * 17, size)[-1]["final"].mean(axis=-1)
+    front, underside = image[60:66, 30:-30], image[66:78, 30:-30]
+    brightest = float(underside.max() / np.median(front[:3]))
+    print(f"SHELF {brightest:.2f} of its front")
+    assert brightest < 1.5
+
+
 def test_facets_of_smooth_shaded_metal_hide_nothing(small_ember: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Rays from a low-poly bowl that its next facet blocks at once would be dark dots."""
     size = (192, 144)
