@@ -27,18 +27,20 @@ uniform sampler2D reflection_distance;  // length of the rays / depth
 uniform sampler2D reflection_distance_prev;
 uniform sampler2D reflection_gbuffer_prev;
 uniform sampler2D motion;
+uniform sampler2D normal;
 uniform sampler2D depth;
+uniform sampler2D specular_roughness;
 uniform bool bounded;         // whether history counts only within what the texels around show now
 #else
+uniform sampler2D reflection_albedo;  // luminance of the specular albedo where a ray starts
 uniform sampler2D reflection_detail_albedo_prev;
 uniform bool has_rested;      // whether what was gathered before is no image in motion
 #endif
-uniform sampler2D normal;
-uniform sampler2D specular_roughness;
 
 // Radiance; a: number of samples; 0 where there is none, but the light of the grid.
 layout(location = WRITE_REFLECTION_DETAIL) out vec4 out_detail;
-layout(location = WRITE_REFLECTION_DETAIL_ALBEDO) out float out_detail_albedo;  // mean luminance of the samples' specular albedos, at rest
+// Mean luminance of the samples' specular albedos, at rest.
+layout(location = WRITE_REFLECTION_DETAIL_ALBEDO) out float out_detail_albedo;
 
 // Of the grid.
 vec4 of_grid(ivec2 low, float samples)
@@ -106,15 +108,6 @@ void add(ivec2 low, ivec2 texel, vec3 p, vec3 n, float tolerance, inout vec4 sum
     float weight = counts ? exp(-0.5 * dot(away, away) / (SAMPLE_SIGMA * SAMPLE_SIGMA)) : 0.0;
     sum += weight > 0.0 ? vec4(clamp(now.rgb, 0.0, HALF_MAX), 1.0) * weight : vec4(0.0);
 }
-#else
-// Luminance of what the pixel reflects of light from everywhere.
-float reflected_share(ivec2 texel)
-{
-    vec4 reflectance = texelFetch(specular_roughness, texel, 0);
-    vec3 n = sanitize_normal(texelFetch(normal, texel, 0).xyz);
-    float n_v = -dot(n, normalize(along_view(surface_ray(gl_FragCoord.xy))));
-    return luminance(specular_albedo(sanitize_albedo(reflectance.rgb), reflectance.a, n_v));
-}
 #endif
 
 void main()
@@ -146,12 +139,12 @@ void main()
     before = stands ? vec4(clamp(before.rgb, 0.0, HALF_MAX), min(before.a, has_rested ? MAX_SAMPLES : MOVED)) : of_grid(low, 0.0);
     bool sampled = numbered_texel(low, ratio, max(pixel_number(low), 0), textureSize(reflection_detail_prev, 0)) == texel
         && pixel_number(low) >= 0 && is_finite(dot(now, vec4(1.0))) && now.a != 0.0;
-    // At an edge a pixel shows faces that reflect more and less in turn; weighted by that, the mean light is right for both together.
-    float samples = before.a < 1.0 ? 1.0 : before.a + 1.0, albedo_now = 0.0;
-    for (int i = 0; i < (sampled ? 1 : 0); ++i) albedo_now = reflected_share(texel);  // takes no time if it need not begin, unlike a branch
+    // At an edge a pixel shows faces that reflect more and less in turn; weighted by that, the mean is right for both together.
+    float samples = before.a < 1.0 ? 1.0 : before.a + 1.0, albedo_now = texelFetch(reflection_albedo, low, 0).r;
     float albedo_before = texelFetch(reflection_detail_albedo_prev, texel, 0).r;
-    albedo_before = samples > 1.0 && is_finite(albedo_before) && albedo_before > 0.0 ? albedo_before : albedo_now;
-    float albedo = mix(albedo_before, albedo_now, 1.0 / samples), share = albedo > 0.0 ? albedo_now / (albedo * samples) : 1.0 / samples;
+    albedo_before = samples > 1.0 && is_finite(albedo_before) && albedo_before > 0.0 ? albedo_before : 0.0;
+    float albedo = albedo_before > 0.0 ? mix(albedo_before, albedo_now, 1.0 / samples) : albedo_now;
+    float share = albedo > 0.0 ? albedo_now / (albedo * samples) : 1.0 / samples;
     out_detail = sampled ? vec4(mix(before.rgb, clamp(now.rgb, 0.0, HALF_MAX), share), samples) : before;
     out_detail_albedo = sampled ? albedo : albedo_before;
 #endif

@@ -56,6 +56,9 @@ uniform int refinements = 5; // halvings of the step that meets a surface; no co
 layout(location = WRITE_REFLECTION_ORIGIN) out vec4 out_origin;
 layout(location = WRITE_REFLECTION_RAY) out vec4 out_ray;  // unit vector; a: length, 0 for no ray, or (SHARP_)NOT_SHOWN
 layout(location = WRITE_REFLECTION_BEAM) out vec2 out_beam;  // width of a pixel's rays, scene units; its growth by unit length
+#ifdef WRITE_REFLECTION_ALBEDO
+layout(location = WRITE_REFLECTION_ALBEDO) out float out_albedo;  // luminance of the specular albedo where the ray starts
+#endif
 
 // Depth of what the march has interpolated over the image.
 float marched_depth(float k)
@@ -218,11 +221,17 @@ void main()
     out_origin = vec4(0.0, 0.0, 0.0, is_surface(surface.a) && is_shiny(at_centre) ? 1.0 : 0.0);
     out_ray = vec4(0.0);
     out_beam = vec2(0.0);
+#ifdef WRITE_REFLECTION_ALBEDO
+    out_albedo = 0.0;
+#endif
     gl_FragDepth = reflects ? 0.0 : 1.0;
 #else
     vec2 mirrored = vec2(low.y, textureSize(reflection_gbuffer, 0).x - low.x);
     vec2 u = fract(vec2(texel_noise(vec2(low)), texel_noise(mirrored)) + noise_offset);
     vec3 v = -normalize(along_view(p));
+#ifdef WRITE_REFLECTION_ALBEDO
+    out_albedo = luminance(specular_albedo(sanitize_albedo(reflectance.rgb), reflectance.a, dot(n, v)));
+#endif
     float alpha = reflectance.a * reflectance.a, sharpness = image_sharpness(reflectance.a, d, ratio);
     vec3 l = reflected(v, n, face, alpha, vec2(u.x * mix(1.0, scatter, sharpness), u.y));
     vec4 across = turned(full, ivec2(1, 0), p, n, d), upwards = turned(full, ivec2(0, 1), p, n, d);

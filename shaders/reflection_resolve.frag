@@ -12,7 +12,8 @@ const float TAP_OFFSET = 0.3;        // of that width, of two taps beside the mi
 uniform sampler2D reflection_origin;  // relative space; a: negative on another surface than the texel's
 uniform sampler2D reflection_ray;     // direction; a: length if the screen shows the end
 uniform sampler2D reflection_beam;    // width of a pixel's rays where they start, scene units; its growth by unit length
-uniform sampler2D reflection_traced;  // radiance; a: length, negative where a ray passes glass or goes on, 0 for none; replaces what the screen shows
+// Radiance; a: length, negative where a ray passes glass or goes on, 0 for none. It replaces what the screen shows.
+uniform sampler2D reflection_traced;
 uniform sampler2D normal;
 uniform sampler2D depth;
 uniform sampler2D direct;

@@ -75,8 +75,8 @@ void main()
     vec3 more_direct = vec3(0.0);
     vec3 onward = vec3(0.0);
     float distance = 0.0;  // where no ray was traced; negative where one goes on
-    bool is_unit = abs(dot(ray.xyz, ray.xyz) - 1.0) < MAX_UNIT_ERROR && is_finite(dot(origin, vec3(1.0)));
-    if (is_unit && (ray.a < 0.0 || is_hidden(origin, ray))) {
+    bool is_valid = abs(dot(ray.xyz, ray.xyz) - 1.0) < MAX_UNIT_ERROR && is_finite(dot(origin, vec3(1.0)));
+    if (is_valid && (ray.a < 0.0 || is_hidden(origin, ray))) {
         distance = trace(origin, ray.xyz, 0.0, end);
         float n_v = -dot(ray.xyz, end.normal), share = onward_share(end.f0, end.roughness, n_v);
         if (share > 0.0) {

@@ -55,7 +55,8 @@ def declare_march(grid: Size, extent: float, has_history: bool, prefix: str = ""
     starts = tuple(prefix + name for name in surfaces) if prefix else ()
     return Pass(prefix + "reflection_march", reads=(*surfaces, *starts), optional=("peel0_depth",),
                 writes={prefix + "reflection_origin": texels, prefix + "reflection_ray": texels,
-                        prefix + "reflection_beam": Tex("f4", 2, size=grid)},
+                        prefix + "reflection_beam": Tex("f4", 2, size=grid),
+                        prefix + "reflection_albedo": Tex("f4", 1, size=grid)},
                 make=make_fullscreen("reflection_march.frag", lambda frame: {
                     "ratio": ratio_to(grid, frame), "noise_phase": frame.noise_phase, "steps": MARCH_STEPS,
                     "ray_epsilon": RAY_EPSILON * extent, "at_rest": _is_at_rest(frame) and has_history,
@@ -118,10 +119,10 @@ def declare_detail(grid: Size, follows_images: bool, prefix: str = "") -> Pass:
         moving = following(device, bound) if follows_images else lambda frame, resources: None
         return lambda frame, resources: (at_rest if _is_at_rest(frame) else moving)(frame, resources)
 
-    reads = ("reflection_now", "reflection_origin", "reflection_filtered", "normal", "specular_roughness",
+    reads = ("reflection_now", "reflection_origin", "reflection_albedo", "reflection_filtered",
              "reflection_detail@prev", "reflection_detail_albedo@prev")
     followed = ("reflection_distance", "reflection_distance@prev", "reflection_gbuffer@prev",
-                "motion", "depth") if follows_images else ()
+                "motion", "normal", "depth", "specular_roughness") if follows_images else ()
     return Pass(prefix + "reflection_detail", reads=tuple(prefix + r for r in (*reads, *followed)),
                 writes={prefix + "reflection_detail": Tex("f2", 4), prefix + "reflection_detail_albedo": Tex("f2", 1)},
                 make=make)

@@ -82,10 +82,9 @@ def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: Trac
         shadow_rays = SHADOW_RAYS_AT_REST if continues and frame.motion is MotionKind.NONE else 1
         rows, chance = _choose(ray, (dither + GOLDEN_RATIO * frame.index) % 1.0, budget)
         _write_chance(bound, resources, prefix, chance)
-        shift = frame.view.eye - surfels.caster.origin
-        local = _read(resources, prefix + "reflection_origin")[:, :3] + shift.astype(np.float32)
-        hidden = _hidden(surfels.caster, local, ray)
-        rows = np.concatenate([rows, hidden])
+        origin = _read(resources, prefix + "reflection_origin")[:, :3]
+        shift = (frame.view.eye - surfels.caster.origin).astype(np.float32)
+        rows = np.concatenate([rows, _hidden(surfels.caster, origin, shift, ray)])
         traced = np.zeros_like(ray)
         if len(rows):
             lookup = surfels.lookup
@@ -98,12 +97,11 @@ def _make(device: Device, bound: BoundPass, grid: tuple[int, int], surfels: Trac
                                                     _lobes(surfels.caster, hits, along, covers) if has_lobes else None)
                 return light, highlights, lookup.interpolate(of_surfels, hits.position, hits.normal)
 
-            origin = local.take(rows, axis=0)
             beams = _read(resources, prefix + "reflection_beam").take(rows, axis=0)
             texel_beams = max(ratio_to(grid, frame)) * beams
             seeds = frame.index if has_history else 0, int(2**32 * frame.noise_phase)
             u = np.random.default_rng(seeds).random((len(rows), 2), np.float32)
-            put_rows(traced, rows, _trace(surfels.caster, light_at, environment, origin,
+            put_rows(traced, rows, _trace(surfels.caster, light_at, environment, origin.take(rows, axis=0) + shift,
                                           ray.take(rows, axis=0)[:, :3], beams, u))
         resources[prefix + "reflection_traced"].write(traced.tobytes())
 
@@ -173,17 +171,21 @@ def _choose(ray: F32, threshold: F32, budget: int) -> tuple[Ints, float]:
     return rows[_has_direction(ray, rows)], chance
 
 
-def _hidden(caster: Caster, origin: F32, ray: F32) -> Ints:
+def _hidden(caster: Caster, origin: F32, shift: F32, ray: F32) -> Ints:
     """Rays whose end the screen shows although something is seen before it, which their march has stepped over.
 
     Parameters
     ----------
     origin : ndarray, float32, shape (N, 3)
-        In local space.
+        In relative space.
+    shift : ndarray, float32, shape (3,)
+        From there to local space.
     """
-    rows = np.flatnonzero((ray[:, 3] > 0) & np.isfinite(ray[:, 3]) & np.isfinite(origin).all(axis=1))
-    rows = rows[_has_direction(ray, rows)]
-    start, along = origin.take(rows, axis=0), ray.take(rows, axis=0)
+    rows = np.flatnonzero((ray[:, 3] > 0) & np.isfinite(ray[:, 3]))
+    rows = rows[_has_direction(ray, rows) & np.isfinite(origin.take(rows, axis=0)).all(axis=1)]
+    if not len(rows):
+        return rows
+    start, along = origin.take(rows, axis=0) + shift, ray.take(rows, axis=0)
     met = caster.cast_through(start + FREE_FROM * along[:, 3:] * along[:, :3], along[:, :3])
     hides = met.hits.distance < (FREE_TO - FREE_FROM) * along[met.ray, 3]
     return rows[np.unique(met.ray[hides])]
